@@ -28,7 +28,7 @@ from gaitopt.model.control import (
     control_points,
 )
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import CoulombFriction, StaticKineticFriction
+from gaitopt.model.friction import Friction
 from gaitopt.model.modes import ImpactLaw
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
@@ -66,7 +66,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     structure = _Structure(
         walker=type(problem.walker),
         law=problem.impact_law,
-        two_coefficients=not isinstance(problem.friction, float),
+        friction=problem.friction_law,
         control=_control_structure(problem),
         problem=problem,
         should_stop=should_stop,
@@ -135,7 +135,7 @@ class _Structure:
 
     walker: type[Walker]
     law: ImpactLaw
-    two_coefficients: bool
+    friction: Friction
     control: tuple[object, ...]
     problem: Problem = field(compare=False)
     should_stop: Stop = field(compare=False)
@@ -143,9 +143,8 @@ class _Structure:
 
 @lru_cache(maxsize=KEPT)
 def _shared_system(structure: _Structure) -> HybridSystem:
-    friction = StaticKineticFriction() if structure.two_coefficients else CoulombFriction()
     control = _control(structure.problem, structure.should_stop)
-    return HybridSystem(structure.walker, control, structure.law, friction)
+    return HybridSystem(structure.walker, control, structure.law, structure.friction)
 
 
 def _control_structure(problem: Problem) -> tuple[object, ...]:

@@ -16,7 +16,7 @@ from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import TERMINAL, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import CoulombFriction, Friction, StaticKineticFriction
+from gaitopt.model.friction import STATIC_KINETIC
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
@@ -166,12 +166,11 @@ def _with_friction(gait: Gait, parameter: str) -> Gait:
     if parameter in gait.system.parameters or parameter.partition(".")[0] != "friction":
         return gait
     friction = gait.problem.friction
-    law: Friction
     coefficients: float | FrictionCoefficients
     if isinstance(friction, float):
-        law, value = StaticKineticFriction(), gait.dynamics.static_friction
-        if parameter not in law.parameters:
+        if parameter not in STATIC_KINETIC.parameters:
             return gait
+        value = gait.dynamics.static_friction
         coefficients = FrictionCoefficients(static=value, kinetic=value)
     elif friction.static != friction.kinetic or friction.viscous:
         numbers = ", ".join(f"{name} = {value:g}" for name, value in friction)
@@ -179,8 +178,8 @@ def _with_friction(gait: Gait, parameter: str) -> Gait:
             f"friction has several coefficients, {numbers}: vary friction.static, friction.kinetic or friction.viscous"
         )
     else:
-        law, coefficients = CoulombFriction(), friction.static
+        coefficients = friction.static
     problem = replace(gait.problem, friction=coefficients)
-    system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law)
+    system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, problem.friction_law)
     p = system.values({**problem.parameters, **gait.dynamics.parameters})
     return replace(gait, problem=problem, dynamics=Dynamics(system, p))

@@ -198,7 +198,7 @@ def _margins(gait: Gait) -> list[float]:
         for name, row, unit in zip(names, np.asarray(values), gait.dynamics.margin_units(arc.mode), strict=True):
             if name not in EVENT_MARGINS:
                 rows.append(-curves.maximum(-row)[1] / float(unit))
-    impact, friction = step.final_impact, float(system.static_friction(gait.p))
+    impact, friction = step.final_impact, gait.dynamics.static_friction
     if impact.mode.sticks:
         f_t, f_n = impact.stick_impulse / scales.impulse
         return [*rows, f_n, friction * f_n + f_t, friction * f_n - f_t]

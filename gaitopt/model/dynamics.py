@@ -64,12 +64,13 @@ class Dynamics(ReadOnlyArrays):
     @cached_property
     def static_friction(self) -> float:
         """Coefficient that bounds |f_t| / f_n of a sticking foot."""
-        return float(self.system.static_friction(self.p))
+        return float(self.system.friction_coefficients(self.p)[0])
 
     @property
     def friction_drops(self) -> bool:
         """Whether friction drops when a foot begins to slip: static above kinetic."""
-        return self.static_friction > float(self.system.kinetic_friction(self.p))
+        static, kinetic, _ = self.system.friction_coefficients(self.p)
+        return bool(static > kinetic)
 
     @cached_property
     def scales(self) -> Scales:

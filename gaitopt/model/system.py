@@ -25,7 +25,7 @@ from gaitopt.arrays import Array
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
 from gaitopt.model.control import Control
 from gaitopt.model.declaration import state_after_impact
-from gaitopt.model.friction import CoulombFriction, Friction
+from gaitopt.model.friction import COULOMB, Friction
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import ImpactLaw, Mode
 from gaitopt.model.transitions import transitions
@@ -42,18 +42,17 @@ class Expressions:
     """
 
     def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
-        self.walker, self._control, self._law, self._friction = walker, control, law, friction
+        self.walker, self._control, self._law = walker, control, law
         self.eom = equations_of_motion(walker)
-        self._coefficients = SX.sym("c", len(friction.parameters))
+        coefficients = SX.sym("c", len(friction.parameters))
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
-        self.p = vertcat(self.eom.p, self._coefficients, self._scalars)
+        self.p = vertcat(self.eom.p, coefficients, self._scalars)
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[Mode, Impact] = {}
 
-        self.transitions = transitions(walker, type(friction))
-        self._kinetic = friction.kinetic(self._coefficients)
-        self._static = friction.static(self._coefficients)
+        self.transitions = transitions(walker, friction)
+        self._static, self._kinetic, self._viscous = friction.coefficients(coefficients)
 
     @cached_property
     def torque(self) -> SX:
@@ -71,7 +70,7 @@ class Expressions:
 
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
         """Motion with a given sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
-        drag = SX(self._friction.drag(self._coefficients, self.eom.z[-1]))
+        drag = SX(self._viscous) * self.eom.z[-1]
         return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
 
     def _acting(self, mode: Mode) -> dict[str, SX]:
@@ -164,7 +163,6 @@ def _slip(mode: Mode) -> SX | None:
     return None if mode.sticks else SX(mode.direction)
 
 
-COULOMB = CoulombFriction()
 KEPT = 16
 """Unpickled systems that are kept with their compiled functions, some megabytes each."""
 
@@ -403,13 +401,9 @@ class HybridSystem:
             self._data[segment] = self.control.data(segment)
         return self._data[segment]
 
-    def static_friction(self, p: Any) -> Any:
-        """Coefficient that bounds |f_t| / f_n of a sticking foot, from parameters as numbers or symbols."""
-        return self.friction.static(p[self._friction_entries])
-
-    def kinetic_friction(self, p: Any) -> Any:
-        """|f_t| / f_n of a slipping foot without drag, from parameters as numbers or symbols."""
-        return self.friction.kinetic(p[self._friction_entries])
+    def friction_coefficients(self, p: Any) -> tuple[Any, Any, Any]:
+        """Static, kinetic and viscous coefficient from parameters as numbers or symbols; see ``Friction``."""
+        return self.friction.coefficients(p[self._friction_entries])
 
     def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str = "tzpr", **symbols: SX) -> Function:
         """The function of these inputs, letters of the module's equations or ``symbols``, built on first use."""

@@ -16,7 +16,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.friction import Friction
+from gaitopt.model.friction import COULOMB, Friction
 from gaitopt.model.modes import NEXT_STATE, Mode
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
@@ -253,7 +253,7 @@ class Transitions:
     Parameters
     ----------
     walker : the class of the walker.
-    friction_drops : whether static friction may exceed kinetic friction.
+    friction : the friction law of its feet.
 
     Attributes
     ----------
@@ -261,8 +261,8 @@ class Transitions:
     landed : candidates after the impact of the foot that ends a step, with all stops free and all switches off.
     """
 
-    def __init__(self, walker: type[Walker], *, friction_drops: bool) -> None:
-        self.walker, self._friction_drops = walker, friction_drops
+    def __init__(self, walker: type[Walker], friction: Friction) -> None:
+        self.walker, self._friction = walker, friction
         self.modes = walker.modes()
         self._ground = tuple(contact for contact in walker.contacts() if not contact.flies)
         self.landed = tuple(walker.released(contact) for contact in self._ground)
@@ -363,7 +363,7 @@ class Transitions:
                     self._row(name, at_rest=(FOOT,), candidates=(stick,))
                     for name in ("impact_slip_velocity", "impact_onset")
                 ]
-                rows += [faded[0], self._row("impact_painleve"), *(faded[1:] if self._friction_drops else [])]
+                rows += [faded[0], self._row("impact_painleve"), *(faded[1:] if self._friction.may_drop else [])]
         return [*rows, *(self._row(name) for name in PUSH if walker.pushes and not of_stop)]
 
     def _slips(self, name: str, slip: Mode) -> Transition:
@@ -448,6 +448,6 @@ ONE_AT_A_TIME = "a step begins with all stops free and all switches off, and the
 
 
 @lru_cache(maxsize=64)
-def transitions(walker: type[Walker], friction: type[Friction] | None = None) -> Transitions:
-    """The table of a walker under a friction law; by default, one with a single coefficient."""
-    return Transitions(walker, friction_drops=friction is not None and friction.two_coefficients)
+def transitions(walker: type[Walker], friction: Friction = COULOMB) -> Transitions:
+    """The table of a walker under a friction law."""
+    return Transitions(walker, friction)

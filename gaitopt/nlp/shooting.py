@@ -292,7 +292,7 @@ class MultipleShooting:
 
     def _onset_margins(self) -> Iterator[tuple[MX, Label]]:
         """Force beyond the static cone where a slip starts from rest; with one coefficient the cone margin suffices."""
-        if not self.system.friction.two_coefficients:
+        if not self.system.friction.may_drop:
             return
         for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
             if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
@@ -504,7 +504,7 @@ def substituted(keys: tuple[str, ...], p: Any, freed: Mapping[str, Any]) -> Any:
 
 def endings(system: HybridSystem, cycle: Cycle) -> Iterator[tuple[Mode, str, int]]:
     """Mode of every phase, the margin that ends it, and the order of the zero from which this margin starts."""
-    jump = system.friction.two_coefficients
+    jump = system.friction.may_drop
     for phase, mode in enumerate(cycle.phases):
         name = system.transitions.between(mode, cycle.after(phase)).guard
         yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0

@@ -14,6 +14,7 @@ from typing import Any
 from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.friction import COULOMB, STATIC_KINETIC, Friction
 from gaitopt.model.modes import ImpactLaw, Mode
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
@@ -155,6 +156,11 @@ class ProblemStatement(Tabulated):
     def static_friction(self) -> float:
         """The coefficient that bounds the force of a sticking foot."""
         return self.friction if isinstance(self.friction, float) else self.friction.static
+
+    @property
+    def friction_law(self) -> Friction:
+        """One coefficient, or static, kinetic and viscous friction."""
+        return COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
 
     @property
     def friction_data(self) -> float | dict[str, float]:

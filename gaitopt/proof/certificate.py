@@ -32,7 +32,6 @@ from gaitopt.model.control import (
     continued,
 )
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.friction import CoulombFriction, StaticKineticFriction
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
@@ -368,9 +367,8 @@ def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]]
         If the problem has modes about which nothing can be proved.
     """
     problem = certified_problem(record, walkers)
-    friction = CoulombFriction() if isinstance(problem.friction, float) else StaticKineticFriction()
     control = certified_control(problem, record.reference)
-    system = HybridSystem(type(problem.walker), control, problem.impact_law, friction)
+    system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
     refuse_what_is_not_modelled(problem, system)
     texts, varied = record.parameters, record.varied
     _check_parameters(problem, system, texts)
@@ -439,7 +437,7 @@ def _hypotheses(problem: Problem, system: HybridSystem, record: CertificateRecor
     return {
         "sha256": problem.digest,
         "walker": problem.walker.model,
-        "friction": "static and kinetic" if system.friction.two_coefficients else "coulomb",
+        "friction": "static and kinetic" if system.friction.may_drop else "coulomb",
         "impact_law": str(problem.impact_law),
         "mode_sequence": str(problem.cycle),
         "control": control,

@@ -227,8 +227,8 @@ def _order_of_zero(orbit: Orbit, phase: int, name: str) -> int:
     is minus the cone's margin over the apparent mass. After an impact the other foot is on the ground.
     """
     if name == "slip_velocity":
-        drops = orbit.system.friction.two_coefficients
-        if drops and not orbit.system.static_friction(orbit.p) > orbit.system.kinetic_friction(orbit.p):
+        drops, (static, kinetic, _) = orbit.system.friction.may_drop, orbit.system.friction_coefficients(orbit.p)
+        if drops and not static > kinetic:
             raise NotProved("static friction is not above kinetic friction: state one coefficient")
         return orbit.sequence.onset_order(phase, jump=drops)
     after_impact = phase in orbit.sequence.first_phases and name in ("touchdown", "upright")

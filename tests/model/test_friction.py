@@ -10,7 +10,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import StaticKineticFriction
+from gaitopt.model.friction import STATIC_KINETIC
 from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -30,7 +30,7 @@ def gait():
 
 def two_coefficients(static=STATIC, kinetic=KINETIC, viscous=0.0):
     case = CASES["compass_biped"]
-    system = HybridSystem(type(case.walker), NoControl(), ImpactLaw.COULOMB, StaticKineticFriction())
+    system = HybridSystem(type(case.walker), NoControl(), ImpactLaw.COULOMB, STATIC_KINETIC)
     return system, np.append(case.numbers, [static, kinetic, viscous]), case.states()
 
 
@@ -97,7 +97,7 @@ def test_batches_decide_like_single_states(gait):
 
 
 def test_an_impact_sticks_where_sticking_and_slipping_are_both_consistent():
-    system = HybridSystem(CompassBiped, NoControl(), ImpactLaw.COULOMB, StaticKineticFriction())
+    system = HybridSystem(CompassBiped, NoControl(), ImpactLaw.COULOMB, STATIC_KINETIC)
     walker = go.load_problem("compass-passive-a").walker
     numbers = [value for _, value in walker]
     z = np.array([0.14, 0.14, 0.0, 0.55, -0.6, 0.0])

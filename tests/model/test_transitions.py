@@ -5,7 +5,7 @@ import pytest
 
 from gaitopt.model.control import NoControl
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.friction import StaticKineticFriction
+from gaitopt.model.friction import STATIC_KINETIC
 from gaitopt.model.modes import Mode
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.system import HybridSystem
@@ -51,7 +51,7 @@ def test_every_mode_can_be_reached_from_the_modes_after_an_impact(table):
 
 @pytest.mark.parametrize("walker", WALKERS, ids=IDS)
 def test_the_compiled_margins_are_those_of_the_table(walker):
-    system = HybridSystem(walker, NoControl(), friction=StaticKineticFriction())
+    system = HybridSystem(walker, NoControl(), friction=STATIC_KINETIC)
     table = system.transitions
     for mode in table.modes:
         assert system.margins(mode).numel_out(0) == len(table.of(mode))
