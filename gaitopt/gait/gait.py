@@ -208,7 +208,8 @@ class Gait(WalkerMotion):
     Attributes
     ----------
     problem : the one that was solved.
-    dynamics : the hybrid system that was solved at its parameters; freed ones have their solved values.
+    dynamics : the hybrid system that was solved at its parameters; freed ones have their solved values. A copy with
+        another one is the same motion under that, arc by arc.
     status, message : result of the solver, and its explanation.
     steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.
@@ -237,6 +238,15 @@ class Gait(WalkerMotion):
         radius = self.spectral_radius
         stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if radius < 1 else 'unstable'})"
         return f"<Gait {self.problem.name}: {self.problem.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
+
+    def __post_init__(self) -> None:
+        ReadOnlyArrays.__post_init__(self)
+        if self.steps and self.steps[0].arcs[0].dynamics is not self.dynamics:  # replaced: of all arcs
+            steps = (
+                replace(step, arcs=tuple(replace(arc, dynamics=own) for arc in step.arcs))
+                for step, own in zip(self.steps, cycle(self.dynamics.steps), strict=False)
+            )
+            object.__setattr__(self, "steps", tuple(steps))
 
     @property
     def converged(self) -> bool:
@@ -311,14 +321,6 @@ class Gait(WalkerMotion):
             return self.dynamics.parameter(name)
         value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
         return float("nan") if value is None else value
-
-    def under(self, dynamics: Dynamics) -> "Gait":
-        """The same motion under other dynamics, as if it had been solved for with these."""
-        steps = tuple(
-            replace(step, arcs=tuple(replace(arc, dynamics=own) for arc in step.arcs))
-            for step, own in zip(self.steps, cycle(dynamics.steps), strict=False)
-        )
-        return replace(self, dynamics=dynamics, steps=steps)
 
     def verified(self, verification: Mapping[str, Any]) -> "Gait":
         """The same gait with the record of a verification."""

@@ -22,7 +22,7 @@ def solved(name: str) -> Gait:
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
     """The same motion, judged with another parameter."""
-    return gait.under(gait.dynamics.at({name: value}))
+    return replace(gait, dynamics=gait.dynamics.at({name: value}))
 
 
 def with_slip_velocity(gait: Gait, index: int, factor: float, offset: float = 0.0) -> Gait:

@@ -58,7 +58,7 @@ def with_sequence(gait: Gait, phases: tuple[Mode, ...], impact: Mode) -> Gait:
 
 
 def with_parameter(gait: Gait, name: str, value: float) -> Gait:
-    return gait.under(gait.dynamics.at({name: value}))
+    return replace(gait, dynamics=gait.dynamics.at({name: value}))
 
 
 def lengthened(gait: Gait, seconds: float) -> Gait:
