@@ -5,10 +5,12 @@ the original, but for entries that are printed and that the forgery has changed 
 """
 
 import json
+import re
 from copy import deepcopy
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,11 +20,15 @@ from flint import arb, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, solve  # noqa: E402
 from gaitopt.errors import StorageError  # noqa: E402
-from gaitopt.model.control import BeyondEnd, continued  # noqa: E402
+from gaitopt.model.control import BeyondEnd, NoControl, continued  # noqa: E402
+from gaitopt.model.modes import Mode  # noqa: E402
+from gaitopt.model.system import HybridSystem  # noqa: E402
+from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402
 from gaitopt.proof.certificate import parse_certificate, read_certificate, restore_statement  # noqa: E402
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude  # noqa: E402
-from gaitopt.proof.claims import ProofClaim, _time_window, mode_claim_names  # noqa: E402
+from gaitopt.proof.claims import ProofClaim, _time_window, _vanishes_after_impact, mode_claim_names  # noqa: E402
 from gaitopt.proof.orbit import Orbit  # noqa: E402
 from gaitopt.proof.prove import (  # noqa: E402
     DIGITS,
@@ -37,6 +43,7 @@ from gaitopt.proof.prove import (  # noqa: E402
 )
 
 check_module = import_module("gaitopt.proof.check")
+PAGE = Path(__file__).parents[2] / "docs" / "proof.md"
 
 
 @cache
@@ -350,7 +357,6 @@ def test_an_arc_ends_before_the_law_of_its_segment():
 def test_a_breakpoint_that_is_left_out_is_refused():
     """Gait III without torque after its reference's end has period 0.677046; with the torque kept on, 0.669457."""
     from gaitopt.model.control import ProportionalDerivative, Reference
-    from gaitopt.model.system import HybridSystem
     from gaitopt.nlp.solve import solve_gait
 
     problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "off"})
@@ -386,6 +392,30 @@ def forged_certificate(wrong, reference):
         }
     assert law is not None
     return through_json(header | {"reference": reference, "arcs": arc_records(arcs), "boxes": [box]})
+
+
+@pytest.mark.parametrize(("walker", "expected"), [(CompassBiped, {"touchdown"}), (RimlessWheel, {"upright"})])
+def test_only_margins_of_feet_on_the_ground_vanish_after_an_impact(walker, expected):
+    """Their expressions simplify to zero; those of other margins do not."""
+    system = HybridSystem(walker, NoControl())
+    names = system.transitions.margin_names(Mode.STICK)
+    assert {name for name in names if _vanishes_after_impact(system, name)} == expected
+
+
+def test_the_page_names_the_functions_and_tests_of_every_line_of_the_theorem():
+    tests = [
+        name
+        for file in Path(__file__).parent.glob("test_*.py")
+        for name in re.findall(r"def (test_\w+)", file.read_text())
+    ]
+    table = [row.split("|")[1:4] for row in PAGE.read_text().splitlines() if re.match(r"\|.*test_", row)]
+    assert len(table) > 20
+    for line, checker, forgeries in table:
+        for name in re.findall(r"`([\w.]+)`", checker):
+            module, *attributes = name.split(".")
+            assert reduce(getattr, attributes, import_module(f"gaitopt.proof.{module}")), (line, name)
+        for name in re.findall(r"`(test_\w+)(?:\.\.\.)?`", forgeries):
+            assert [test for test in tests if test.startswith(name)], (line, name)
 
 
 # by machine
