@@ -28,7 +28,7 @@ from gaitopt.iteration import bracketed_root, overflow_allowed
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.layout import ArcLayout, Layout, layout
+from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
 from gaitopt.nlp.rollout import Rollout, roll_out
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
@@ -154,9 +154,9 @@ class CurvePoint:
         return assemble_gait(
             self.problem,
             self.at,
-            errors=np.zeros(self.at.equations.n_phases),
             message="continued",
             solver={"iterations": float(self.iterations)},
+            errors=np.zeros(self.at.equations.n_phases),
         )
 
     @cached_property
@@ -492,12 +492,8 @@ def curve_through(
     ----------
     intervals : of every arc, used if there are as many arcs.
     """
-    durations = np.array(rolled.durations)
-    plan = layout(problem.cycle, durations, dynamics.system.control.breakpoints)
-    plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-    equations = transcribe(dynamics.system, plan, (parameter,))
-    w = equations.pack(rolled.nodes(plan), durations, (dynamics.parameter(parameter),))
-    return Curve(problem, parameter, equations, dynamics.p, metric), w
+    start = rolled.on_mesh((parameter,), intervals)
+    return Curve(problem, parameter, start.equations, dynamics.p, metric), start.w
 
 
 def resumed_point(

@@ -89,8 +89,8 @@ def motion_of(gait: Gait, times: int = 1) -> Rollout:
     """The motion of a gait, ``times`` over; every step from its own state, so that errors do not grow."""
     durations = [duration for _, duration in gait.phases]
     states = np.array([step.arcs[0].states[0] for step in gait.steps])
-    rolled = roll_out(gait.dynamics, gait.problem.cycle, states, durations)
-    return Rollout(durations=rolled.durations * times, motions=rolled.motions * times)
+    cycle = Cycle(gait.problem.cycle.steps * times)
+    return roll_out(gait.dynamics, cycle, np.tile(states, (times, 1)), durations * times)
 
 
 def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]:

@@ -23,11 +23,12 @@ from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
+from gaitopt.nlp.diagnosis import rejection_reason
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.newton import polish, refine
+from gaitopt.nlp.newton import Solution, polish, refine
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import MultipleShooting
-from gaitopt.nlp.solve import free_parameters, rejection_reason
+from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 
 MAX_ROUNDS = 12
@@ -162,7 +163,7 @@ class _Design:
     def _exact(self, equations: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one; ``cautious`` as in ``optimise``."""
         exact = ExactProblem(self._problem, self._free, self._bounds)
-        refined = refine(polish(equations, w, self._dynamics.p))
+        refined = refine(polish(Solution(equations, w, self._dynamics.p)))
         for _ in range(MAX_MESHES):
             start = exact.evaluate(refined.equations, refined.w, self._dynamics.p)
             if start is None:
@@ -186,7 +187,7 @@ class _Design:
         if causes or optimum.shortcoming:
             message = describe_causes(causes) or str(optimum.shortcoming)
             return self._failed(Status.NOT_CONVERGED, message, solver, causes)
-        gait = assemble_gait(self._problem, refined, errors=refined.errors, message="", solver=solver)
+        gait = assemble_gait(self._problem, refined, message="", solver=solver)
         return replace(gait, message=_message(gait))
 
     def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:

@@ -18,9 +18,8 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.design.sensitivity import ExactScalars, Sensitivity, sensitivity
 from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
-from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, polish, section_sensitivity
-from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.rollout import rolled_again
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
@@ -139,21 +138,12 @@ class ExactProblem:
         w : nodes, durations and freed parameters.
         levels : shape (n_levels,); at their extrema unless given.
         """
-
-        def in_order(t: MultipleShooting, w: Array) -> bool:
-            return t.layout.in_order(t.unpack(w).durations, t.system.control.breakpoints)
-
-        t = equations
-        solution = polish(t, w, p)
-        if not solution.size < SOLVED or not (t.unpack(solution.w).durations > 0).all():
+        solution = polish(Solution(equations, w, p))
+        if not solution.size < SOLVED or not (solution.durations > 0).all():
             return None
-        if not in_order(t, solution.w):  # a switch has passed a breakpoint: cut the same gait into arcs again
-            nodes, durations, freed = t.unpack(solution.w)
-            rolled = roll_out(t.dynamics(p, freed), t.layout.cycle, nodes[:, 0], list(durations))
-            plan = layout(t.layout.cycle, durations, t.system.control.breakpoints)
-            t = MultipleShooting(t.system, plan, t.free)
-            solution = polish(t, t.pack(rolled.nodes(plan), durations, freed), p)
-            if not solution.size < SOLVED or not in_order(t, solution.w):
+        if not solution.in_order:  # a switch has passed a breakpoint: cut the same gait into arcs again
+            solution = polish(rolled_again(solution).on_mesh(equations.free))
+            if not solution.size < SOLVED or not solution.in_order:
                 return None
         return self._evaluated(solution, levels)
 

@@ -19,7 +19,7 @@ from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import layout
-from gaitopt.nlp.newton import polish, refine
+from gaitopt.nlp.newton import Solution, polish, refine
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.nlp.solve import free_parameters
 
@@ -121,7 +121,7 @@ class _Search:
         plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
         coarse = MultipleShooting(gait.system, plan, tuple(free))
         w = coarse.pack(step_states(step, plan.node_times(durations)), durations, self.freed)
-        refined = refine(polish(coarse, w, gait.p))
+        refined = refine(polish(Solution(coarse, w, gait.p)))
         self._equations, self._w = refined.equations, refined.w
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []
@@ -154,8 +154,8 @@ class _Search:
         t, gait = self._equations, self._gait
         w = self._w + self._slopes @ (freed - self.freed)
         w[-freed.size :] = freed
-        at = polish(t, w, gait.p)
-        if not at.size < SOLVED or not t.layout.in_order(t.unpack(at.w).durations, t.system.control.breakpoints):
+        at = polish(Solution(t, w, gait.p))
+        if not at.size < SOLVED or not at.in_order:
             return None
         solved = assemble_gait(gait.problem, at, errors=np.zeros(t.n_phases), message="", solver={})
         return _measured(solved, at.w)

@@ -147,10 +147,10 @@ def sensitivity(solution: Solution) -> Sensitivity:
     RuntimeError
         If the equalities are singular there, so that the gait is no function of the freed parameters.
     """
-    equations, n = solution.equations, solution.residual.size
+    n = solution.residual.size
     response = -solution.scaled.solve(solution.jacobian.dense(n, solution.w.size))
     slopes = np.vstack([response, np.eye(response.shape[1])])
-    (step,) = assemble_steps(equations, solution.w, solution.p, COUNTS)
+    (step,) = assemble_steps(solution, COUNTS)
     arcs = tuple(_arc_curves(solution, slopes, k, arc) for k, arc in enumerate(step.arcs))
     return Sensitivity(solution=solution, slopes=slopes, arcs=arcs)
 

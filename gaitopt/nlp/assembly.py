@@ -10,12 +10,9 @@ from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.transitions import Transitions
-from gaitopt.nlp.layout import COINCIDENT, ArcLayout, layout
+from gaitopt.nlp.layout import COINCIDENT, layout
 from gaitopt.nlp.newton import Solution, section_sensitivity
-from gaitopt.nlp.shooting import MultipleShooting, transcribe
+from gaitopt.nlp.shooting import transcribe
 from gaitopt.problem.problem import Problem
 
 COUNTS = (33, 65, 129, 257)
@@ -45,7 +42,7 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
 
 def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Mapping[str, float]) -> Gait:
     """The gait at a refined solution; its message tells if the cycle is a shorter one walked several times."""
-    gait = assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
+    gait = assemble_gait(problem, refined, message=message, solver=solver)
     n, shorter = len(gait.steps), gait.repeats_after
     if shorter == n:
         return gait
@@ -53,23 +50,24 @@ def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Ma
     return replace(gait, message=f"{message}; the cycle of {n} steps repeats itself after {period}")
 
 
-def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str, solver: Mapping[str, float]) -> Gait:
+def assemble_gait(
+    problem: Problem, at: Solution, *, message: str, solver: Mapping[str, float], errors: Array | None = None
+) -> Gait:
     """The gait at a solution; free parameters are put into ``p`` and reported.
 
     Parameters
     ----------
     problem : the one that was solved.
     at : the solution.
-    errors : ndarray, shape (n_phases,) - estimated integration error.
+    errors : ndarray, shape (n_phases,) - estimated integration error, that of the solution unless given.
     """
     equations = at.equations
-    w = _forward_in_time(equations, at.w)
+    w = _forward_in_time(at)
     nodes, _, freed = equations.unpack(w)
-    dynamics = equations.dynamics(at.p, freed)
-    steps = assemble_steps(equations, w, at.p)
+    steps = assemble_steps(at)
     return Gait(
         problem=problem,
-        dynamics=dynamics,
+        dynamics=equations.dynamics(at.p, freed),
         status=Status.CONVERGED,
         message=message,
         steps=steps,
@@ -78,7 +76,7 @@ def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str
             states=nodes.T,
             intervals=tuple(arc.intervals for arc in equations.layout.arcs),
             residual=at.size,
-            errors=errors,
+            errors=at.errors if errors is None else errors,
         ),
         multipliers=floquet_multipliers(section_sensitivity(at)[1]),
         measures=measure(steps),
@@ -87,16 +85,28 @@ def assemble_gait(problem: Problem, at: Solution, *, errors: Array, message: str
     )
 
 
-def assemble_steps(
-    equations: MultipleShooting, w: Array, p: Array, counts: tuple[int, ...] = COUNTS
-) -> tuple[Step, ...]:
-    """The steps that ``w`` describes; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
-    w = _forward_in_time(equations, w)
+def assemble_steps(at: Solution, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
+    """The steps of a solution; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
+    equations, w = at.equations, _forward_in_time(at)
     nodes, _, freed = equations.unpack(w)
-    dynamics, cycle = equations.dynamics(p, freed), equations.layout.cycle
-    per_phase, arcs = cycle.per_phase(dynamics.steps), [list[Arc]() for _ in cycle.steps]
+    cycle, table = equations.layout.cycle, equations.system.transitions
+    per_phase, arcs = cycle.per_phase(equations.dynamics(at.p, freed).steps), [list[Arc]() for _ in cycle.steps]
     for index, arc in enumerate(equations.layout.arcs):
-        arcs[cycle.step_of(arc.phase)].append(_arc(equations, w, p, index, per_phase[arc.phase], counts))
+        dynamics = per_phase[arc.phase]
+        for count in counts:
+            times, states = equations.sample(w, at.p, index, count)
+            if curves.tail(states / dynamics.state_units) < curves.RESOLVED:
+                break
+        # where an event makes the slip velocity zero, the sign of its rounding would decide a mode
+        if arc.mode.sticks:
+            states[:, -1] = 0.0
+        elif arc.start is None and cycle.onset_order(arc.phase) > 0:
+            states[0, -1] = 0.0
+        if arc.end is None and "slip_velocity" in table.between(arc.mode, cycle.after(arc.phase)).zeros:
+            states[-1, -1] = 0.0
+        arcs[cycle.step_of(arc.phase)].append(
+            Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states)
+        )
     impacts = zip(arcs, cycle.impacts, equations.layout.impact_nodes, strict=True)
     return tuple(
         Step(arcs=tuple(step_arcs), impact=impact_record(step_arcs[0].dynamics, impact, nodes[:, end]))
@@ -104,31 +114,8 @@ def assemble_steps(
     )
 
 
-def _forward_in_time(equations: MultipleShooting, w: Array) -> Array:
-    """The same unknowns with a duration of zero where rounding has made that of a vanishing phase negative."""
-    nodes, durations, freed = equations.unpack(w)
+def _forward_in_time(at: Solution) -> Array:
+    """Its unknowns with a duration of zero where rounding has made that of a vanishing phase negative."""
+    nodes, durations, freed = at.equations.unpack(at.w)
     rounding = (durations < 0) & (durations > -COINCIDENT * durations.sum())
-    return equations.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else w
-
-
-def _arc(
-    equations: MultipleShooting, w: Array, p: Array, index: int, dynamics: Dynamics, counts: tuple[int, ...]
-) -> Arc:
-    """One arc at as many Chebyshev points as resolve it."""
-    arc, cycle = equations.layout.arcs[index], equations.layout.cycle
-    for count in counts:
-        times, states = equations.sample(w, p, index, count)
-        if curves.tail(states / dynamics.state_units) < curves.RESOLVED:
-            break
-    _zero_slip_at_events(equations.system.transitions, cycle, arc, states)
-    return Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states)
-
-
-def _zero_slip_at_events(table: Transitions, cycle: Cycle, arc: ArcLayout, states: Array) -> None:
-    """Set to zero the slip velocity where an event makes it zero: the sign of its rounding would decide a mode."""
-    if arc.mode.sticks:
-        states[:, -1] = 0.0
-    elif arc.start is None and cycle.onset_order(arc.phase) > 0:
-        states[0, -1] = 0.0
-    if arc.end is None and "slip_velocity" in table.between(arc.mode, cycle.after(arc.phase)).zeros:
-        states[-1, -1] = 0.0
+    return at.equations.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else at.w

@@ -1,4 +1,8 @@
-"""Why a search failed, in physical terms: the condition that is violated most, its phase, its time and its amount."""
+"""Why a motion is not a gait: the condition that is violated most, its phase, its time and its amount.
+
+``rejection_reason`` checks a solution of the equations: its integration error, every margin at the nodes, and the
+events between them. ``failure_causes`` explains a search without a solution.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,12 +13,19 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.curves import lowest_after_rise
 from gaitopt.gait.gait import Cause
+from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import PUSH, margin
-from gaitopt.nlp.layout import COINCIDENT
-from gaitopt.nlp.shooting import Label, MultipleShooting
+from gaitopt.nlp.ipopt import Feasibility
+from gaitopt.nlp.newton import Solution
+from gaitopt.nlp.rollout import Rollout
+from gaitopt.nlp.shooting import Label
 
+RESIDUAL_TOLERANCE = 1e-9
+"""Largest violation, in natural units, of any equality or margin in a solution that is called converged."""
+VANISHING = 1e-7
+"""A phase shorter than this part of the period does not take place."""
 SAMPLES = 33
 """Points of an arc at which an early event is sought."""
 AIRBORNE = 1e-9
@@ -25,66 +36,72 @@ RUNAWAY = 1e3
 """Violation in natural units that shows a diverged search: a thousand times the forces and rates of a walk."""
 
 
-def violations(equations: MultipleShooting, w: Array, p: Array, margins: Array, tolerance: float) -> list[Cause]:
-    """The worst violated condition of every phase and of the impact, worst first.
+@overflow_allowed()
+def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
+    """Why a solution of the equations is not a gait; empty for a gait."""
+    layout, durations = refined.equations.layout, refined.durations
+    short = np.flatnonzero(durations < VANISHING * durations.sum())
+    if short.size:
+        return (vanishing_phase(layout.cycle, int(short[0]), float(durations[short[0]])),)
+    if not np.isfinite(refined.errors).all():
+        words = "the equations are singular there: the gait is not isolated, or its motion breaks down"
+        return (Cause(what="equations", words=words),)
+    if not refined.size <= RESIDUAL_TOLERANCE:
+        return (Cause(what="equations", words=f"the equations are only met to {refined.size:.2g}"),)
+    if not refined.accurate:
+        words = f"the integration is only right to {refined.errors.max():.2g}, even with {layout.intervals} intervals"
+        return (Cause(what="integration", words=words),)
+    violated = violations(refined)
+    early = None if violated else _early_event(refined)
+    return tuple(violated) if early is None else (early,)
 
-    Phases of negative duration are reported alone.
+
+@overflow_allowed()
+def failure_causes(start: Solution, failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
+    """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
+
+    A reference that ends before the step explains more than the violations of motions beyond its end.
 
     Parameters
     ----------
-    margins : values of the inequalities at ``w``.
-    tolerance : severity up to which a violation is ignored, in natural units.
+    start, failed : where IPOPT started, and where it ended.
+    guess : the motion from which the search began.
     """
-    if (margins >= 0).all() and (equations.unpack(w).durations >= 0).all():
+    equations, missing = failed.equations, None
+    if guess.endless is not None:
+        missing = missing_event(equations.system, equations.layout.cycle, guess.endless)
+        if missing.what == "reference":
+            return (missing,)
+    for at in (Feasibility(equations, relaxed=True).solve(start.w, failed.p), failed):
+        residual = equations.violation(at.w, at.p)
+        if np.abs(residual / at.units.equalities).max() <= RESIDUAL_TOLERANCE:
+            violated = violations(at)
+            if violated:
+                return tuple(violated)
+    return (missing or _largest_residual(failed, residual),)
+
+
+def violations(at: Solution) -> list[Cause]:
+    """The worst violated condition of every phase and of the impact, worst first.
+
+    Phases of negative duration are reported alone. Violations up to ``RESIDUAL_TOLERANCE`` are ignored.
+    """
+    margins = at.equations.margin_values(at.w, at.p)
+    if (margins >= 0).all() and (at.durations >= 0).all():
         return []
-    present = [c for c in _duration_violations(equations, w, p) if c.severity > tolerance]
-    present = present or [*_cone_violations(equations, w, p, margins), *_margin_violations(equations, w, p, margins)]
+    causes = [cause for cause in _duration_violations(at) if cause.severity > RESIDUAL_TOLERANCE]
+    causes = causes or [*_cone_violations(at, margins), *_margin_violations(at, margins)]
     worst: dict[tuple[int | None, int], Cause] = {}
-    for violation in sorted(present, key=lambda c: c.severity):
-        if violation.severity > tolerance:
-            worst[violation.phase, violation.step] = violation
+    for cause in sorted(causes, key=lambda c: c.severity):
+        if cause.severity > RESIDUAL_TOLERANCE:
+            worst[cause.phase, cause.step] = cause
     return sorted(worst.values(), key=lambda c: -c.severity)
 
 
-def early_event(equations: MultipleShooting, w: Array, p: Array) -> Cause | None:
-    """An event that happens too early: the swing foot lands or a stop locks; None if there is none.
-
-    Scuffing in mid-swing is ignored.
-    """
-    for step in range(len(equations.layout.cycle.steps)):
-        for name, arcs in _rising_margins(equations, w, p, step).items():
-            phases, times, values = zip(*arcs, strict=True)
-            lowest, at = lowest_after_rise(times, values)
-            if lowest < -AIRBORNE:
-                phase = next(phase for phase, arc_times in zip(phases, times, strict=True) if at <= arc_times[-1])
-                roots = np.concatenate([_roots(*arc) for arc in zip(times, values, strict=True)])
-                time = float(max(roots[roots < at], default=at))
-                words = f"{margin(name).lost}, about {time:.4f} s after the impact"
-                return Cause(what=name, words=words, phase=phase, step=step, time=time)
-    return None
-
-
-def _roots(times: Array, values: Array) -> Array:
-    """Times at which a curve changes its sign, given at the Chebyshev points of an arc."""
-    return np.asarray(times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]))
-
-
-def _rising_margins(
-    equations: MultipleShooting, w: Array, p: Array, step: int
-) -> dict[str, list[tuple[int, Array, Array]]]:
-    """Phase, times and values along the arcs of a step by the name of each margin that rises before it falls."""
-    rising, cycle = dict[str, list[tuple[int, Array, Array]]](), equations.layout.cycle
-    per_phase = cycle.per_phase(equations.dynamics(p, equations.unpack(w).freed).steps)
-    for index, arc in enumerate(equations.layout.arcs):
-        if cycle.step_of(arc.phase) != step:
-            continue
-        times, states = equations.sample(w, p, index, SAMPLES)
-        dynamics = per_phase[arc.phase]
-        values = dynamics.margins(arc.mode, arc.segment, times, states) / dynamics.margin_units(arc.mode)
-        for name, column in zip(dynamics.system.transitions.margin_names(arc.mode), values.T, strict=True):
-            if margin(name).rises:
-                rising.setdefault(name, []).append((arc.phase, times, column))
-    return rising
+def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
+    """The cause that a phase shrinks to nothing."""
+    words = f"phase {phase + 1} ({cycle.phases[phase]}) shrinks to nothing: here the gait does without it"
+    return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
 
 def missing_event(system: HybridSystem, cycle: Cycle, phase: int) -> Cause:
@@ -99,34 +116,60 @@ def missing_event(system: HybridSystem, cycle: Cycle, phase: int) -> Cause:
     return Cause(what=what, words=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
 
 
-def largest_residual(equations: MultipleShooting, w: Array, p: Array, residual: Array) -> Cause:
+def _early_event(at: Solution) -> Cause | None:
+    """An event that happens too early: the swing foot lands or a stop locks; None if there is none.
+
+    Scuffing in mid-swing is ignored: it precedes the last rise of the margin.
+    """
+    equations, cycle, table = at.equations, at.equations.layout.cycle, at.equations.system.transitions
+    per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    # phase, times and values on each arc of a step, by the name of each margin that rises before it falls
+    rising: list[dict[str, list[tuple[int, Array, Array]]]] = [{} for _ in cycle.steps]
+    for index, arc in enumerate(equations.layout.arcs):
+        times, states = equations.sample(at.w, at.p, index, SAMPLES)
+        dynamics = per_phase[arc.phase]
+        values = dynamics.margins(arc.mode, arc.segment, times, states) / dynamics.margin_units(arc.mode)
+        for name, column in zip(table.margin_names(arc.mode), values.T, strict=True):
+            if margin(name).rises:
+                rising[cycle.step_of(arc.phase)].setdefault(name, []).append((arc.phase, times, column))
+    for step, margins in enumerate(rising):
+        for name, arcs in margins.items():
+            lowest, end = lowest_after_rise([times for _, times, _ in arcs], [values for _, _, values in arcs])
+            if lowest < -AIRBORNE:
+                phase = next(phase for phase, times, _ in arcs if end <= times[-1])
+                roots = np.concatenate(
+                    [times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]) for _, times, values in arcs]
+                )
+                time = float(max(roots[roots < end], default=end))
+                words = f"{margin(name).lost}, about {time:.4f} s after the impact"
+                return Cause(what=name, words=words, phase=phase, step=step, time=time)
+    return None
+
+
+def _largest_residual(at: Solution, residual: Array) -> Cause:
     """The equality that is violated most."""
-    relative = np.abs(residual / equations.units(p).equalities)
+    relative, cycle = np.abs(residual / at.units.equalities), at.equations.layout.cycle
     row = int(np.argmax(relative))
-    n_z, cycle = equations.system.n_z, equations.layout.cycle
-    n_defects = n_z * equations.layout.intervals
-    size = abs(float(residual[row]))
     if not relative[row] < RUNAWAY:
         return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
-    if row < n_defects:
-        arcs = equations.layout.arcs
-        phase = arcs[int(np.searchsorted(np.cumsum([arc.intervals for arc in arcs]), row // n_z, side="right"))].phase
-        place, name = cycle.phase_words(phase), equations.system.state_names[row % n_z]
-        words = f"{place}: the motion does not close, off by {size:.3g} in {name}"
-        return Cause(what="motion", words=words, phase=phase, needed=0.0, available=size)
-    row -= n_defects
-    if row < len(cycle.phases):
-        words = f"{cycle.phase_words(row)}: the event that should end it is missed by {size:.3g}"
-        return Cause(what="event", words=words, phase=row, needed=0.0, available=size)
-    name = equations.system.state_names[(row - len(cycle.phases)) % n_z]
-    words = f"not periodic: {name} after the impact is off by {size:.3g}"
-    return Cause(what="periodicity", words=words, needed=0.0, available=size)
+    label, size = at.equations.equality_labels[row], abs(float(residual[row]))
+    if label.name == "reset":
+        words = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
+        return Cause(what="periodicity", words=words, needed=0.0, available=size)
+    assert label.phase is not None
+    place = cycle.phase_words(label.phase)
+    if label.name == "defect":
+        what, words = "motion", f"{place}: the motion does not close, off by {size:.3g} in {label.coordinate}"
+    else:
+        what, words = "event", f"{place}: the event that should end it is missed by {size:.3g}"
+    return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
 
 
-def _cone_violations(equations: MultipleShooting, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
+def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
     """Required against available friction, where the foot should stick."""
+    equations = at.equations
     _, labels = equations.inequalities
-    friction = equations.dynamics(p, equations.unpack(w).freed).static_friction
+    friction = equations.dynamics(at.p, equations.unpack(at.w).freed).static_friction
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if not label.name.endswith("cone_forward"):
@@ -138,46 +181,41 @@ def _cone_violations(equations: MultipleShooting, w: Array, p: Array, margins: A
         forward, backward = margins[i], margins[rows[partner]]
         f_n = margins[rows[normal]] if normal in rows else (forward + backward) / (2 * friction or np.inf)
         if min(forward, backward) < 0 < f_n:
-            needed = abs(forward - backward) / (2 * f_n)
-            words = f"{_place(equations, w, label)}: needs friction {needed:.4g}, has {friction:.4g}"
-            numbers = {"needed": float(needed), "available": friction, "severity": float(needed - friction)}
-            yield _cause("friction", words, equations, w, label, **numbers)
+            needed = float(abs(forward - backward) / (2 * f_n))
+            words = f"needs friction {needed:.4g}, has {friction:.4g}"
+            yield _cause("friction", words, at, label, needed=needed, available=friction, severity=needed - friction)
 
 
-def _margin_violations(equations: MultipleShooting, w: Array, p: Array, margins: Array) -> Iterator[Cause]:
-    _, labels = equations.inequalities
-    units = equations.margin_units(equations.dynamics(p, equations.unpack(w).freed).p)
-    for label, value, unit in zip(labels, margins, units, strict=True):
-        if value < 0 and margin(label.name).violated:
-            text = f"{_place(equations, w, label)}: {margin(label.name).violated.format(value=value)}"
-            numbers = {"needed": 0.0, "available": float(value), "severity": float(-value / unit)}
-            yield _cause(label.name, text, equations, w, label, **numbers)
+def _margin_violations(at: Solution, margins: Array) -> Iterator[Cause]:
+    """Every margin that is negative."""
+    equations = at.equations
+    units = equations.margin_units(equations.dynamics(at.p, equations.unpack(at.w).freed).p)
+    for label, value, unit in zip(equations.inequalities[1], margins.tolist(), units.tolist(), strict=True):
+        words = margin(label.name).violated
+        if value < 0 and words:
+            text = words.format(value=value)
+            yield _cause(label.name, text, at, label, needed=0.0, available=value, severity=-value / unit)
 
 
-def _duration_violations(equations: MultipleShooting, w: Array, p: Array) -> Iterator[Cause]:
-    _, durations, freed = equations.unpack(w)
-    period = float(durations.sum())
-    for phase, duration in enumerate(durations):
-        if duration < 0:
-            place = equations.layout.cycle.phase_words(phase)
-            backward = f"{duration:.4g}" if duration < -COINCIDENT * equations.dynamics(p, freed).scales.time else "0"
-            words = f"{place}: its duration is {backward} s, so it does not take place"
-            severity = float(-duration / abs(period))
-            yield Cause(
-                what="duration", words=words, phase=phase, needed=0.0, available=float(duration), severity=severity
-            )
+def _duration_violations(at: Solution) -> Iterator[Cause]:
+    """Every phase of negative duration."""
+    cycle, durations = at.equations.layout.cycle, at.durations
+    for phase, value in enumerate(durations.tolist()):
+        if value < 0:
+            words = f"{cycle.phase_words(phase)}: its duration is {value:.4g} s, so it does not take place"
+            severity = float(-value / abs(durations.sum()))
+            yield Cause(what="duration", words=words, phase=phase, needed=0.0, available=value, severity=severity)
 
 
-def _cause(what: str, words: str, equations: MultipleShooting, w: Array, label: Label, **numbers: float) -> Cause:
-    """The cause with the place of a row of the inequalities."""
-    node = equations.layout.impact_nodes[label.step] if label.node is None else label.node
-    time = float(equations.node_times(w)[node])
-    return Cause(what=what, words=words, phase=label.phase, step=label.step, time=time, **numbers)
-
-
-def _place(equations: MultipleShooting, w: Array, label: Label) -> str:
+def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) -> Cause:
+    """The cause at a row of the inequalities, whose place precedes its words."""
+    layout = at.equations.layout
+    node = layout.impact_nodes[label.step] if label.node is None else label.node
+    time = float(at.equations.node_times(at.w)[node])
     if label.name in PUSH:
-        return "push-off"
-    if label.phase is None or label.node is None:
-        return "impact" if len(equations.layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
-    return f"{equations.layout.cycle.phase_words(label.phase)}, t = {equations.node_times(w)[label.node]:.4f} s"
+        place = "push-off"
+    elif label.phase is None:
+        place = "impact" if len(layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
+    else:
+        place = f"{layout.cycle.phase_words(label.phase)}, t = {time:.4f} s"
+    return Cause(what=what, words=f"{place}: {words}", phase=label.phase, step=label.step, time=time, **numbers)

@@ -21,7 +21,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,14 +30,13 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
-from gaitopt.iteration import iterate, overflow_allowed
+from gaitopt.iteration import overflow_allowed
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.nlp.assembly import assemble_gait, solution_of, solved_gait
-from gaitopt.nlp.layout import layout
-from gaitopt.nlp.newton import Solution, extrapolation, polish, refine, solve_nearby
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import transcribe
-from gaitopt.nlp.solve import RESIDUAL_TOLERANCE, Feasibility, rejection_reason, vanishing_phase
+from gaitopt.nlp.assembly import solution_of, solved_gait
+from gaitopt.nlp.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase
+from gaitopt.nlp.ipopt import Feasibility
+from gaitopt.nlp.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
+from gaitopt.nlp.rollout import rolled_again
 from gaitopt.problem.problem import Problem
 
 HISTORY = 5
@@ -156,37 +155,23 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     p, equations = _between(p_start, p_end, s), here.solution.equations
     places, solutions = zip(*here.history, strict=True)
     predicted = extrapolated([place - places[0] for place in places], solutions, s - places[0])
-    near = solve_nearby(equations, predicted, p)
+    near = solve_nearby(Solution(equations, predicted, p))
     if not near.converged:
         return None, near.iterations
-    solution = refine(polish(equations, near.w, p))
+    solution = refine(polish(near))
     before, after = (at.w[: equations.system.n_z] for at in (here.solution, solution))
     solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
     if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
         return None, near.iterations
-    ordered = _in_order(solution)
-    if ordered is None:
-        return None, near.iterations
-    history = ((s, ordered.w), *(here.history if ordered.equations is equations else ()))
-    causes = rejection_reason(ordered)
-    return _PathPoint(s=s, solution=ordered, causes=causes, history=history[:HISTORY]), near.iterations
-
-
-def _in_order(solution: Solution) -> Solution | None:
-    """The solution on a new layout where a switch has passed a breakpoint of the control; None if that fails."""
-    equations = solution.equations
-    system, plan = equations.system, equations.layout
-    durations, breakpoints = equations.unpack(solution.w).durations, system.control.breakpoints
-    if plan.in_order(durations, breakpoints):
-        return solution
-    rolled = roll_out(Dynamics(system, solution.p), plan.cycle, solution.w[: system.n_z], durations)
-    if rolled.endless is not None:
-        return None
-    durations = np.array(rolled.durations)
-    changed = transcribe(system, layout(plan.cycle, durations, breakpoints))
-    near = solve_nearby(changed, changed.pack(rolled.nodes(changed.layout), durations), solution.p)
-    in_order = near.converged and changed.layout.in_order(changed.unpack(near.w).durations, breakpoints)
-    return refine(polish(changed, near.w, solution.p)) if in_order else None
+    if not solution.in_order:  # a switch has passed a breakpoint of the control: the same motion on a new mesh
+        rolled = rolled_again(solution)
+        meshed = solve_nearby(rolled.on_mesh()) if rolled.endless is None else None
+        if meshed is None or not (meshed.converged and meshed.in_order):
+            return None, near.iterations
+        solution = refine(polish(meshed))
+    history = ((s, solution.w), *(here.history if solution.equations is equations else ()))
+    causes = rejection_reason(solution)
+    return _PathPoint(s=s, solution=solution, causes=causes, history=history[:HISTORY]), near.iterations
 
 
 def _last_gait(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> _PathPoint:
@@ -230,16 +215,12 @@ class Family:
         if not gait.steps or gait.shooting is None or gait.freed:
             raise ValueError(f"{gait.problem.name}: a family begins with a converged gait without freed parameters")
         self.gait, self._should_stop, self._solving = gait, should_stop, threading.RLock()
-        self._begin([solution_of(gait)])
-
-    def _begin(self, solved: Sequence[Solution]) -> None:
-        """Go on from these solutions, the last one at the end."""
-        self._solved = deque(solved, maxlen=HISTORY)
-        self._equations = solved[-1].equations
+        first = solution_of(gait)
+        self._equations, self._solved = first.equations, deque([first], maxlen=HISTORY)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles go on from the same solutions; ``should_stop`` stays behind."""
-        return _resumed, (self.gait, tuple((solution.p, solution.w) for solution in self._solved))
+        return _resumed, (self.gait, tuple((solution.w, solution.p) for solution in self._solved))
 
     @cached_property
     def _program(self) -> Feasibility:
@@ -265,14 +246,14 @@ class Family:
     def _solve_from_last(self, problem: Problem) -> Gait:
         began = time.perf_counter()
         dynamics = Dynamics(self.gait.system, self.gait.system.values(problem.parameters))
-        p = dynamics.p
-        refined, causes, iterations = self._by_chords(p)
+        refined, iterations = self._by_chords(dynamics.p)
+        causes = () if refined is None else rejection_reason(refined)
         status, message = Status.CONVERGED, "solved"
         if refined is None or causes:
-            end = self._program.solve(self._solved[-1].w, p)
+            end = self._program.solve(self._solved[-1].w, dynamics.p)
             status, message, iterations = end.status, end.words, iterations + end.iterations
             if end.converged:
-                refined = refine(polish(self._equations, end.w, p))
+                refined = refine(polish(end))
                 causes = rejection_reason(refined)
                 status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
         solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
@@ -280,33 +261,18 @@ class Family:
             return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
         if refined.equations is self._equations:  # a finer mesh is not kept
             self._solved.append(refined)
-        return assemble_gait(problem, refined, errors=refined.errors, message=message, solver=solver)
+        return solved_gait(problem, refined, message=message, solver=solver)
 
     @overflow_allowed()
-    def _by_chords(self, p: Array) -> tuple[Solution | None, tuple[Cause, ...], int]:
-        """The solution at ``p``, the causes that reject it, and the number of chords; None if they do not converge."""
-        units, last = self._equations.units(p).equalities, self._solved[-1]
-
-        def point(w: Array) -> tuple[Array, Array, float]:
-            residual = self._equations.violation(w, p)
-            return w, residual, float(np.abs(residual / units).max())
-
-        for start in (self._predicted(p), last.w):
-            end = iterate(
-                point(start),
-                lambda at: point(at[0] - last.scaled.solve(at[1])),
-                size=lambda at: at[2],
-                solved=lambda at: at[2] < SETTLED,
-                most=MAX_CHORDS,
-                contraction=CONTRACTION,
-            )
-            if end.solved:
-                break
-        else:
-            return None, (), end.count
-        w, residual, _ = end.at
-        refined = refine(polish(self._equations, w - last.scaled.solve(residual), p))
-        return refined, rejection_reason(refined), end.count + 1
+    def _by_chords(self, p: Array) -> tuple[Solution | None, int]:
+        """The solution at ``p``, None if chords do not converge; and the number of chords."""
+        last = self._solved[-1]
+        for w in (self._predicted(p), last.w):
+            start = Solution(self._equations, w, p, chord=last)
+            end = descend(start, tolerance=SETTLED, most=MAX_CHORDS, contraction=CONTRACTION)
+            if end.size < SETTLED:
+                return refine(polish(replace(end.stepped(), chord=None))), end.iterations + 1
+        return None, end.iterations
 
     def _predicted(self, p: Array) -> Array:
         """The solution at ``p`` if the last parameters lie on a line with it; otherwise the last solution."""
@@ -326,8 +292,8 @@ class Family:
 
 
 def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:
-    """A family that has found these solutions, as pairs of parameters and unknowns."""
+    """A family that has found these solutions, as pairs of unknowns and parameters."""
     family = Family(gait)
-    equations = solution_of(gait).equations
-    family._begin([Solution(equations, w, p) for p, w in solved])
+    family._solved.clear()
+    family._solved.extend(Solution(family._equations, w, p) for w, p in solved)
     return family

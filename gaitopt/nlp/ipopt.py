@@ -15,11 +15,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
+from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, sum1, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
+from gaitopt.nlp.newton import Solution
+from gaitopt.nlp.shooting import MultipleShooting
 
 Bounds = tuple[Array, Array]
 """Lower and upper bounds."""
@@ -32,6 +34,9 @@ HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
 """Of a search for a motion, which takes ten when it succeeds, and of a design."""
+
+SHORTEST = 0.1
+"""Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
 
 ENDINGS: dict[str, tuple[Status, str]] = {
     "Solve_Succeeded": (Status.CONVERGED, "solved"),
@@ -219,6 +224,49 @@ class Ipopt:
             multipliers=result.multipliers / rows,
             bound_multipliers=result.bound_multipliers / scale,
         )
+
+
+class Feasibility:
+    """The NLP of a gait for IPOPT: equalities and margins, nothing to minimise.
+
+    The parameters are parameters of the NLP too, so that it is built once and solved for any of their values.
+
+    Parameters
+    ----------
+    equations : without free parameters.
+    progress, should_stop : called at every iteration.
+    relaxed : leaves the margins out, and lets phases have negative durations.
+    """
+
+    def __init__(
+        self,
+        equations: MultipleShooting,
+        *,
+        progress: Valued = None,
+        should_stop: Stop = None,
+        relaxed: bool = False,
+    ) -> None:
+        self._equations, self._relaxed = equations, relaxed
+        equalities, margins = equations.equalities, equations.inequalities[0]
+        self._first_duration = equations.w.numel() - equations.n_phases
+        period = sum1(equations.w[self._first_duration :])
+        g = vertcat(equalities, period) if relaxed else vertcat(equalities, period, margins)
+        self._n_equalities = equalities.numel()
+        self._upper = np.where(np.arange(g.numel()) < self._n_equalities, 0.0, np.inf)
+        self._ipopt = Ipopt(w=equations.w, p=equations.parameters, g=g, progress=progress, should_stop=should_stop)
+
+    def solve(self, start: Array, p: Array) -> Solution:
+        """Solve from ``start``, shape (n_w,), at parameters ``p``, shape (n_p,)."""
+        equations = self._equations
+        lower = np.zeros(self._upper.size)
+        lower[self._n_equalities] = SHORTEST * start[self._first_duration :].sum()
+        floor = np.full(start.size, -np.inf)
+        floor[self._first_duration :] = -np.inf if self._relaxed else 0.0
+        units = equations.units(p)
+        rows = [units.equalities, units.unknowns[-1:], *([] if self._relaxed else [equations.margin_units(p)])]
+        bounds_w, bounds_g = (floor, np.full(start.size, np.inf)), (lower, self._upper)
+        end = self._ipopt.solve(start, p, bounds_w, bounds_g, (units.unknowns, np.concatenate(rows)))
+        return Solution(equations, end.w, p, status=end.status, words=end.words, iterations=end.iterations)
 
 
 class _Watch(Callback):

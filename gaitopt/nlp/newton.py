@@ -1,6 +1,7 @@
 """Newton's method for the equations of a gait: from a nearby guess to a solution that is right to rounding.
 
     J(w) s = F(w),   w <- w - s     from a guess, while every step is at most half of the last    ``solve_nearby``
+                                    while the residual falls, with one Jacobian or new ones       ``descend``
                                     from a solution, down to rounding                             ``polish``
     J dw = -halved defects          integration error of a solution, by a finer integration       ``integration_error``
                                     more intervals until it is small                              ``refine``
@@ -19,7 +20,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
-from gaitopt.iteration import iterate, overflow_allowed
+from gaitopt.iteration import overflow_allowed
 from gaitopt.model.buffered import buffered
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import ORDER
@@ -65,8 +66,7 @@ class Solution:
     w, p : ndarray - unknowns and parameters, in SI.
     status, words : of the search for it.
     iterations : of the search.
-    start : where IPOPT started, None for Newton's method.
-    chord : Jacobian to use instead of the one at ``w``, from which it differs by rounding.
+    chord : the solution whose Jacobian is used instead of the one at ``w``.
     """
 
     equations: MultipleShooting
@@ -75,19 +75,28 @@ class Solution:
     status: Status = Status.CONVERGED
     words: str = "solved"
     iterations: int = 0
-    start: Array | None = None
-    chord: SparseMatrix | None = None
+    chord: "Solution | None" = None
 
     @property
     def converged(self) -> bool:
         """Whether the search has converged."""
         return self.status is Status.CONVERGED
 
+    @property
+    def durations(self) -> Array:
+        """Of the phases, shape (n_phases,) [s]."""
+        return self.equations.unpack(self.w).durations
+
+    @property
+    def in_order(self) -> bool:
+        """Whether every arc lies in its segment of the control: False once a switch has passed a breakpoint."""
+        return self.equations.layout.in_order(self.durations, self.equations.system.control.breakpoints)
+
     @cached_property
     @overflow_allowed()
     def _linearised(self) -> tuple[Array, SparseMatrix]:
         if self.chord is not None:
-            return self.equations.violation(self.w, self.p), self.chord
+            return self.equations.violation(self.w, self.p), self.chord.jacobian
         return self.equations.linearised(self.w, self.p)
 
     @property
@@ -118,11 +127,23 @@ class Solution:
     @cached_property
     def scaled(self) -> ScaledMatrix:
         """``square`` in natural units."""
-        return self.scaled_as_square(self.square)
+        return self.scaled_as_square(self.square) if self.chord is None else self.chord.scaled
 
     def scaled_as_square(self, matrix: SparseMatrix) -> ScaledMatrix:
         """A matrix with the rows and columns of ``square`` in natural units."""
         return ScaledMatrix(matrix, self.units.equalities, self.units.unknowns[: self.residual.size])
+
+    def stepped(self) -> "Solution":
+        """The end of one Newton step, or of one chord; free parameters do not move.
+
+        Raises
+        ------
+        RuntimeError
+            If the Jacobian is singular.
+        """
+        w, chord = self.w.copy(), self.chord or (self if self.size < CONSTANT else None)
+        w[: self.residual.size] -= self.scaled.solve(self.residual)
+        return Solution(self.equations, w, self.p, iterations=self.iterations + 1, chord=chord)
 
     @cached_property
     def errors(self) -> Array:
@@ -150,59 +171,64 @@ class Solution:
 
 
 @overflow_allowed()
-def solve_nearby(
-    equations: MultipleShooting,
-    start: Array,
-    p: Array,
-    progress: Valued = None,
-    should_stop: Stop = None,
-) -> Solution:
-    """Newton's method from ``start``, shape (n_w,), at parameters ``p``, while its steps halve.
+def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
+    """Newton's method from ``start``, while its steps halve.
 
     ``should_stop`` ends it at once. The margins are not checked. A failed search has the status ``not_converged``.
     """
-    shortest, at, last = SHORTEST * _period(equations, start), Solution(equations, start, p), np.inf
-    lost = replace(at, status=Status.NOT_CONVERGED, words="no solution next to the guess")
+    equations, at, last = start.equations, start, np.inf
+    shortest = SHORTEST * start.durations.sum()
+    lost = replace(start, status=Status.NOT_CONVERGED, words="no solution next to the guess")
     for number in range(MOST_STEPS + 1):
         if progress is not None:
             progress(number, at.size)
         if should_stop is not None and should_stop():
-            return replace(lost, iterations=number)
+            break
         try:
             step = at.scaled.solve(at.residual)
         except RuntimeError:  # singular
-            return replace(lost, iterations=number)
+            break
         end, size = at.w - step, float(np.abs(step / at.units.unknowns).max())
         allowed = size < CONTRACTION * last if number else size <= REACH
-        if not allowed or _period(equations, end) < shortest:
-            return replace(lost, iterations=number)
-        at, last = Solution(equations, end, p, iterations=number), size
+        if not allowed or equations.unpack(end).durations.sum() < shortest:
+            break
+        at, last = Solution(equations, end, start.p, iterations=number), size
         if size < SETTLED:
             return at
-    return replace(lost, iterations=MOST_STEPS)
+    return replace(lost, iterations=number)
+
+
+def descend(start: Solution, *, tolerance: float, most: int, contraction: float = 1.0) -> Solution:
+    """Newton's method, or chords if ``start`` is one, until the residual in natural units is below ``tolerance``.
+
+    It ends before if the next residual is more than ``contraction`` times the last one, which is then the result.
+
+    Raises
+    ------
+    RuntimeError
+        If the Jacobian is singular.
+    """
+    at = start
+    for _ in range(most):
+        if at.size < tolerance:
+            break
+        trial = at.stepped()
+        if not trial.size < contraction * at.size:
+            break
+        at = trial
+    return at
 
 
 @overflow_allowed()
-def polish(equations: MultipleShooting, w: Array, p: Array) -> Solution:
-    """Newton's method from a solution down to rounding, with free parameters fixed; ``w`` itself if J is singular."""
+def polish(solution: Solution) -> Solution:
+    """A solution down to rounding by Newton's method, with free parameters fixed.
 
-    def following(at: Solution) -> Solution:
-        trial = at.w.copy()
-        trial[: at.residual.size] -= at.scaled.solve(at.residual)
-        return Solution(equations, trial, p, chord=at.jacobian if at.size < CONSTANT else None)
-
-    first = Solution(equations, w, p)
+    It is returned as it is if the Jacobian is singular.
+    """
     try:
-        polished = iterate(
-            first,
-            following,
-            size=lambda at: at.size,
-            solved=lambda at: at.size < NEWTON_TOLERANCE,
-            most=NEWTON_STEPS,
-        )
+        return descend(solution, tolerance=NEWTON_TOLERANCE, most=NEWTON_STEPS)
     except RuntimeError:  # singular
-        return first
-    return polished.at
+        return solution
 
 
 @overflow_allowed()
@@ -220,7 +246,7 @@ def refine(solution: Solution) -> Solution:
         if layout.intervals * growth.max() > MAX_INTERVALS:
             break
         counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
-        refined = _on(current, current.equations.on(layout.refined(counts)))
+        refined = polish(_resampled(current, counts))
         if not refined.errors.max() < current.errors.max():
             break
         current = refined
@@ -230,13 +256,7 @@ def refine(solution: Solution) -> Solution:
 @overflow_allowed()
 def halved(solution: Solution) -> Solution:
     """The same solution with every interval halved, down to rounding, with the free parameters fixed."""
-    equations, layout = solution.equations, solution.equations.layout
-    return _on(solution, equations.on(layout.refined([2 * arc.intervals for arc in layout.arcs])))
-
-
-def _on(coarse: Solution, finer: MultipleShooting) -> Solution:
-    """A solution on a finer layout."""
-    return polish(finer, _resample(coarse.equations, finer, coarse), coarse.p)
+    return polish(_resampled(solution, [2 * arc.intervals for arc in solution.equations.layout.arcs]))
 
 
 def integration_error(at: Solution) -> tuple[Array, Array]:
@@ -305,16 +325,14 @@ def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False
     return weights if np.abs(weights[: x.size]).sum() < LARGEST_WEIGHTS else None
 
 
-def _resample(coarse: MultipleShooting, finer: MultipleShooting, at: Solution) -> Array:
-    """The solution on a finer layout, each new node by one partial step from the node before it."""
-    nodes, durations, freed = coarse.unpack(at.w)
-    resampled = np.empty((nodes.shape[0], finer.n_nodes))
-    for index, (arc, first) in enumerate(zip(finer.layout.arcs, finer.layout.first_nodes, strict=True)):
+def _resampled(coarse: Solution, intervals: Sequence[int]) -> Solution:
+    """The solution with more intervals per arc, each new node by one partial step from the node before it."""
+    known, layout = coarse.equations, coarse.equations.layout.refined(intervals)
+    nodes, durations, freed = known.unpack(coarse.w)
+    resampled = np.empty((nodes.shape[0], layout.n_nodes))
+    for index, (arc, first) in enumerate(zip(layout.arcs, layout.first_nodes, strict=True)):
         fractions = np.linspace(0, 1, arc.intervals + 1)[:-1]
-        resampled[:, first : first + arc.intervals] = coarse.states_at(at.w, at.p, index, fractions).T
-    resampled[:, finer.layout.reset_nodes] = nodes[:, coarse.layout.reset_nodes]
-    return finer.pack(resampled, durations, freed)
-
-
-def _period(equations: MultipleShooting, w: Array) -> float:
-    return float(equations.unpack(w).durations.sum())
+        resampled[:, first : first + arc.intervals] = known.states_at(coarse.w, coarse.p, index, fractions).T
+    resampled[:, layout.reset_nodes] = nodes[:, known.layout.reset_nodes]
+    finer = known.on(layout)
+    return Solution(finer, finer.pack(resampled, durations, freed), coarse.p)

@@ -23,7 +23,9 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.interval import shooting_step
-from gaitopt.nlp.layout import Layout
+from gaitopt.nlp.layout import layout
+from gaitopt.nlp.newton import Solution
+from gaitopt.nlp.shooting import transcribe
 
 RTOL, ATOL = 1e-8, 1e-10
 """Sufficient for a guess; the absolute tolerance is in natural units."""
@@ -81,11 +83,13 @@ class PhaseMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """Durations of the phases [s] and the motion of each as a function of the time since the last impact.
+    """The motion along a cycle: durations of the phases [s], and states as functions of the time since the last impact.
 
     ``endless`` is the first phase whose event did not happen, None if all did.
     """
 
+    dynamics: Dynamics
+    cycle: Cycle
     durations: tuple[float, ...]
     motions: tuple[PhaseMotion, ...]
     endless: int | None = None
@@ -100,17 +104,33 @@ class Rollout:
         motion = self.motions[phase]
         return motion(np.minimum(times, motion.end))
 
-    def nodes(self, plan: Layout) -> Array:
-        """States at the shooting nodes of a layout; shape (n_z, K + 1)."""
-        times = plan.arc_times(np.array(self.durations))
-        arcs = [
-            self(arc.phase, np.linspace(begin, end, arc.intervals + 1))
-            for arc, (begin, end) in zip(plan.arcs, times, strict=True)
-        ]
-        nodes = np.empty((arcs[0].shape[0], plan.n_nodes))
-        for first, states in zip(plan.first_nodes, arcs, strict=True):
-            nodes[:, first : first + states.shape[1]] = states
-        return nodes
+    def on_mesh(self, free: tuple[str, ...] = (), intervals: Sequence[int] = ()) -> Solution:
+        """The motion on a mesh of shooting intervals: equations, unknowns and parameters with which a search starts.
+
+        Parameters
+        ----------
+        free : dotted keys of the parameters that are unknowns.
+        intervals : of every arc, used if there are as many arcs.
+        """
+        durations, system = np.array(self.durations), self.dynamics.system
+        plan = layout(self.cycle, durations, system.control.breakpoints)
+        plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
+        nodes = np.empty((system.n_z, plan.n_nodes))
+        for arc, first, (begin, end) in zip(plan.arcs, plan.first_nodes, plan.arc_times(durations), strict=True):
+            times = np.linspace(begin, end, arc.intervals + 1)
+            nodes[:, first : first + times.size] = self(arc.phase, times)
+        equations = transcribe(system, plan, free)
+        freed = [self.dynamics.parameter(key) for key in free]
+        return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p)
+
+
+def rolled_again(solution: Solution) -> Rollout:
+    """The motion from the first node of a solution with the durations of its phases.
+
+    On a mesh, its arcs are in the order that these durations demand: see ``Solution.in_order``.
+    """
+    equations, (nodes, durations, freed) = solution.equations, solution.equations.unpack(solution.w)
+    return roll_out(equations.dynamics(solution.p, freed), equations.layout.cycle, nodes[:, 0], durations)
 
 
 @overflow_allowed()
@@ -159,7 +179,13 @@ def roll_out(
         motions.append(motion)
         time += duration
         z = motion(np.array([min(time, motion.end)]))[:, 0]
-    return Rollout(durations=tuple(lengths), motions=tuple(motions), endless=next(iter(endless), None))
+    return Rollout(
+        dynamics=dynamics,
+        cycle=cycle,
+        durations=tuple(lengths),
+        motions=tuple(motions),
+        endless=next(iter(endless), None),
+    )
 
 
 def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:

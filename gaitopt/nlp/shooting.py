@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import MX, SX, Function, densify, horzcat, jacobian, repmat, sum1, vec, vertcat
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait.curves import points
@@ -43,18 +43,24 @@ from gaitopt.nlp.sparse import Pattern, SparseMatrix
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """Meaning of one row of the inequalities: the margin's name, and the phase and node where it is taken.
+    """Meaning of one row of the equations.
 
-    ``phase`` and ``node`` are None for the impact of a step, and ``step`` is the step's index.
+    Attributes
+    ----------
+    name : of the margin that is not negative or, at the end of a phase, zero; or ``defect`` or ``reset``.
+    phase, node : where it is taken; None for the impact of a step.
+    step : of the cycle.
+    coordinate : of the state that a defect or a reset compares.
     """
 
     name: str
     phase: int | None = None
     node: int | None = None
     step: int = 0
+    coordinate: str = ""
 
     def unit(self, scales: Scales) -> float:
-        """Natural unit of the row."""
+        """Natural unit of the row of a margin."""
         return margin_unit(self.name, scales)
 
 
@@ -117,7 +123,7 @@ class MultipleShooting:
         """The same equations on another layout."""
         return transcribe(self.system, layout, self.free)
 
-    def pack(self, nodes: Array, durations: Array, freed: Array | tuple[float, ...] = ()) -> Array:
+    def pack(self, nodes: Array, durations: Array, freed: ArrayLike = ()) -> Array:
         """The vector w from nodes (n_z, K + 1), durations (n_phases,) and free parameters (n_free,)."""
         return np.concatenate([nodes.ravel(order="F"), durations, np.asarray(freed, dtype=float)])
 
@@ -183,6 +189,20 @@ class MultipleShooting:
         phase_ends, phase_starts = (self.Z[:, at] for at in self.layout.joints)
         joined = conditions(*self._cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
         return vertcat(defects, joined)
+
+    @cached_property
+    def equality_labels(self) -> tuple[Label, ...]:
+        """Meaning of each row of the equalities."""
+        layout, cycle, names = self.layout, self.layout.cycle, self.system.state_names
+        arcs = zip(layout.arcs, layout.first_nodes, strict=True)
+        nodes = [(arc.phase, first + 1 + k) for arc, first in arcs for k in range(arc.intervals)]
+        ends = zip(endings(self.system, cycle), layout.last_nodes, strict=True)
+        resets = zip(cycle.resets, layout.joints[1], strict=True)
+        return (
+            *(Label(name="defect", phase=phase, node=node, coordinate=z) for phase, node in nodes for z in names),
+            *(Label(name=name, phase=phase, node=node) for phase, ((_, name, _), node) in enumerate(ends)),
+            *(Label(name="reset", phase=phase, node=node, coordinate=z) for (phase, _), node in resets for z in names),
+        )
 
     @property
     def _cycle_key(self) -> tuple[HybridSystem, Cycle, tuple[int, ...], tuple[str, ...]]:
@@ -307,9 +327,10 @@ class MultipleShooting:
         """Margins of the impacts."""
         for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
             values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
-            place = {"phase": phase, "node": node} if mode.locked else {"step": self.layout.cycle.step_of(phase)}
+            step = self.layout.cycle.step_of(phase)
             for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
-                yield values[row], Label(name=name, **place)
+                at_stop = Label(name=name, phase=phase, node=node)
+                yield values[row], at_stop if mode.locked else Label(name=name, step=step)
 
     # ---- the same as numbers
 

@@ -15,7 +15,7 @@ from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
 from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
 from gaitopt.nlp.assembly import solution_of
-from gaitopt.nlp.newton import polish
+from gaitopt.nlp.newton import Solution, polish
 from gaitopt.problem.problem import load_problem
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
@@ -35,7 +35,7 @@ def transcribed(gait, free):
 def scalars_at(t, w, p, freed):
     moved = w.copy()
     moved[-len(freed) :] = freed
-    return ExactScalars(sensitivity(polish(t, moved, p)))
+    return ExactScalars(sensitivity(polish(Solution(t, moved, p))))
 
 
 def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):

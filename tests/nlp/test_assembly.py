@@ -13,12 +13,6 @@ from gaitopt.nlp.assembly import COUNTS, assemble_steps, solution_of
 GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-step", "compass-unequal", "kneed-passive")
 
 
-def unknowns(gait):
-    """The equations of a gait and its solution."""
-    solution = solution_of(gait)
-    return solution.equations, solution.w
-
-
 @pytest.mark.parametrize("free", [(), ("friction",)])
 @pytest.mark.parametrize("name", GAITS)
 def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
@@ -76,8 +70,7 @@ def test_a_foot_at_rest_has_no_slip_velocity_at_all(name):
 
 
 def test_an_arc_that_few_points_do_not_resolve_gets_more():
-    equations, w = unknowns(named("compass-passive-a"))
-    coarse = assemble_steps(equations, w, named("compass-passive-a").p, (5,))
-    fine = assemble_steps(equations, w, named("compass-passive-a").p, (5, *COUNTS))
+    solution = solution_of(named("compass-passive-a"))
+    coarse, fine = assemble_steps(solution, (5,)), assemble_steps(solution, (5, *COUNTS))
     assert {arc.times.size for arc in coarse[0].arcs} == {5}
     assert min(arc.times.size for arc in fine[0].arcs) >= COUNTS[0]

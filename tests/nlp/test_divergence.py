@@ -12,7 +12,7 @@ from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Gait
 from gaitopt.nlp.assembly import solution_of
 from gaitopt.nlp.following import Family
-from gaitopt.nlp.newton import polish, refine
+from gaitopt.nlp.newton import Solution, polish, refine
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
 
@@ -47,7 +47,7 @@ def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
 @pytest.mark.parametrize("far", FAR)
 def test_what_is_polished_far_from_a_gait_is_none(far: float) -> None:
     equations, w = unknowns()
-    refined = refine(polish(equations, w * far, gait().p))
+    refined = refine(polish(Solution(equations, w * far, gait().p)))
     assert not refined.size < 1
     assert not refined.accurate
 
