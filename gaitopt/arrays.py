@@ -1,4 +1,4 @@
-"""Arrays of real numbers, and results whose arrays cannot be written to."""
+"""Arrays of real numbers, results whose arrays cannot be written to, and arithmetic that may overflow."""
 
 from typing import Any
 
@@ -36,3 +36,12 @@ def read_only(values: NDArray[Any]) -> NDArray[Any]:
     view = values.view()
     view.flags.writeable = False
     return view
+
+
+def overflow_allowed() -> np.errstate:
+    """Decorator or context for computations with trial points, which may diverge: they overflow without a warning.
+
+    The caller rejects values that are not finite. Whether numpy warns of them depends on the vector unit of the
+    processor.
+    """
+    return np.errstate(over="ignore", invalid="ignore")

@@ -1,4 +1,4 @@
-"""Runge-Kutta method of order 8 by Dormand and Prince: the tableau, and an adaptive integrator with compiled steps.
+"""Runge-Kutta method of order 8 by Dormand and Prince: tableau, adaptive steps that are compiled, roots of events.
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),   y_new = y + h sum_i b_i k_i,   |error| <= atol + rtol max(|y|, |y_new|)
 
@@ -10,7 +10,8 @@ E. Hairer, S. P. Norsett, G. Wanner (1993), Solving Ordinary Differential Equati
 code.
 """
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from math import inf, nextafter, sqrt
 
@@ -235,6 +236,43 @@ class Integration:
 def combined(weights: Array, stages: Sequence[SX]) -> SX:
     """The sum of the stages with their weights."""
     return horzcat(*stages) @ sparsify(DM(weights[: len(stages)]))
+
+
+def bracketed_root(function: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
+    """A root between two arguments at which ``function`` has opposite signs, by inverse quadratics or bisection.
+
+    T. R. Chandrupatla (1997), Advances in Engineering Software 28, 145-149. Importing scipy.optimize for it would take
+    a quarter of a second.
+
+    Parameters
+    ----------
+    tolerance : largest error of the root, apart from rounding.
+
+    Raises
+    ------
+    ValueError
+        If the signs are equal.
+    """
+    a, b, f_a, f_b = low, high, function(low), function(high)
+    if f_a * f_b > 0:
+        raise ValueError(f"no change of sign between {low:g} and {high:g}: {f_a:g} and {f_b:g}")
+    part = 0.5
+    while True:
+        best, least = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
+        narrow = (tolerance / 2 + sys.float_info.epsilon * abs(best)) / (abs(b - a) or 1.0)
+        if least == 0 or not narrow < 0.5:
+            return best
+        x = a + min(max(part, narrow), 1 - narrow) * (b - a)
+        f_x = function(x)
+        if (f_x > 0) == (f_a > 0):
+            c, f_c = a, f_a
+        else:
+            b, f_b, c, f_c = a, f_a, b, f_b
+        a, f_a = x, f_x
+        place, height = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
+        part = 0.5
+        if height**2 < place and (1 - height) ** 2 < 1 - place:
+            part = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
 
 
 @lru_cache(maxsize=64)

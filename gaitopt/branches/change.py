@@ -23,12 +23,11 @@ from functools import partial
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.branches.curve import CurvePoint, Location, curve_through
 from gaitopt.branches.monitors import MonitorKey, MonitorValue
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait
-from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -268,7 +267,7 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float) -> CurvePoint | Non
     period *= len(cycle.steps) / len(curve.cycle.steps)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    successor, w = curve_through(problem, dynamics, curve.parameter, curve.metric, rolled)
+    successor, w = curve_through(problem, curve.parameter, curve.metric, rolled)
     forward = np.zeros(w.size)  # away from the event, in the entries that the two have in common
     forward[: system.n_z] = states[0] - point.gait.state
     forward[-1] = offset

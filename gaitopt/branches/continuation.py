@@ -462,7 +462,7 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
             continue
         durations = [duration for _, duration in gait.phases]
         rolled = roll_out(gait.dynamics, curve.cycle, gait.state, durations)
-        further, w = curve_through(curve.problem, gait.dynamics, curve.parameter, curve.metric, rolled)
+        further, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled)
         forward = np.zeros(w.size)
         forward[-1] = ahead
         rescued = further.start(w, forward)
@@ -503,7 +503,7 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
         dynamics = gait.dynamics.at({parameter: value})
         durations = np.array([phase["duration"] for phase in record["phases"]])
         rolled = roll_out(dynamics, problem.cycle, states, durations)
-        curve, w = curve_through(problem, dynamics, parameter, metric, rolled, record.get("intervals", ()))
+        curve, w = curve_through(problem, parameter, metric, rolled, record.get("intervals", ()))
         return started(curve, w, curve.direction(np.array(record["tangent"])))
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise _unusable(record, error) from error

@@ -20,17 +20,17 @@ from functools import cached_property
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, monitor_values, test_functions
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
-from gaitopt.iteration import bracketed_root, overflow_allowed
+from gaitopt.integration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
-from gaitopt.nlp.rollout import Rollout, roll_out
+from gaitopt.nlp.rollout import Rollout, rolled_again
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.problem.problem import Problem
@@ -252,12 +252,9 @@ class CurvePoint:
 
     def reordered(self) -> "CurvePoint | None":
         """The same gait with arcs in the order that its durations demand; its modes do not change."""
-        curve, equations = self.curve, self.at.equations
-        nodes, durations, freed = equations.unpack(self.at.w)
-        dynamics = equations.dynamics(curve.p, freed)
-        rolled = roll_out(dynamics, curve.cycle, nodes[:, 0], durations)
-        finer, w = curve_through(curve.problem, dynamics, curve.parameter, curve.metric, rolled)
-        first = finer.start(w, self._tangent_on(finer))
+        curve = self.curve
+        ordered, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled_again(self.at))
+        first = ordered.start(w, self._tangent_on(ordered))
         return first if first is not None and first.in_order else None
 
     def _resampled(self, at: Solution) -> "CurvePoint | None":
@@ -479,21 +476,16 @@ class _LostError(Exception):
 
 
 def curve_through(
-    problem: Problem,
-    dynamics: Dynamics,
-    parameter: str,
-    metric: Metric,
-    rolled: Rollout,
-    intervals: Sequence[int] = (),
+    problem: Problem, parameter: str, metric: Metric, rolled: Rollout, intervals: Sequence[int] = ()
 ) -> tuple[Curve, Array]:
-    """A curve on a mesh for a rolled out motion of ``dynamics``, and the unknowns w of that motion.
+    """A curve on a mesh for a rolled out motion, and the unknowns w of that motion.
 
     Parameters
     ----------
     intervals : of every arc, used if there are as many arcs.
     """
     start = rolled.on_mesh((parameter,), intervals)
-    return Curve(problem, parameter, start.equations, dynamics.p, metric), start.w
+    return Curve(problem, parameter, start.equations, start.p, metric), start.w
 
 
 def resumed_point(

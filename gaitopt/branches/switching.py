@@ -63,7 +63,7 @@ def first_point(gait: Gait, parameter: str, metric: Metric, ahead: float) -> Cur
         If Newton's method fails at it.
     """
     intervals = () if gait.shooting is None else gait.shooting.intervals
-    curve, w = curve_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait), intervals)
+    curve, w = curve_through(gait.problem, parameter, metric, motion_of(gait), intervals)
     forward = np.zeros(w.size)
     forward[-1] = ahead
     return started(curve, w, forward)
@@ -101,7 +101,7 @@ def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]
     along = np.concatenate([section, durations, durations, slope])
     state = dict(zip(gait.system.state_names, gait.state, strict=True))
     problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
-    doubled, w = curve_through(problem, gait.dynamics, parameter, metric, motion_of(gait, 2))
+    doubled, w = curve_through(problem, parameter, metric, motion_of(gait, 2))
     yield from _halves(doubled, w, along, signs=(1.0,))
 
 
@@ -109,7 +109,7 @@ def _crossing(gait: Gait, tangent: Array | None, parameter: str, metric: Metric)
     """Both halves of the curve of solutions that crosses the known one, which has this ``tangent``."""
     if tangent is None:
         raise ProblemError("the direction of the known branch is needed to leave it at a branch point")
-    curve, w = curve_through(gait.problem, gait.dynamics, parameter, metric, motion_of(gait))
+    curve, w = curve_through(gait.problem, parameter, metric, motion_of(gait))
     yield from _halves(curve, w, curve.scaled(tangent), signs=(1.0, -1.0))
 
 

@@ -35,8 +35,8 @@ from typing import Any
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
 
-from gaitopt.arrays import Array
-from gaitopt.iteration import bracketed_root, overflow_allowed
+from gaitopt.arrays import Array, overflow_allowed
+from gaitopt.integration import bracketed_root
 from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.newton import Solution, section_sensitivity

@@ -1,14 +1,14 @@
 """Gaits of a given mode sequence by multiple shooting. From a problem to its gait:
 
-solve         the path: guess, Newton's method or IPOPT, refinement, check; the NLP for IPOPT
-rollout       first guess: the motion integrated along the mode sequence
+solve         the path: guess, Newton's method or IPOPT, refinement, check
+rollout       first guess: the motion integrated along the mode sequence, and its mesh
 layout        mesh: arcs and shooting intervals
-shooting      the equations of a cycle: equalities, margins, Jacobian
+shooting      the equations of a cycle: equalities, margins, labels of their rows, Jacobian
 interval      one shooting interval: Runge-Kutta step, samples, derivatives
 newton        a solution, Newton's method, integration error, refinement, derivative of the return map
 sparse        sparse matrices and their QR factors
-ipopt         IPOPT through CasADi
-diagnosis     causes of a failure
+ipopt         IPOPT through CasADi; the NLP of a gait
+diagnosis     why a motion is not a gait, and why a search failed
 assembly      from a solution to its gait and back
 
 Other uses of the same equations:

@@ -9,11 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.gait import curves
 from gaitopt.gait.curves import lowest_after_rise
 from gaitopt.gait.gait import Cause
-from gaitopt.iteration import overflow_allowed
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import PUSH, margin

@@ -27,10 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
-from gaitopt.iteration import overflow_allowed
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import solution_of, solved_gait
 from gaitopt.nlp.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase

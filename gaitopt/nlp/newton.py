@@ -17,10 +17,9 @@ from functools import cached_property
 
 import numpy as np
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
-from gaitopt.iteration import overflow_allowed
 from gaitopt.model.buffered import buffered
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import ORDER

@@ -14,9 +14,8 @@ from functools import lru_cache
 import numpy as np
 from casadi import Function
 
-from gaitopt.arrays import Array
-from gaitopt.integration import CompiledStep, Integration, StepSizeError
-from gaitopt.iteration import bracketed_root, overflow_allowed
+from gaitopt.arrays import Array, overflow_allowed
+from gaitopt.integration import CompiledStep, Integration, StepSizeError, bracketed_root
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics

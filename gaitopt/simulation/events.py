@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.iteration import bracketed_root
+from gaitopt.integration import bracketed_root
 from gaitopt.model.transitions import PHASE_MARGINS
 
 PRIORITY = (

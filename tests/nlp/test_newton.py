@@ -8,7 +8,7 @@ import pytest
 import gaitopt as go
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp import newton, solve
-from gaitopt.nlp.newton import REACH, extrapolation, solve_nearby
+from gaitopt.nlp.newton import REACH, Solution, descend, extrapolation, solve_nearby
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.systems import build_system
@@ -73,6 +73,21 @@ def test_gait_that_violates_a_margin_is_searched_by_ipopt():
     gait = solve_gait(problem, build_system(problem))
     assert not gait.converged
     assert "friction" in {cause.what for cause in gait.causes}
+
+
+def test_chords_reach_the_gait_in_more_steps_than_newtons_method_does():
+    near = solve_nearby(prepared("compass-passive-a"))
+    heavier = Solution(near.equations, near.w, near.p * np.linspace(1.0, 1.03, near.p.size))
+    by_newton, by_chords = (descend(at, tolerance=1e-12, most=40) for at in (heavier, replace(heavier, chord=near)))
+    assert max(by_newton.size, by_chords.size) < 1e-12
+    assert by_newton.iterations <= 5 < by_chords.iterations  # quadratic and linear convergence
+    np.testing.assert_allclose(by_chords.w, by_newton.w, rtol=0, atol=1e-10)
+
+
+def test_a_step_that_does_not_contract_enough_is_not_kept():
+    start = prepared("compass-passive-a")
+    assert descend(start, tolerance=1e-12, most=40, contraction=1e-6) is start
+    assert descend(start, tolerance=1e-12, most=1).iterations == 1
 
 
 def test_request_to_stop_ends_it_at_once():
