@@ -120,15 +120,15 @@ def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
 def stride(gait: Gait) -> float:
     """Largest distance between the feet at a touchdown, in leg lengths, without slip.
 
-    Infinite for a walker that flies, which may land where it took off.
+    Infinite for a walker that lands out of flight, possibly where it took off.
     """
-    if gait.system.walker.flies:
-        return np.inf
     x = gait.system.n_shape
     distances = [
-        abs(step.impact.step_length - step.arcs[-1].states[-1, x]) for step in gait.steps if step.impact is not None
+        abs(step.final_impact.step_length - step.arcs[-1].states[-1, x])
+        for step in gait.steps
+        if step.arcs[-1].mode.touching
     ]
-    return float(max(distances)) / gait.dynamics.scales.length
+    return float(max(distances, default=np.inf)) / gait.dynamics.scales.length
 
 
 def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:

@@ -139,7 +139,7 @@ class _Measured:
         return max((ratio for ratio in ratios if ratio is not None), default=None)
 
     def min_normal_force(self) -> float:
-        return min(-curves.maximum(-o.force[:, 1])[1] for arc, o in self._arcs if not arc.mode.flies)
+        return min(-curves.maximum(-o.force[:, 1])[1] for arc, o in self._arcs if arc.mode.touching)
 
     @cached_property
     def _driven(self) -> list[tuple[Arc, Observation]]:
@@ -154,7 +154,7 @@ def _peak(values: Array) -> float:
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:
     """Largest height of the swing foot in each arc, in flight or where it is ahead of the stance foot."""
     for arc, o in observed:
-        if arc.mode.flies:
+        if not arc.mode.touching:
             yield curves.maximum(o.swing_foot[:, 1])[1]
             continue
         ahead = o.swing_foot[:, 0] - arc.states[:, arc.states.shape[1] // 2 - 1]

@@ -41,7 +41,7 @@ class ModeSequence:
         for k, (first, second) in enumerate(pairwise(self.phases), start=1):
             if first is second:
                 raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
-            if first.flies and not second.flies:
+            if second.touching and not first.touching:
                 raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:

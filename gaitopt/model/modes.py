@@ -13,6 +13,9 @@ from typing import Any, ClassVar
 
 from pydantic_core import PydanticKnownError, core_schema
 
+FOOT = "foot"
+"""Name of the one contact of a walker that stands on one foot at a time."""
+
 
 class Mode(str):
     """What the stance foot, the joint stops and the switches do; for an impact, what they do just after it.
@@ -28,7 +31,7 @@ class Mode(str):
     off : names of the switches that are off.
     direction : sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight.
     sticks, slips : whether the foot is held by friction, or slips.
-    flies : whether no foot touches the ground.
+    touching : names of the contacts that touch the ground: ``foot``, or none in flight.
     key : the text as part of an identifier.
     """
 
@@ -45,7 +48,7 @@ class Mode(str):
     direction: int
     sticks: bool
     slips: bool
-    flies: bool
+    touching: tuple[str, ...]
 
     def __new__(cls, text: str) -> "Mode":
         """The mode with this text.
@@ -63,7 +66,8 @@ class Mode(str):
             mode = super().__new__(cls, text)
             mode.contact = Mode(contact) if stops else mode
             mode.direction = _DIRECTIONS[contact]
-            mode.sticks, mode.slips, mode.flies = contact == "stick", mode.direction != 0, contact == "flight"
+            mode.sticks, mode.slips = contact == "stick", mode.direction != 0
+            mode.touching = () if contact == "flight" else (FOOT,)
             mode.stops, mode.key = states, re.sub(r"\W+", "_", text)
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == own) for own in STATES
@@ -126,7 +130,7 @@ class Mode(str):
     def has(self, state: str) -> bool:
         """Whether ``contact`` (a foot on the ground), or a state such as ``knee free``, is part of it."""
         name, _, value = state.partition(" ")
-        return self.stops.get(name) == value if value else not self.flies
+        return self.stops.get(name) == value if value else bool(self.touching)
 
 
 @lru_cache(maxsize=256)

@@ -64,8 +64,8 @@ class Expressions:
     def motion(self, mode: Mode) -> Motion:
         """Accelerations and contact force in a mode."""
         if mode not in self._motions:
-            flies = mode.flies
-            self._motions[mode] = flight(self.eom, **self._acting(mode)) if flies else self.slipping(_slip(mode), mode)
+            held = self.slipping(_slip(mode), mode) if mode.touching else flight(self.eom, **self._acting(mode))
+            self._motions[mode] = held
         return self._motions[mode]
 
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
@@ -95,7 +95,7 @@ class Expressions:
         return self._impacts[mode]
 
     def _new_impact(self, mode: Mode) -> Impact:
-        if mode.flies:
+        if not mode.touching:
             return take_off(self.eom, self._locked(mode.locked))
         if mode.locked:
             return strike(self.eom, _slip(mode), self._kinetic, self._locked(mode.locked))
@@ -112,7 +112,7 @@ class Expressions:
         """What a mode assumes, in the order of ``Transitions.margin_names``."""
         state, mu = self.motion(mode), self._static
         f_t, f_n = state.force[0], state.force[1]
-        lands = mode.flies or not self.walker.flies  # a walker that flies lands out of flight alone
+        lands = not (mode.touching and self.walker.flies)  # a walker that flies lands out of flight alone
         margins = {
             "touchdown": -self.eom.mechanism.touchdown if lands else SX(1),
             "upright": self.eom.mechanism.upright,

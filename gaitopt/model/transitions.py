@@ -17,12 +17,9 @@ from itertools import pairwise
 
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.friction import COULOMB, Friction
-from gaitopt.model.modes import NEXT_STATE, Mode
+from gaitopt.model.modes import FOOT, NEXT_STATE, Mode
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
-
-FOOT = "foot"
-"""Name of the one contact of a walker that stands on one foot at a time."""
 
 
 class Ending(StrEnum):
@@ -242,6 +239,11 @@ def margin(name: str) -> Margin:
     return MARGINS.get(name, STOP)
 
 
+def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
+    """Those of some candidates in which the walker touches the ground."""
+    return tuple(mode for mode in candidates if mode.touching)
+
+
 def margin_unit(name: str, scales: Scales) -> float:
     """Natural unit of a margin in SI."""
     return UNITS[margin(name).unit][1](scales)
@@ -259,14 +261,15 @@ class Transitions:
     ----------
     modes : all modes of the walker.
     landed : candidates after the impact of the foot that ends a step, with all stops free and all switches off.
+    unloaded : margins that are zero where a foot lands and where it leaves the ground: those of a foot without mass.
     """
 
     def __init__(self, walker: type[Walker], friction: Friction) -> None:
         self.walker, self._friction = walker, friction
         self.modes = walker.modes()
-        self._ground = tuple(contact for contact in walker.contacts() if not contact.flies)
+        self._ground = tuple(contact for contact in walker.contacts() if contact.touching)
         self.landed = tuple(walker.released(contact) for contact in self._ground)
-        self._unloaded = GROUND_FORCES if walker.massless_feet else ()
+        self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[Mode, Mapping[str, Transition]] = {}
 
@@ -333,12 +336,12 @@ class Transitions:
     def _of_phase(self, mode: Mode) -> list[Transition]:
         takes_off = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()
         lands = Reset(of=FOOT, ends_step=True)
-        touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self._unloaded)
+        touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self.unloaded)
         upright = self._row("upright")
         states = [*(self._locks(mode, stop) for stop in mode.free), *(self._switches(mode, name) for name in mode.off)]
-        if mode.flies:
+        if not mode.touching:
             return [touchdown, upright, *states]
-        force = self._row("normal_force", candidates=takes_off, zeros=self._unloaded)
+        force = self._row("normal_force", candidates=takes_off, zeros=self.unloaded)
         if mode.sticks:
             contact = [self._slips(name, mode.with_contact(slip)) for slip, name in CONE.items()]
         else:
@@ -348,7 +351,7 @@ class Transitions:
 
     def _of_impact(self, mode: Mode) -> list[Transition]:
         walker, of_stop = self.walker, bool(mode.locked)
-        if mode.flies:
+        if not mode.touching:
             return [self._row("lift_velocity")]
         if walker.massless_feet:
             rows = [self._row("touchdown_rate")]
@@ -374,7 +377,7 @@ class Transitions:
     def _locks(self, mode: Mode, stop: str) -> Transition:
         """A stop locks with an impact, which may also make the foot slip or lift it off the ground."""
         locked = mode.with_next(stop)
-        candidates = (locked,) if mode.flies else self.at_rest(locked)
+        candidates = self.at_rest(locked) if mode.touching else (locked,)
         return self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=candidates)
 
     def _switches(self, mode: Mode, switch: str) -> Transition:
@@ -416,9 +419,9 @@ class Transitions:
         for mode in (*step.phases, step.impact):
             if mode.contact not in allowed:
                 raise ValueError(f"the {model} has no {mode.contact}: its foot can {', '.join(allowed)}")
-        if step.impact.flies:
+        if not step.impact.touching:
             raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
-        if self.walker.flies and not step.phases[-1].flies:
+        if self.walker.flies and step.phases[-1].touching:
             raise ValueError(f"the {model} lands out of flight: the last phase of a step must be flight")
 
     def _check_stops(self, step: ModeSequence) -> None:

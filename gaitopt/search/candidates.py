@@ -27,7 +27,7 @@ from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.nlp.solve import free_parameters
@@ -154,8 +154,8 @@ def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Arr
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
         if not walker.flies:
             _turn_forward(dynamics, xi)
-    if walker.massless_feet:
-        xi[:, -1] = 0.0  # they cannot slip
+    if not any(mode.slips for mode in walker.contacts()):
+        xi[:, -1] = 0.0
     elif box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0
     return xi
@@ -200,7 +200,7 @@ def _guesses(
 ) -> tuple[list[Record], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     walker = dynamics.system.walker
-    if walker.steps_per_cycle() > 1 or walker.stops or walker.switches or walker.flies or walker.pushes:
+    if walker.steps_per_cycle() > 1 or walker.modes() != CONTACTS or walker.pushes:
         return [], 0  # the conditions assume equal legs, one of which is always on the ground
     time, n = dynamics.scales.time, len(job.problem.walker.section)
     within = {

@@ -88,7 +88,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
         handles.append(entry(motion.name, color=colour))
         x = motion.state_index("x")
         for began, arc in smooth(motion.steps):
-            if not arc.mode.flies:
+            if arc.mode.touching:
                 axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
     axes.axhline(0, color="#808080", linewidth=0.8)
     axes.set_xlabel(time_label(motions))
@@ -138,7 +138,7 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
     for began, arc in smooth(motion.steps):
         force = observe(arc).force
         where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
-        if not arc.mode.flies:
+        if arc.mode.touching:
             axes.plot(where, friction_ratio(force), color=colour, linestyle=dashes(arc.mode))
         ends.append(float(where[-1]))
     last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1

@@ -100,7 +100,7 @@ def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> 
 
 def dashes(mode: Mode) -> Any:
     """Line style of a mode: solid where the foot sticks, dashed where it slips, dotted in flight."""
-    return FLIGHT_DOTS if mode.flies else "-" if mode.sticks else SLIP_DASHES
+    return "-" if mode.sticks else SLIP_DASHES if mode.slips else FLIGHT_DOTS
 
 
 def entry(words: str, **style: Any) -> Line2D:
@@ -115,7 +115,7 @@ def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
         entries.append(entry("foot sticks"))
     if any(mode.slips for mode in modes):
         entries.append(entry("foot slips", linestyle=SLIP_DASHES))
-    if any(mode.flies for mode in modes):
+    if not all(mode.touching for mode in modes):
         entries.append(entry("flight", linestyle=FLIGHT_DOTS))
     return entries
 

@@ -23,7 +23,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
-from gaitopt.model.transitions import CONE, Ending, Transition
+from gaitopt.model.transitions import CONE, Ending, Transition, grounded
 from gaitopt.simulation.contact_resolver import (
     ContactResolver,
     Termination,
@@ -177,7 +177,7 @@ class BatchResolver:
         stuck, slips = table.margin_names(Mode.STICK), table.margin_names(Mode.SLIP_FORWARD)
         self._normal_force, self._painleve = stuck.index("normal_force"), slips.index("painleve")
         self._cone = [stuck.index(name) for name in CONE.values()]
-        self._lifts = not system.walker.flies
+        self._lifts = "lift_velocity" in table.of_impact(Mode.STICK)
         self._impacts = HeyokaRowMap(system.impacts(self._ground), {1: p})
         self._at_rest: dict[tuple[Mode, ...], HeyokaRowMap] = {}
 
@@ -197,7 +197,7 @@ class BatchResolver:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         taus, zetas = times / self._units.time, states / self._units.state
         if candidates not in self._at_rest:
-            self._at_rest[candidates] = self._rest(tuple(mode for mode in candidates if not mode.flies))
+            self._at_rest[candidates] = self._rest(grounded(candidates))
         _, margins, rates, *slips = self._at_rest[candidates](taus[:, None], zetas, data)
         stick, cone = margins[:, self._normal_force], [margins[:, k] for k in self._cone]
         clear = [np.abs(own) > EDGE + INSTANT * np.abs(rates[:, k]) for own, k in zip(cone, self._cone, strict=True)]

@@ -28,7 +28,7 @@ from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import ImpactLaw, Mode
-from gaitopt.model.transitions import CANNOT_SLIP, CONE, Ending, Transition
+from gaitopt.model.transitions import CANNOT_SLIP, CONE, Ending, Transition, grounded
 from gaitopt.simulation.events import EDGE, LOOK, Point, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import PointFunctions, Units, units
 
@@ -95,7 +95,7 @@ class ContactResolver:
         ----------
         candidates : what the foot can do, see ``Transitions.at_rest``; stick first.
         """
-        stuck, *slipping = ground = tuple(mode for mode in candidates if not mode.flies)
+        stuck, *slipping = ground = grounded(candidates)
         tau, zeta = t / self._units.time, z / self._units.state
         point, margins = self._points.at_rest(stuck, ground[1:], tau, zeta, data)
         if not all(map(isfinite, point.margins)):
@@ -110,7 +110,7 @@ class ContactResolver:
         ]
         lifts = any(force * mass < 0 for force, mass in forces.values())
         if lifts and not possible:
-            flight = next((mode for mode in candidates if mode.flies), None)
+            flight = next((mode for mode in candidates if mode not in ground), None)
             return flight or Termination(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
         if len(possible) == 1 and not lifts:
             return possible[0]
@@ -135,7 +135,7 @@ class ContactResolver:
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
             return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
         chosen: tuple[_Candidate, _Candidate] | Termination = (candidates[0], candidates[0])
-        if not self._system.walker.massless_feet:
+        if "impulse" in self._table.of_impact(Mode.STICK):
             chosen = self._consistent_one(candidates)
         if isinstance(chosen, Termination):
             return chosen
@@ -156,8 +156,8 @@ class ContactResolver:
 
     def strike(self, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
         """What the foot does just after a stop has locked in state ``z_minus``, and the state there."""
-        ground = tuple(mode for mode in transition.candidates if not mode.flies)
-        flights = tuple(mode for mode in transition.candidates if mode.flies)
+        ground = grounded(transition.candidates)
+        flights = tuple(mode for mode in transition.candidates if mode not in ground)
         if not ground:
             return flights[0], self._candidates(flights, z_minus)[0][0].z_plus
         candidates, _ = self._candidates(ground, z_minus)

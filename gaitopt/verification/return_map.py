@@ -389,7 +389,7 @@ def _reset(arc: Arc, after: Arc) -> Array | None:
     """Derivative of the reset from one arc to the next; None where no stop locks."""
     if arc.mode.locked == after.mode.locked:
         return None
-    slides = after.states[0][-1] or after.mode.flies
+    slides = after.states[0][-1] or not after.mode.touching
     struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
     return _matrix(arc.dynamics.system.impact_jacobian(struck), arc.states[-1], arc.dynamics.p).copy()
 

@@ -336,7 +336,7 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
     friction, scales = gait.dynamics.static_friction, gait.dynamics.scales
     cone, backward, lowest = -np.inf, 0.0, np.inf
     for arc in gait.arcs:
-        if arc.mode.flies:
+        if not arc.mode.touching:
             continue
         force = observe(arc).force
         lowest = min(lowest, -curves.maximum(-force[:, 1])[1])
@@ -349,7 +349,9 @@ def _margin_claims(gait: Gait) -> Iterator[Claim]:
     if np.isfinite(cone):
         yield claim("friction cone", cone, FORCE_SLACK, "needed minus available friction while sticking")
     yield claim("slip direction", backward / scales.speed, AGREEMENT, "against the mode, in units of sqrt(g l)")
-    pull = FORCE_SLACK if gait.system.walker.massless_feet else 0.0  # their force falls to zero in every step
+    pull = (
+        FORCE_SLACK if "normal_force" in gait.system.transitions.unloaded else 0.0
+    )  # their force falls to zero in every step
     yield claim("normal force", -lowest / scales.force, pull, f"at least {lowest:.4g} N")
 
 
@@ -378,7 +380,7 @@ def _states(step: Step, ours: Arc) -> Array:
     Arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of the control,
     rounding decides which comes first.
     """
-    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.flies == ours.mode.flies]
+    arcs = [arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.touching == ours.mode.touching]
     times = ours.times
     index = np.searchsorted([arc.end for arc in arcs[:-1]], times)
     states = np.empty((times.size, ours.states.shape[1]))
