@@ -102,7 +102,7 @@ BINARY: Mapping[int, Callable[[Any, Any], Any]] = {
 
 
 class NotProved(Exception):
-    """A claim that could not be proved; the message says what, where and by how much."""
+    """A claim that could not be proved; the message gives its place and its margin."""
 
 
 class Refuted(NotProved):
@@ -311,7 +311,11 @@ class BallFunction:
                     self._values[-1] = constants[source - 1][entry]
             else:
                 places = tuple(place[operand] for operand in operands)
-                apply = _operation(function, operation, len(places))
+                table: Mapping[int, Callable[..., Any]] = UNARY if len(places) == 1 else BINARY
+                if operation not in table:
+                    kink = f"CasADi's operation {operation} is not analytic; write the expression without kinks"
+                    raise ValueError(f"{self._name}: {kink}")
+                apply = table[operation]
                 if variable.isdisjoint(places):
                     self._values[-1] = apply(*(self._values[i] for i in places))
                 else:
@@ -356,15 +360,6 @@ def exact_constant(value: float) -> arb:
     if not near or not 0 < abs(ratio.numerator) <= 2 * LARGEST_DENOMINATOR:
         return arb(value)
     return arb.pi() * fmpq(ratio.numerator, ratio.denominator)
-
-
-def _operation(function: Function, operation: int, operands: int) -> Callable[..., Any]:
-    table: Mapping[int, Callable[..., Any]] = UNARY if operands == 1 else BINARY
-    if operation not in table:
-        raise ValueError(
-            f"{function.name()}: CasADi's operation {operation} is not analytic; write the expression without kinks"
-        )
-    return table[operation]
 
 
 def decimal_bounds(ball: arb) -> list[str]:

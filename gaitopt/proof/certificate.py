@@ -1,9 +1,9 @@
 """Certificates: their format, and the statement that is rebuilt from one.
 
-A certificate holds a problem, the exact values of its parameters, boxes for the orbit, and the data of the control law
-that no problem contains: the pieces of a tracked motion, or the duration of a designed curve. Everything else in the
-theorem is rebuilt from the problem, or compared with it. The fields ``versions`` and ``theorem`` are for readers; the
-checker ignores them.
+A certificate contains a problem, the exact values of its parameters, boxes for the orbit, and the data of the control
+law that no problem contains: the pieces of a tracked motion, or the duration of a designed curve. Everything else in
+the theorem is rebuilt from the problem, or compared with it. The checker ignores the fields ``versions`` and
+``theorem``, which are for readers.
 
 Exact values are decimals as the problem's file writes them, with pi where it writes ``deg``. Each has to round to the
 problem's double of it.
@@ -208,7 +208,7 @@ def certified_problem(record: CertificateRecord, walkers: Sequence[type[Walker]]
 
 
 def _refuse_named_reference(resolved: Mapping[str, Any]) -> None:
-    """Refuse the name of a tracked problem in place of the problem: a file of that name may hold anything."""
+    """Refuse the name of a tracked problem in place of the problem: the file of that name may contain anything."""
     control = resolved.get("control")
     reference = control.get("reference") if isinstance(control, Mapping) else None
     curve = reference.get("curve") if isinstance(reference, Mapping) else None
@@ -290,7 +290,7 @@ def _tracked_motion(record: MotionRecord, joints: int, beyond_end: BeyondEnd) ->
 
 
 class Hypotheses(TypedDict, total=False):
-    """The statement of a theorem as it is printed: its hypotheses, and what it does not say.
+    """The printed statement of a theorem: its hypotheses, and what is not proved.
 
     Attributes
     ----------
@@ -325,7 +325,7 @@ class Statement:
     arcs : in order of time.
     varied : index of the varying parameter; None if none varies.
     interval : ends of the varying parameter as texts; empty if none varies.
-    printed : the hypotheses of the theorem and what it does not say.
+    printed : the hypotheses of the theorem, and what is not proved.
     """
 
     record: CertificateRecord
@@ -364,12 +364,12 @@ def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]]
     ValueError
         If the certificate contradicts its problem.
     NotProved
-        If the problem has modes about which nothing can be proved.
+        If the claims do not cover the walker or one of its modes.
     """
     problem = certified_problem(record, walkers)
     control = certified_control(problem, record.reference)
     system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
-    refuse_what_is_not_modelled(problem, system)
+    refuse_uncovered_walkers(problem, system)
     texts, varied = record.parameters, record.varied
     _check_parameters(problem, system, texts)
     arcs = [OrbitArc(Mode(a.mode), a.segment, a.phase, a.event, tuple(a.fractions)) for a in record.arcs]
@@ -418,7 +418,7 @@ def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedB
 
 
 def _hypotheses(problem: Problem, system: HybridSystem, record: CertificateRecord) -> Hypotheses:
-    """The hypotheses of the theorem and what it does not say, for the reader."""
+    """The printed statement, rebuilt from the problem and the certificate's data."""
     spec, designed = problem.control, [*problem.free, *(f"control.{name}" for name in system.control.unknowns)]
     control, curve = str(spec.type), None
     scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
@@ -448,7 +448,7 @@ def _hypotheses(problem: Problem, system: HybridSystem, record: CertificateRecor
     }
 
 
-def refuse_what_is_not_modelled(problem: Problem, system: HybridSystem) -> None:
+def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     """Refuse walkers and modes whose resets and conditions are not among the claims.
 
     Raises

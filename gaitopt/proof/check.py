@@ -1,7 +1,7 @@
 """The checker: verify a certificate in one pass, without any search, and conclude what its boxes prove together.
 
 Every box has to pass Krawczyk's test; on its image the mode sequence is proved, and multipliers and measures are
-enclosed. A theorem is proved if every claim of its kind is there and holds. A family is connected if the orbit at the
+enclosed. A theorem is proved if every claim of its kind is present and holds. A family is connected if the orbit at the
 end of one box lies where the orbit of the next box is unique. A special point lies between two parameter values if its
 test function has opposite signs there:
 
@@ -102,7 +102,7 @@ class Proof:
     problem : name of the problem.
     claims : statements of the theorem; the theorem is proved if all of them are.
     certificate : the certificate.
-    statement : the hypotheses, and what the theorem does not say; empty if they could not be rebuilt.
+    statement : the hypotheses, and what is not proved; empty if they could not be rebuilt.
     state : bounds of the state just after the impact, by name.
     durations : bounds of the durations of the phases [s].
     measures : bounds of the measures, by name.

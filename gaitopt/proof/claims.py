@@ -97,7 +97,7 @@ def sign_parts(
     order : of the zero with which the function starts.
     monotone : whether ``u`` and ``d`` are enough; otherwise a part is divided further.
     """
-    began = arb(0)
+    start_of_step = arb(0)
     for k, (series, h) in enumerate(steps):
         pending = [(arb(0), arb(h.upper()), MOST_HALVINGS)]
         while pending:
@@ -112,8 +112,8 @@ def sign_parts(
                 middle = ((start + end) / 2).mid()
                 pending += [(middle, end, depth - 1), (start, middle, depth - 1)]
             else:
-                yield SignPart(kind, began + start, began + end, value, zero, bool(end <= h.lower()))
-        began += h.mid()
+                yield SignPart(kind, start_of_step + start, start_of_step + end, value, zero, bool(end <= h.lower()))
+        start_of_step += h.mid()
 
 
 def check_pattern(name: str, parts: Sequence[SignPart], pattern: str) -> str:

@@ -30,7 +30,7 @@ from gaitopt.proof.certificate import (
     BoxRecord,
     Statement,
     read_certificate,
-    refuse_what_is_not_modelled,
+    refuse_uncovered_walkers,
     restore_statement,
 )
 from gaitopt.proof.check import (
@@ -125,7 +125,7 @@ def _prove(
         texts[key] = INTERVAL.join(end.strip() for end in interval.split(INTERVAL))
     header = certificate_header(gait, texts, varied, special)
     try:
-        refuse_what_is_not_modelled(gait.problem, gait.system)
+        refuse_uncovered_walkers(gait.problem, gait.system)
     except NotProved as failure:
         return Proof(gait.problem.name, (ProofClaim(STATEMENT, proved=False, words=str(failure)),), header)
     with precision():
