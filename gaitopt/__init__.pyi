@@ -27,7 +27,7 @@ from gaitopt.gait.trajectory import Trajectory as Trajectory
 from gaitopt.model.checks import check_walker as check_walker
 from gaitopt.model.cycle import Cycle as Cycle
 from gaitopt.model.cycle import ModeSequence as ModeSequence
-from gaitopt.model.modes import ImpactLaw as ImpactLaw
+from gaitopt.model.friction import ImpactLaw as ImpactLaw
 from gaitopt.model.modes import Mode as Mode
 from gaitopt.model.walker import Body as Body
 from gaitopt.model.walker import Mechanism as Mechanism

@@ -1,4 +1,4 @@
-"""The errors that gaitopt raises on purpose; each carries the exit code of the command line.
+"""The errors that gaitopt raises on purpose; each has the exit code of the command line.
 
 A numerical failure is not an error: it is a status on the result.
 """
@@ -7,22 +7,27 @@ from typing import Any, Self
 
 
 class GaitoptError(Exception):
-    """Base of every error meant for the user: its message names place, value, allowed range and remedy."""
+    """Base of every error meant for the user: its message names place, value, allowed range and remedy.
+
+    Attributes
+    ----------
+    exit_code : of the command line.
+    argument : name of the argument whose value is wrong, so that a caller can say how to change it; empty if none is.
+    result : the gait or walk that was computed before the error and can still be printed; None if there is none.
+    """
 
     exit_code = 1
     argument = ""
-    """The argument of the call that it is about, where another value of it is the remedy; a caller may say how to."""
     result: Any = None
-    """The gait or walk that was computed before the error, so that it can still be printed."""
 
-    def about(self, argument: str) -> Self:
-        """The same error, about an argument."""
+    def concerning(self, argument: str) -> Self:
+        """The same error, with the name of the argument whose value is wrong."""
         self.argument = argument
         return self
 
 
 class GaitoptWarning(UserWarning):
-    """Something that the user should know, but that hinders nothing."""
+    """A remark that the user should read; the computation continues."""
 
 
 class UnknownNameError(GaitoptError):
@@ -38,7 +43,7 @@ class ProblemError(GaitoptError, ValueError):
 
 
 class SolveError(GaitoptError):
-    """A computation that needs a gait was given something that is not one."""
+    """A failed solve was given where a gait is needed."""
 
     exit_code = 4
 

@@ -28,8 +28,7 @@ from gaitopt.model.control import (
     control_points,
 )
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import Friction
-from gaitopt.model.modes import ImpactLaw
+from gaitopt.model.friction import Friction, ImpactLaw
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
 from gaitopt.nlp.interval import integrate_to

@@ -132,7 +132,7 @@ def save_figures(
     known, written = (*figures.names, *moving), list[Path]()
     unknown = [word for word in what if word not in known]
     if unknown:
-        raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").about("what")
+        raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").concerning("what")
     make_folder(place)
     for word in what or (*figures.usual, *moving):
         if word == ANIMATION and figures.animation is not None:

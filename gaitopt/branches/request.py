@@ -83,7 +83,7 @@ class Request:
             raise UnknownNameError(f"{self.parameter} is no parameter of {gait.problem.name}{near}")
         if isinstance(gait.problem.parameters.get(self.parameter), int):
             words = "is a whole number, along which there is no family; solve for one value at a time"
-            raise UnknownNameError(f"{self.parameter}: {words}").about("parameter")
+            raise UnknownNameError(f"{self.parameter}: {words}").concerning("parameter")
         taken = ", ".join(sorted(set(self.events) & {*BIFURCATIONS, *TERMINAL, "mode_change", "impact_change"}))
         if taken:
             raise UnknownNameError(f"events: {taken} is a special point already; choose another name")
@@ -94,7 +94,7 @@ class Request:
                 raise ProblemError(words)
             objection = gait.problem.objection(self.parameter, to)
             if objection:
-                raise ProblemError(f"{to:g}: {self.parameter}: {objection}").about("to")
+                raise ProblemError(f"{to:g}: {self.parameter}: {objection}").concerning("to")
             if self.lower is not None and min(to, value) < self.lower:
                 raise ProblemError(f"{self.parameter}: {min(to, value):g} lies below the bound {self.lower:g}")
             if self.upper is not None and max(to, value) > self.upper:

@@ -55,8 +55,8 @@ from types import SimpleNamespace
 from casadi import SX, dot, horzcat, jacobian, jtimes, vertcat, vertsplit
 
 from gaitopt.model.declaration import state_landing
+from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.lagrangian import EquationsOfMotion, parameter_namespace
-from gaitopt.model.modes import ImpactLaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

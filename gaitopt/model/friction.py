@@ -9,6 +9,7 @@ consistent; then the foot sticks. Gamus & Or (2013), eqs (4), (5) have mu_s = mu
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 
@@ -47,3 +48,10 @@ COULOMB = Friction("friction", "friction")
 """One coefficient for sticking and slipping."""
 STATIC_KINETIC = Friction("friction.static", "friction.kinetic", "friction.viscous")
 """Two coefficients and drag."""
+
+
+class ImpactLaw(StrEnum):
+    """Tangential impulse of a slipping impact: by Coulomb's law, eq. (11), or zero."""
+
+    COULOMB = "coulomb"
+    FRICTIONLESS = "frictionless"

@@ -7,7 +7,6 @@ of which a mode says which factor of each pair is zero; in flight there is no fo
 
 import re
 from collections.abc import Mapping
-from enum import StrEnum
 from functools import lru_cache
 from typing import Any, ClassVar
 
@@ -157,10 +156,3 @@ _MODES: dict[str, Mode] = {}
 Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.FLIGHT = map(Mode, _DIRECTIONS)
 CONTACTS = (Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
 """What a foot on the ground can do."""
-
-
-class ImpactLaw(StrEnum):
-    """Tangential law of a slipping impact: eq. (11), or no tangential impulse at all."""
-
-    COULOMB = "coulomb"
-    FRICTIONLESS = "frictionless"

@@ -25,9 +25,9 @@ from gaitopt.arrays import Array
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
 from gaitopt.model.control import Control
 from gaitopt.model.declaration import state_after_impact
-from gaitopt.model.friction import COULOMB, Friction
+from gaitopt.model.friction import COULOMB, Friction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
-from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Walker
 

@@ -13,7 +13,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic.fields import FieldInfo
 
 from gaitopt.model.control import BeyondEnd
-from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import Mode
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.units import (
     ANGLE_UNITS,

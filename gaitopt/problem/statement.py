@@ -14,8 +14,8 @@ from typing import Any
 from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.friction import COULOMB, STATIC_KINETIC, Friction
-from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.friction import COULOMB, STATIC_KINETIC, Friction, ImpactLaw
+from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
 from gaitopt.problem.schema import (

@@ -23,7 +23,8 @@ from flint import arb
 
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull

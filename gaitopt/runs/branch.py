@@ -101,7 +101,7 @@ class BranchPlan:
             words = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
             raise StorageError(
                 f"{self.folder} holds another branch ({words}); it was left alone: delete it, or name another folder"
-            ).about("output")
+            ).concerning("output")
         return records
 
     def walk(self, start: Gait | SpecialPoint, *, should_stop: Stop = None) -> tuple[list[Record], Iterator[Record]]:

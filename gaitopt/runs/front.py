@@ -135,7 +135,7 @@ class FrontPlan(Plan[Front]):
         keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
         if key not in keys and "." not in key:
             words = f"{key}: no number of {problem.name}{nearest_keys(key, keys)}"
-            raise UnknownNameError(words).about("over")
+            raise UnknownNameError(words).concerning("over")
         check_jobs_fit(2 * self.axis.count, self.folder)
         for value in self.axis.numbers(problem)[:: max(self.axis.count - 1, 1)]:
             at_point(problem, {key: value})

@@ -74,7 +74,7 @@ class Axis:
         if between is not None:
             low, high = math.ceil(self.lower), math.floor(self.upper)
             remedy = f"give a step of one or more, for instance {low}:{high}:{high - low + 1}"
-            raise ProblemError(f"{self}: {between:g} is not an integer: {remedy}").about("over")
+            raise ProblemError(f"{self}: {between:g} is not an integer: {remedy}").concerning("over")
         return [round(value) for value in values]
 
     def __str__(self) -> str:
@@ -138,7 +138,7 @@ class Grid:
         """Refuse axes whose keys are not ``known``; ``what`` a key should be, for the message."""
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
-            raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").about("over")
+            raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").concerning("over")
 
 
 def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
@@ -146,7 +146,7 @@ def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
     try:
         return problem.replace(values)
     except ProblemError as error:
-        error.about("over")
+        error.concerning("over")
         raise
 
 

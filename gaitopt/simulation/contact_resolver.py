@@ -27,7 +27,8 @@ from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CANNOT_SLIP, CONE, Ending, Transition, grounded
 from gaitopt.simulation.events import EDGE, LOOK, Point, bends_decide, falls, is_touchdown
 from gaitopt.simulation.natural import PointFunctions, Units, units

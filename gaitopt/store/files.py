@@ -98,7 +98,7 @@ def entries(folder: Path) -> list[Path]:
         return []
     except OSError as error:
         words = f"cannot use {folder} as a run folder: {reason(error)}; name another"
-        raise StorageError(words).about("output") from error
+        raise StorageError(words).concerning("output") from error
 
 
 def clear_leftovers(*folders: Path) -> None:
@@ -147,10 +147,10 @@ def check_writable(path: Path) -> None:
     try:
         place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
     except OSError as error:
-        raise StorageError(f"cannot write {path}: {reason(error)}; name another place").about("output") from error
+        raise StorageError(f"cannot write {path}: {reason(error)}; name another place").concerning("output") from error
     folder = place.parent if place == path.absolute() and place.is_file() else place
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another").about(
+        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another").concerning(
             "output"
         )
 

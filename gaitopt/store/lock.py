@@ -51,7 +51,7 @@ def only_writer(folder: Path) -> Iterator[None]:
         lock.acquire()
     except Timeout as error:
         remedy = "wait for it, or name another folder"
-        raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}").about("output") from error
+        raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}").concerning("output") from error
     except (OSError, ValueError) as error:
         raise StorageError(f"cannot lock {folder}: {reason(error)}") from error
     outermost = lock.lock_counter == 1

@@ -176,7 +176,7 @@ class Run:
             raise StorageError(
                 f"{self.folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not "
                 f"{problem.name}, hash {problem.digest[:8]}); it was left alone: delete it, or name another folder"
-            ).about("output")
+            ).concerning("output")
 
     @contextmanager
     def writing(self, problem: Problem) -> Iterator[None]:
@@ -307,7 +307,7 @@ class Run:
             raise StorageError(
                 f"{self.folder} was written by an older gaitopt, without checksums (schema {schema}); "
                 "it was left alone: delete it, or name another folder"
-            ).about("output")
+            ).concerning("output")
         checksum = record.pop(CHECKSUM, None)
         if checksum != _checksum(record):
             raise StorageError(f"{path}: altered since it was written (SHA-256 differs); the run was left alone")

@@ -10,8 +10,8 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import STATIC_KINETIC
-from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.friction import STATIC_KINETIC, ImpactLaw
+from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.contact_resolver import ContactResolver

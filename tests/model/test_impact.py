@@ -8,7 +8,8 @@ from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
 
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 

@@ -12,7 +12,8 @@ from pydantic import Field
 
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.control import BeyondEnd
-from gaitopt.model.modes import ImpactLaw, Mode
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import Mode
 from gaitopt.model.units import NonNegative
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem, parse_problem, restore_problem

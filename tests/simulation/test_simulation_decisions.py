@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import CONTACTS, ImpactLaw, Mode
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
