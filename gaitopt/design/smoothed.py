@@ -31,12 +31,15 @@ from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
-from gaitopt.nlp.ipopt import NEAR_OPTIMUM, Ipopt, IpoptResult
+from gaitopt.nlp.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
 
+NEAR_OPTIMUM = 1e-4
+"""KKT residual at which the search for conflicts ends, in the sizes of its objective and unknowns."""
+MAX_DESIGN_ITERATIONS = 600
 ROUGH = 0.2
 """KKT residual, in the sizes of objective and unknowns, at which ``sqp`` takes over: it needs one iteration where
 IPOPT, which learns all curvature by secants, needs twenty."""
@@ -183,16 +186,6 @@ class SmoothedScalars:
         return samples
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConstraintBlock:
-    """Rows of one kind in the NLP's g with their bounds; ``name`` is that of their scalar, ``gait`` or ``margins``."""
-
-    name: str
-    expression: MX
-    lower: Array
-    upper: Array
-
-
 class SmoothedProblem:
     """The NLP of one design on one layout.
 
@@ -224,7 +217,7 @@ class SmoothedProblem:
         self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(equations) if RADIUS in self.names else None
         extrema = np.array([self._extremum(name, w) for name in self._extrema])
-        sizes = self._set_bounds(w, bounds, extrema)
+        self._sizes = self._set_bounds(w, bounds, extrema)
         self.blocks = [*self._gait_blocks(), *self._extremum_blocks(w), *self._stated_blocks()]
 
         unknowns = vertcat(equations.w, *self._extrema.values(), self._slack)
@@ -234,23 +227,23 @@ class SmoothedProblem:
         if objective is not None:
             value = float(Function("objective", [unknowns, parameters], [objective])(self._start, p))
             objective_size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
+        options: dict[str, float] = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
+        if objective is not None:
+            tolerance = NEAR_OPTIMUM if elastic else ROUGH
+            options = {"tol": tolerance, "max_iter": MAX_DESIGN_ITERATIONS, "obj_scaling_factor": 1 / objective_size}
         self._solver = Ipopt(
-            w=unknowns,
-            p=parameters,
-            g=[block.expression for block in self.blocks],
-            scale=sizes,
-            objective=objective,
-            optimality=NEAR_OPTIMUM if elastic else ROUGH,
-            objective_size=objective_size,
+            [Block(name="unknowns", expression=unknowns, lower=self._lower, upper=self._upper)],
+            self.blocks,
+            parameters,
+            objective,
+            options=options,
             progress=progress,
             should_stop=should_stop,
         )
 
     def solve(self) -> IpoptResult:
         """Run IPOPT from the starting motion."""
-        lower = np.concatenate([block.lower for block in self.blocks])
-        upper = np.concatenate([block.upper for block in self.blocks])
-        return self._solver.solve(self._start, self._p, (self._lower, self._upper), (lower, upper))
+        return self._solver.solve(self._start, self._p, self._sizes)
 
     def motion(self, x: Array) -> Array:
         """Nodes, durations and freed parameters among all unknowns."""
@@ -280,7 +273,7 @@ class SmoothedProblem:
             active[name] = multiplier, float((self._upper if multiplier > 0 else self._lower)[k])
         return active
 
-    def block_multipliers(self, result: IpoptResult) -> list[tuple[ConstraintBlock, Array]]:
+    def block_multipliers(self, result: IpoptResult) -> list[tuple[Block, Array]]:
         """Every block of constraints with its multipliers."""
         ends = np.cumsum([block.expression.numel() for block in self.blocks])
         return list(zip(self.blocks, np.split(result.multipliers, ends[:-1]), strict=True))
@@ -316,14 +309,14 @@ class SmoothedProblem:
             [np.tile(states, t.n_nodes), duration_sizes, freed_sizes(freed, bounds), extremum_sizes, np.ones(n_slack)]
         )
 
-    def _gait_blocks(self) -> list[ConstraintBlock]:
+    def _gait_blocks(self) -> list[Block]:
         """The equations of the step, and the margins of its modes and its impact."""
         margins, labels = self.equations.inequalities
         scales = Dynamics(self.equations.system, self._p).scales
         least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
         return [_zero("gait", self.equations.equalities), _nonnegative("margins", margins, least)]
 
-    def _extremum_blocks(self, w: Array) -> list[ConstraintBlock]:
+    def _extremum_blocks(self, w: Array) -> list[Block]:
         """The curves on their side of the extrema.
 
         An extremum that objective or constraints would push away from its curve stays at its present sample.
@@ -350,19 +343,18 @@ class SmoothedProblem:
         crossings = -constant / (slope - constant)
         return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
 
-    def _stated_blocks(self) -> list[ConstraintBlock]:
+    def _stated_blocks(self) -> list[Block]:
         """The constraints of the problem."""
-        blocks, infinite = [], np.array([np.inf])
+        blocks = []
         for k, (name, span) in enumerate(self._problem.constraints.items()):
-            low, high = np.array([span.minimum]), np.array([span.maximum])
             scalar = self.scalar(name)
             if self._slack.numel() == 0:
-                blocks.append(ConstraintBlock(name=name, expression=scalar, lower=low, upper=high))
+                blocks.append(Block(name=name, expression=scalar, lower=span.minimum, upper=span.maximum))
                 continue
             size = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
             slack = self._slack[k] * size
-            blocks.append(ConstraintBlock(name=name, expression=scalar + slack, lower=low, upper=infinite))
-            blocks.append(ConstraintBlock(name=name, expression=scalar - slack, lower=-infinite, upper=high))
+            blocks.append(Block(name=name, expression=scalar + slack, lower=span.minimum))
+            blocks.append(Block(name=name, expression=scalar - slack, upper=span.maximum))
         return blocks
 
     def _objective(self) -> MX | None:
@@ -373,14 +365,12 @@ class SmoothedProblem:
         return sum((weight * self.scalar(name) for name, weight in self._problem.objective.items()), MX(0))
 
 
-def _zero(name: str, expression: MX) -> ConstraintBlock:
-    zero = np.zeros(expression.numel())
-    return ConstraintBlock(name=name, expression=expression, lower=zero, upper=zero)
+def _zero(name: str, expression: MX) -> Block:
+    return Block(name=name, expression=expression, lower=0.0, upper=0.0)
 
 
-def _nonnegative(name: str, expression: MX, least: Array | float = 0.0) -> ConstraintBlock:
-    n = expression.numel()
-    return ConstraintBlock(name=name, expression=expression, lower=least + np.zeros(n), upper=np.full(n, np.inf))
+def _nonnegative(name: str, expression: MX, least: Array | float = 0.0) -> Block:
+    return Block(name=name, expression=expression, lower=least)
 
 
 def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -> tuple[Cause, ...]:
@@ -432,5 +422,5 @@ def _obstacles(
         if block.name == "margins":
             yield block.name, elastic.margin_words(int(np.argmax(np.abs(multipliers))))
         elif _missed_bound(problem.constraints[block.name], values[block.name]) is None:
-            side = f"<= {block.upper[0]:g}" if multipliers[0] > 0 else f">= {block.lower[0]:g}"
+            side = f"<= {np.max(block.upper):g}" if multipliers[0] > 0 else f">= {np.min(block.lower):g}"
             yield block.name, f"{block.name} {side}"

@@ -1,6 +1,8 @@
-"""IPOPT through CasADi, with every way it can end mapped to a status and a message.
+"""IPOPT through CasADi, with every way it can end mapped to a status and a message; the nonlinear program of a gait.
 
-    min f(x)      s.t.  lower <= g(x) <= upper,      x = w / sizes of w,  g in its own sizes
+    min f(w, p)      s.t.  lower <= w <= upper,  lower <= g(w, p) <= upper,      w and g divided by their typical sizes
+
+A program is stated in blocks of unknowns and rows, each an expression with its name and its bounds.
 
 CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here. MUMPS, which
 solves IPOPT's linear systems, has global variables: only one thread at a time runs IPOPT.
@@ -11,11 +13,11 @@ large-scale nonlinear programming, Mathematical Programming 106.
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, sum1, vertcat
+from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, sum1, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
@@ -23,18 +25,20 @@ from gaitopt.gait.gait import Status
 from gaitopt.nlp.newton import Solution
 from gaitopt.nlp.shooting import MultipleShooting
 
-Bounds = tuple[Array, Array]
-"""Lower and upper bounds."""
-
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
-NEAR_OPTIMUM = 1e-4
-"""KKT residual of a smoothed problem, in the sizes of its objective and unknowns."""
+MAX_ITERATIONS = 300
+"""Of a search for a motion, which takes ten when it succeeds."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
-MAX_ITERATIONS, MAX_DESIGN_ITERATIONS = 300, 600
-"""Of a search for a motion, which takes ten when it succeeds, and of a design."""
-
+COMMON: dict[str, Any] = {"print_level": 0, "sb": "yes", "acceptable_iter": 0}
+SECANTS: dict[str, Any] = {
+    "constr_viol_tol": TOLERANCE,
+    "bound_relax_factor": 0.0,
+    "hessian_approximation": "limited-memory",
+    "limited_memory_max_history": HISTORY,
+}
+"""The free directions are few: secants learn them in fewer seconds than one exact Hessian takes."""
 SHORTEST = 0.1
 """Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
 
@@ -62,6 +66,23 @@ RUNNING = threading.RLock()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """Unknowns or rows of a nonlinear program that belong together: lower <= expression <= upper.
+
+    Attributes
+    ----------
+    name : what they are.
+    expression : MX, shape (n, 1).
+    lower, upper : one number for all, or ndarray, shape (n,).
+    """
+
+    name: str
+    expression: MX
+    lower: Array | float = -np.inf
+    upper: Array | float = np.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class IpoptResult:
     """The last iterate of IPOPT.
 
@@ -85,151 +106,103 @@ class IpoptResult:
     kkt: float
 
 
-class IpoptProcess:
-    """A compiled NLP of CasADi: runs one at a time, stops on request and on Ctrl-C, and raises on unknown endings.
+class Ipopt:
+    """A nonlinear program compiled for IPOPT: built once, solved as often as needed, one run at a time.
 
     Parameters
     ----------
-    name, nlp : as ``casadi.nlpsol`` takes them.
-    casadi_options, ipopt_options : those that differ between programs.
+    unknowns, rows : blocks of w and of g. Each block of rows has its own Jacobian, so that a row that depends on all
+        unknowns does not make the Jacobians of the other rows dense.
+    parameters, objective : MX; without an objective any feasible point is a solution.
+    options : of IPOPT, besides the common ones.
+    exact : use the exact Hessian; otherwise secants, which learn best where unknowns and rows are of the order of one.
     progress, should_stop : called at every iteration.
     """
 
     def __init__(
         self,
-        name: str,
-        nlp: dict[str, MX],
-        casadi_options: dict[str, Any],
-        ipopt_options: dict[str, Any],
-        progress: Valued,
-        should_stop: Stop,
+        unknowns: Sequence[Block],
+        rows: Sequence[Block],
+        parameters: MX,
+        objective: MX | None = None,
+        *,
+        options: dict[str, Any],
+        exact: bool = False,
+        progress: Valued = None,
+        should_stop: Stop = None,
     ) -> None:
-        self._watch = _Watch(nlp["x"].numel(), nlp["g"].numel(), nlp["p"].numel(), progress, should_stop)
-        options = {
-            "print_time": False,
-            "show_eval_warnings": False,  # a point where the motion does not exist is IPOPT's business, as is Ctrl-C
-            "iteration_callback": self._watch,
-            "error_on_fail": False,
-            "calc_lam_p": False,
-            "ipopt": {"print_level": 0, "sb": "yes", "acceptable_iter": 0, **ipopt_options},
-            **casadi_options,
-        }
-        self._solver = nlpsol(name, "ipopt", nlp, options)
+        self._bounds_w, self._bounds_g = _bounds(unknowns), _bounds(rows)
+        w, g, f = _stacked(unknowns), _stacked(rows), MX(0) if objective is None else objective
+        if exact:
+            plugin_options: dict[str, Any] = {"expand": True}
+            nlp = {"x": w, "p": parameters, "f": f, "g": g}
+        else:
+            x, sizes, row_sizes = MX.sym("x", w.numel()), MX.sym("sizes", w.numel()), MX.sym("row_sizes", g.numel())
+            # two functions, for the gradient of one that is both would go back through the constraints too
+            value = Function("value", [w, parameters], [f])
+            constraints = Function("constraints", [w, parameters], [g])
+            slopes = [jacobian(block.expression, w) for block in rows]
+            slope = Function("slope", [w, parameters], [vertcat(*slopes)])
+            scaled = constraints(sizes * x, parameters) / row_sizes
+            scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, parameters) @ diag(sizes)
+            p = vertcat(parameters, sizes, row_sizes)
+            nlp = {"x": x, "p": p, "f": value(sizes * x, parameters), "g": scaled}
+            plugin_options = {"jac_g": Function("jac_g", [x, p], [scaled, scaled_slope])}
+        self._exact = exact
+        self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel(), progress, should_stop)
+        self._solver = nlpsol(
+            "gait",
+            "ipopt",
+            nlp,
+            {
+                "print_time": False,
+                "show_eval_warnings": False,  # IPOPT deals with points where the motion does not exist
+                "iteration_callback": self._watch,
+                "error_on_fail": False,
+                "calc_lam_p": False,
+                "ipopt": COMMON | ({} if exact else SECANTS) | options,
+                **plugin_options,
+            },
+        )
 
-    def run(self, x: Array, p: Array, bounds_x: Bounds, bounds_g: Bounds) -> IpoptResult:
-        """Solve from ``x`` at parameters ``p``; the result is in the units of the NLP.
+    def solve(self, w: Array, p: Array, sizes: Array | None = None, row_sizes: Array | None = None) -> IpoptResult:
+        """Solve from ``w`` at parameters ``p``.
+
+        ``sizes`` and ``row_sizes`` are typical sizes of unknowns and rows, one unless given; not with an exact Hessian.
 
         Raises
         ------
         RuntimeError
             If IPOPT ends in a way that only a broken installation or a bug can cause.
         """
-        self._watch.begin(*bounds_g)
+        (lbx, ubx), (lbg, ubg) = self._bounds_w, self._bounds_g
+        x_unit = np.ones(lbx.size) if sizes is None else sizes
+        g_unit = np.ones(lbg.size) if row_sizes is None else row_sizes
+        lbx, ubx, lbg, ubg = lbx / x_unit, ubx / x_unit, lbg / g_unit, ubg / g_unit
+        self._watch.begin(lbg, ubg)
+        parameters = p if self._exact else np.concatenate([p, x_unit, g_unit])
         with RUNNING:
-            end = self._solver(x0=x, p=p, lbx=bounds_x[0], ubx=bounds_x[1], lbg=bounds_g[0], ubg=bounds_g[1])
+            end = self._solver(x0=w / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
             stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
         status, words = ENDINGS[stats["return_status"]]
         return IpoptResult(
-            w=np.asarray(end["x"]).ravel(),
+            w=np.asarray(end["x"]).ravel() * x_unit,
             status=status,
             words=words,
             iterations=int(stats["iter_count"]),
-            multipliers=np.asarray(end["lam_g"]).ravel(),
-            bound_multipliers=np.asarray(end["lam_x"]).ravel(),
+            multipliers=np.asarray(end["lam_g"]).ravel() / g_unit,
+            bound_multipliers=np.asarray(end["lam_x"]).ravel() / x_unit,
             objective=float(end["f"]),
             kkt=float(stats["iterations"]["inf_du"][-1]) if "iterations" in stats else np.inf,  # none was begun
         )
 
 
-class Ipopt:
-    """One NLP in the sizes of its unknowns and rows, built once and solved as often as needed.
-
-    Parameters
-    ----------
-    w, p, objective : CasADi expressions; ``objective`` None for a problem of feasibility.
-    g : the constraints, in blocks of like sparsity: each block has its own Jacobian, so that a row that depends on
-        everything does not make the Jacobians of the other rows dense.
-    scale, objective_size : typical sizes of the unknowns, shape (n_w,), and of the objective; secants learn best where
-        all are one. Sizes that depend on the parameters are given to ``solve``.
-    optimality : KKT residual at which the search for an optimum ends.
-    progress, should_stop : called at every iteration.
-    """
-
-    def __init__(
-        self,
-        *,
-        w: MX,
-        p: MX,
-        g: MX | Sequence[MX],
-        scale: Array | float = 1.0,
-        objective: MX | None = None,
-        objective_size: float = 1.0,
-        optimality: float = NEAR_OPTIMUM,
-        progress: Valued = None,
-        should_stop: Stop = None,
-    ) -> None:
-        blocks = [g] if isinstance(g, MX) else list(g)
-        self._scale = np.broadcast_to(scale, w.numel())
-        x, sizes = MX.sym("x", w.numel()), MX.sym("sizes", w.numel())
-        # two functions, for the gradient of one that is both would go back through the constraints too
-        value = Function("value", [w, p], [MX(0) if objective is None else objective])
-        constraints = Function("constraints", [w, p], [vertcat(*blocks)])
-        slope = Function("slope", [w, p], [vertcat(*(jacobian(block, w) for block in blocks))])
-        f, unscaled_rows = value(sizes * x, p), constraints(sizes * x, p)
-        row_sizes = MX.sym("row_sizes", unscaled_rows.numel())
-        rows, parameters = unscaled_rows / row_sizes, vertcat(p, sizes, row_sizes)
-        scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, p) @ diag(sizes)
-        self._process = IpoptProcess(
-            "gait",
-            {"x": x, "p": parameters, "g": rows, "f": f},
-            {"jac_g": Function("jac_g", [x, parameters], [rows, scaled_slope])},
-            {
-                "tol": TOLERANCE if objective is None else optimality,
-                "constr_viol_tol": TOLERANCE,
-                "bound_relax_factor": 0.0,
-                "obj_scaling_factor": 1 / objective_size,
-                "max_iter": MAX_ITERATIONS if objective is None else MAX_DESIGN_ITERATIONS,
-                # the free directions are few, and secants learn them in fewer seconds than one exact Hessian takes
-                "hessian_approximation": "limited-memory",
-                "limited_memory_max_history": HISTORY,
-            },
-            progress,
-            should_stop,
-        )
-
-    def solve(
-        self, w: Array, p: Array, bounds_w: Bounds, bounds_g: Bounds, sizes: tuple[Array, Array] | None = None
-    ) -> IpoptResult:
-        """Solve from ``w`` for parameters ``p`` within bounds on w and g.
-
-        ``sizes`` are typical sizes of w and g at these parameters; otherwise ``scale``, and one for every row of g.
-
-        Raises
-        ------
-        RuntimeError
-            If IPOPT ends in a way that only a broken installation or a bug can cause.
-        """
-        scale, rows = (self._scale, np.ones(bounds_g[0].size)) if sizes is None else sizes
-        result = self._process.run(
-            w / scale,
-            np.concatenate([p, scale, rows]),
-            (bounds_w[0] / scale, bounds_w[1] / scale),
-            (bounds_g[0] / rows, bounds_g[1] / rows),
-        )
-        return replace(
-            result,
-            w=result.w * scale,
-            multipliers=result.multipliers / rows,
-            bound_multipliers=result.bound_multipliers / scale,
-        )
-
-
 class Feasibility:
-    """The NLP of a gait for IPOPT: equalities and margins, nothing to minimise.
+    """The nonlinear program of a gait: equalities and margins, nothing to minimise.
 
-    The parameters are parameters of the NLP too, so that it is built once and solved for any of their values.
+    The parameters are parameters of the program too, so that it is built once and solved for any of their values.
 
     Parameters
     ----------
@@ -247,26 +220,38 @@ class Feasibility:
         relaxed: bool = False,
     ) -> None:
         self._equations, self._relaxed = equations, relaxed
-        equalities, margins = equations.equalities, equations.inequalities[0]
-        self._first_duration = equations.w.numel() - equations.n_phases
-        period = sum1(equations.w[self._first_duration :])
-        g = vertcat(equalities, period) if relaxed else vertcat(equalities, period, margins)
-        self._n_equalities = equalities.numel()
-        self._upper = np.where(np.arange(g.numel()) < self._n_equalities, 0.0, np.inf)
-        self._ipopt = Ipopt(w=equations.w, p=equations.parameters, g=g, progress=progress, should_stop=should_stop)
+        shortest, durations = MX.sym("shortest"), equations.durations
+        unknowns = [
+            Block(name="nodes", expression=vec(equations.Z)),
+            Block(name="durations", expression=durations, lower=-np.inf if relaxed else 0.0),
+        ]
+        rows = [
+            Block(name="equalities", expression=equations.equalities, lower=0.0, upper=0.0),
+            Block(name="period", expression=sum1(durations) - shortest, lower=0.0),
+        ]
+        if not relaxed:
+            rows.append(Block(name="margins", expression=equations.inequalities[0], lower=0.0))
+        parameters, options = vertcat(equations.parameters, shortest), {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
+        self._ipopt = Ipopt(unknowns, rows, parameters, options=options, progress=progress, should_stop=should_stop)
 
     def solve(self, start: Array, p: Array) -> Solution:
         """Solve from ``start``, shape (n_w,), at parameters ``p``, shape (n_p,)."""
-        equations = self._equations
-        lower = np.zeros(self._upper.size)
-        lower[self._n_equalities] = SHORTEST * start[self._first_duration :].sum()
-        floor = np.full(start.size, -np.inf)
-        floor[self._first_duration :] = -np.inf if self._relaxed else 0.0
-        units = equations.units(p)
+        equations, units = self._equations, self._equations.units(p)
+        shortest = SHORTEST * equations.unpack(start).durations.sum()
         rows = [units.equalities, units.unknowns[-1:], *([] if self._relaxed else [equations.margin_units(p)])]
-        bounds_w, bounds_g = (floor, np.full(start.size, np.inf)), (lower, self._upper)
-        end = self._ipopt.solve(start, p, bounds_w, bounds_g, (units.unknowns, np.concatenate(rows)))
+        end = self._ipopt.solve(start, np.append(p, shortest), units.unknowns, np.concatenate(rows))
         return Solution(equations, end.w, p, status=end.status, words=end.words, iterations=end.iterations)
+
+
+def _stacked(blocks: Sequence[Block]) -> MX:
+    return vertcat(*(block.expression for block in blocks))
+
+
+def _bounds(blocks: Sequence[Block]) -> tuple[Array, Array]:
+    """Lower and upper bounds of all entries."""
+    lower = [np.broadcast_to(block.lower, block.expression.numel()) for block in blocks]
+    upper = [np.broadcast_to(block.upper, block.expression.numel()) for block in blocks]
+    return np.concatenate(lower), np.concatenate(upper)
 
 
 class _Watch(Callback):

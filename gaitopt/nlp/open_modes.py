@@ -33,7 +33,7 @@ from gaitopt.gait.gait import Status
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.ipopt import Bounds, IpoptProcess
+from gaitopt.nlp.ipopt import Block, Ipopt
 from gaitopt.nlp.shooting import substituted
 
 Range = tuple[float, float]
@@ -107,15 +107,6 @@ class Proposal:
     freed: dict[str, float]
 
 
-@dataclass(frozen=True, slots=True)
-class _Block:
-    """A block of the unknowns with its bounds."""
-
-    symbol: MX
-    lower: float
-    upper: float
-
-
 class Complementarity:
     """The NLP of a cycle of steps of a system with open modes.
 
@@ -145,22 +136,21 @@ class Complementarity:
         self._n_steps = n_steps
         self._scales = dynamics.scales
         self._segments, self._fixed = _segments(self._system.control.breakpoints, period)
-        self._blocks: dict[str, _Block] = {}
-        self._rows: list[tuple[MX, float, float]] = []
+        self._unknowns: list[Block] = []
+        self._rows: list[Block] = []
         self._products: list[MX] = []
-        objective = self._build()
-        w = vertcat(*(block.symbol for block in self._blocks.values()))
-        parameters = vertcat(self._parameters, self._period, self._sigma)
-        g = vertcat(*(row for row, _, _ in self._rows))
-        self._bounds_w = self._bounds([(b.symbol, b.lower, b.upper) for b in self._blocks.values()])
-        self._bounds_g = self._bounds(self._rows)
-        self._process = IpoptProcess(
-            "homotopy",
-            {"x": w, "p": parameters, "f": objective, "g": g},
-            {"expand": True},
-            {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "mu_strategy": "adaptive"},
-            progress,
-            should_stop,
+        self._p, self._period, sigma = MX.sym("p", len(dynamics.p)), MX.sym("period"), MX.sym("sigma")
+        objective = self._cycle()
+        self._require("products", vertcat(*self._products) - sigma, -np.inf, 0.0)
+        self._ipopt = Ipopt(
+            self._unknowns,
+            self._rows,
+            vertcat(self._p, self._period, sigma),
+            objective,
+            options={"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "mu_strategy": "adaptive"},
+            exact=True,
+            progress=progress,
+            should_stop=should_stop,
         )
 
     def solve(self, starts: Array, ends: Array, period: float) -> Proposal | Status:
@@ -170,79 +160,69 @@ class Complementarity:
         """
         w = self._guess(starts, ends, period)
         for sigma in SIGMAS:
-            p = np.concatenate([self._dynamics.p, [period, sigma]])
-            result = self._process.run(w, p, self._bounds_w, self._bounds_g)
+            result = self._ipopt.solve(w, np.concatenate([self._dynamics.p, [period, sigma]]))
             if result.status is not Status.CONVERGED:
                 return result.status
             w = result.w
         return self._read(w)
 
-    def _build(self) -> MX:
-        """All unknowns, constraints and products; the objective."""
-        system, n = self._system, self._n_steps
-        self._parameters = MX.sym("p", len(system.parameters))
-        self._period, self._sigma = MX.sym("period"), MX.sym("sigma")
+    def _cycle(self) -> MX:
+        """Unknowns, rows and products of all steps; the objective."""
+        system, n, objective = self._system, self._n_steps, MX(0)
         freed = {key: self._unknown(key, 1, *bounds) for key, bounds in self._free.items()}
-        p = substituted(system.parameters, self._parameters, freed)
+        p = substituted(system.parameters, self._p, freed)
         starts = [self._unknown(f"start{s}", system.n_z) for s in range(n)]
         for name, span in self._within.items():
-            self._require(starts[0][system.state_names.index(name)], *span)
+            self._require(f"state.{name}", starts[0][system.state_names.index(name)], *span)
         feet = [self._foot(f"impact{s}", 1) for s in range(n)]
-        objective = MX(0)
-        for s, (start, foot) in enumerate(zip(starts, feet, strict=True)):
-            z, unevenness = self._step(s, start, foot, p)
+        for s, (z, (_, *slip)) in enumerate(zip(starts, feet, strict=True)):
+            h, t = self._unknown(f"h{s}", ELEMENTS, 0.0), MX(0)
+            for k, segment in enumerate(self._segments):
+                z, t, slip = self._element(s, k, z, t, h[k], slip, p, segment)
+                if k + 1 in self._fixed:
+                    self._require("breakpoint", t / self._fixed[k + 1], 1.0, 1.0)
+            self._require("period", t / self._period, 1 / TIME_RANGE, TIME_RANGE)
+            latest = (*system.control.breakpoints, np.inf)[segment]
+            self._require("segment", t, max(self._fixed.values(), default=0.0), latest)
+            mean = t / ELEMENTS
+            self._require("shortest element", h - SHORTEST * mean, 0.0)
+            self._require("longest element", LONGEST * mean - h, 0.0)
+            objective += EVEN * sum1((h / mean - 1) ** 2)
             self._impact(z, starts[(s + 1) % n], feet[(s + 1) % n], p)
-            objective += unevenness
-        self._require(vertcat(*self._products) - self._sigma, -np.inf, 0.0)
         return objective
-
-    def _step(self, s: int, z: MX, foot: tuple[MX, MX, MX], p: MX) -> tuple[MX, MX]:
-        """The elements of step ``s`` from state ``z`` on, after the impact of a foot; its end, and the objective."""
-        h, t, before = self._unknown(f"h{s}", ELEMENTS, 0.0), MX(0), foot[1:]
-        for k, segment in enumerate(self._segments):
-            z, t, before = self._element(s, k, z, t, h[k], before, p, segment)
-            if k + 1 in self._fixed:
-                self._require(t / self._fixed[k + 1], 1.0, 1.0)
-        self._require(t / self._period, 1 / TIME_RANGE, TIME_RANGE)
-        latest = (*self._system.control.breakpoints, np.inf)[segment]
-        self._require(t, max(self._fixed.values(), default=0.0), latest)
-        mean = t / ELEMENTS
-        self._require(h - SHORTEST * mean, 0.0)
-        self._require(LONGEST * mean - h, 0.0)
-        return z, EVEN * sum1((h / mean - 1) ** 2)
 
     def _impact(self, z: MX, start: MX, foot: tuple[MX, MX, MX], p: MX) -> None:
         """The impact that leads from state ``z`` to ``start``."""
         a, forward, backward = foot
         z_plus, impulse, slip, lift = self._system.open_impact(z, 2 * a - 1, p)
         n = self._system.n_shape
-        self._require(start - vertcat(z_plus[:n], 0, z_plus[n + 1 :]), 0.0, 0.0)
-        self._require(slip / self._scales.speed - forward + backward, 0.0, 0.0)
-        self._require(vertcat(impulse[1], lift), 0.0)
+        self._require("reset", start - vertcat(z_plus[:n], 0, z_plus[n + 1 :]), 0.0, 0.0)
+        self._require("slip after the impact", slip / self._scales.speed - forward + backward, 0.0, 0.0)
+        self._require("impulse", vertcat(impulse[1], lift), 0.0)
         self._products += [a * backward, (1 - a) * forward]
 
     def _element(
-        self, s: int, k: int, z: MX, t: MX, h: MX, before: tuple[MX, MX], p: MX, segment: int
-    ) -> tuple[MX, MX, tuple[MX, MX]]:
+        self, s: int, k: int, z: MX, t: MX, h: MX, before: list[MX], p: MX, segment: int
+    ) -> tuple[MX, MX, list[MX]]:
         """Collocation on an element from state ``z`` at time ``t``; state, time and foot velocities at its end."""
         system, n = self._system, STAGES.size
-        data = self._system.data(segment)
+        data = system.data(segment)
         states = [self._unknown(f"z{s}.{k}.{i}", system.n_z) for i in range(n)]
         a, forward, backward = self._foot(f"foot{s}.{k}", n)
         rates: list[MX] = []
         for i, (c, stage) in enumerate(zip(STAGES, states, strict=True)):
             rate, force, guard, guard_rate = system.open_flow(t + c * h, stage, 2 * a[i] - 1, p, data)
             rates.append(rate)
-            self._require(force[1], 0.0)
-            self._require(stage[-1] / self._scales.speed - forward[i] + backward[i], 0.0, 0.0)
+            self._require("normal force", force[1], 0.0)
+            self._require("slip velocity", stage[-1] / self._scales.speed - forward[i] + backward[i], 0.0, 0.0)
         for stage, row in zip(states, _RADAU, strict=True):
             step = sum((float(b) * rate for b, rate in zip(row, rates, strict=True)), MX(0))
-            self._require(stage - z - h * step, 0.0, 0.0)
+            self._require("collocation", stage - z - h * step, 0.0, 0.0)
         if k == ELEMENTS - 1:
-            self._require(guard, 0.0, 0.0)
-            self._require(guard_rate * self._scales.time, LANDING_RATE)
+            self._require("touchdown", guard, 0.0, 0.0)
+            self._require("rate of touchdown", guard_rate * self._scales.time, LANDING_RATE)
         self._products += [sum1(a) * (before[1] + sum1(backward)), (n - sum1(a)) * (before[0] + sum1(forward))]
-        return states[-1], t + h, (forward[-1], backward[-1])
+        return states[-1], t + h, [forward[-1], backward[-1]]
 
     def _foot(self, name: str, n: int) -> tuple[MX, MX, MX]:
         """The friction multiplier a and the two parts of the slip velocity, at n stages."""
@@ -253,18 +233,12 @@ class Complementarity:
         )
 
     def _unknown(self, name: str, size: int, lower: float = -np.inf, upper: float = np.inf) -> MX:
-        self._blocks[name] = _Block(MX.sym(name, size), lower, upper)
-        return self._blocks[name].symbol
+        symbol = MX.sym(name, size)
+        self._unknowns.append(Block(name=name, expression=symbol, lower=lower, upper=upper))
+        return symbol
 
-    def _require(self, row: MX, lower: float, upper: float = np.inf) -> None:
-        self._rows.append((row, lower, upper))
-
-    @staticmethod
-    def _bounds(blocks: Sequence[tuple[MX, float, float]]) -> Bounds:
-        return (
-            np.concatenate([np.full(symbol.numel(), lower) for symbol, lower, _ in blocks]),
-            np.concatenate([np.full(symbol.numel(), upper) for symbol, _, upper in blocks]),
-        )
+    def _require(self, name: str, row: MX, lower: float, upper: float = np.inf) -> None:
+        self._rows.append(Block(name=name, expression=row, lower=lower, upper=upper))
 
     def _guess(self, starts: Array, ends: Array, period: float) -> Array:
         """Straight lines from ``starts`` to ``ends``, the foot at rest."""
@@ -277,14 +251,12 @@ class Complementarity:
                 values[f"foot{s}.{k}.a"] = np.full(STAGES.size, 0.5)
                 for i, c in enumerate(STAGES):
                     values[f"z{s}.{k}.{i}"] = start + (times[k] + c * h[k]) / period * (end - start)
-        return np.concatenate(
-            [values.get(name, np.zeros(block.symbol.numel())) for name, block in self._blocks.items()]
-        )
+        return np.concatenate([values.get(b.name, np.zeros(b.expression.numel())) for b in self._unknowns])
 
     def _read(self, w: Array) -> Proposal:
         """The cycle of a solution: one mode per element, with equal neighbours merged."""
-        sizes = np.cumsum([block.symbol.numel() for block in self._blocks.values()])
-        values = dict(zip(self._blocks, np.split(w, sizes[:-1]), strict=True))
+        names, sizes = zip(*((block.name, block.expression.numel()) for block in self._unknowns), strict=True)
+        values: dict[str, Array] = dict(zip(names, np.split(w, np.cumsum(sizes)[:-1]), strict=True))
         impacts = [_mode(values[f"impact{s}.a"]) for s in range(self._n_steps)]
         states = np.array([values[f"start{s}"] for s in range(self._n_steps)])
         states[[impact.sticks for impact in impacts], -1] = 0.0
