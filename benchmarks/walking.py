@@ -33,12 +33,11 @@ def plain_walker(gait: Gait) -> PlainCompass:
 
 def step_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
     """One stick-slip step with all its events; how far the period is off by extended precision."""
-    extended = HeyokaStepper(gait.dynamics, precision=np.longdouble)
-    exact = Simulator(gait.dynamics, stepper=extended).step(gait.state).step.period
+    exact = Simulator(gait.dynamics, partial(HeyokaStepper, precision=np.longdouble)).step(gait.state).step.period
     error = abs(plain.step(gait.state)[1] - exact)
     ways = {"plain: solve_ivp, NumPy": (lambda: plain.step(gait.state), f"period off by {error:.0e} s")}
     for name, kind in ENGINES.items():
-        simulator = Simulator(gait.dynamics, stepper=kind(gait.dynamics))
+        simulator = Simulator(gait.dynamics, kind)
         error = abs(simulator.step(gait.state).step.period - exact)
         ways[name] = (partial(simulator.step, gait.state), f"period off by {error:.0e} s")
     xi = near(gait, BATCH)
@@ -66,7 +65,7 @@ def multiplier_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
     xi = gait.state[gait.system.section(gait.problem.cycle.impact)]
     ways = {"plain: central differences": (lambda: plain.multipliers(xi), "")}
     for name, kind in ENGINES.items():
-        simulator = Simulator(gait.dynamics, stepper=kind(gait.dynamics))
+        simulator = Simulator(gait.dynamics, kind)
         returns = ReturnMap(simulator, gait.problem.cycle.impact)
 
         def multipliers(returns: ReturnMap = returns) -> np.ndarray:

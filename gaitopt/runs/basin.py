@@ -29,8 +29,8 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.runs.jobs import Plan, Stored
-from gaitopt.simulation.batch import ENDINGS, phase_names
 from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.simulation.outcomes import ENDINGS, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import damaged, json_file, validated
 from gaitopt.store.run import Run

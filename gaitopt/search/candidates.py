@@ -32,8 +32,8 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
-from gaitopt.simulation.engine import Engine, choose_engine, make_stepper
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap, step_map
 
@@ -130,7 +130,7 @@ def _walks(
         xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
     engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
-    simulator = Simulator(dynamics, stepper=make_stepper(dynamics, engine))
+    simulator = Simulator(dynamics, stepper_class(engine))
     candidates = []
     least = system.walker.steps_per_cycle()
     for n_returns in range(1, job.n_steps // least + 1):

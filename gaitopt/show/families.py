@@ -30,7 +30,7 @@ from gaitopt.runs.sweep import Sweep
 from gaitopt.show.labels import Parameter, label, symbol
 from gaitopt.show.multipliers import CROSSINGS
 from gaitopt.show.style import COLOURS, MORE_COLOURS, NEUTRAL, entry, legend_below, panels, styled
-from gaitopt.simulation.batch import ENDINGS
+from gaitopt.simulation.outcomes import ENDINGS
 
 Record = Mapping[str, Any]
 

@@ -1,17 +1,44 @@
-"""Which integrator a simulation runs on: scipy, which is always there, or heyoka, which is optional and compiled."""
+"""Engines: integrators that advance a motion along an arc, in one mode, until an event or a time limit.
 
+A mode assumes margins (``gaitopt.model.transitions``), each of which is positive while the mode holds. An event is a
+margin that falls through zero:
+
+* ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step, and
+  this margin rises through zero again when the legs pass each other in mid-swing.
+* Every other margin must be positive along the whole arc. One that starts at zero (the slip velocity at the onset of
+  slip, a double root; the edge of the cone at re-sticking) is no event if it leaves zero upwards.
+* A margin that touches zero within rounding is no event.
+* A margin that rises first and falls just at the time limit is an event: in the next arc it would not be armed.
+
+The rules for the start of an arc and the change to natural units are here, for all engines; an engine adds three
+methods. scipy's method is always available, heyoka is optional and compiles its code.
+"""
+
+from abc import ABC, abstractmethod
 from enum import StrEnum
 from importlib.util import find_spec
+from typing import NamedTuple
 
+import numpy as np
+
+from gaitopt.arrays import Array
 from gaitopt.errors import UnknownNameError
+from gaitopt.gait import curves
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.simulation.scipy_stepper import ScipyStepper
-from gaitopt.simulation.stepper import Stepper
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.events import LOOK_AHEAD, Point, event_at_start, falls_at_limit, priority
+from gaitopt.simulation.natural import NaturalDynamics
 
 MANY_STEPS = 1000
-"""Steps from which ``auto`` compiles: on scipy they take as long as the compiler does the first time."""
-
+"""Number of walking steps from which ``auto`` chooses heyoka: they take scipy as long as heyoka's first compilation."""
 INSTALL = "pip install 'gaitopt[fast]' on Linux, conda install heyoka.py elsewhere"
+MAX_ARC_STEPS = 20_000
+"""Largest number of integration steps of one arc: walking takes tens, only a very stiff control law takes more."""
+NOT_FINITE = "the equations of motion are not finite"
+COUNTS = (33, 65, 129, 257)
+"""Numbers of Chebyshev points that are tried in turn; 33 resolve a phase of walking."""
+STRAIGHT = 1e-8
+"""An arc this short, in natural units, is straight to rounding: its two ends are enough."""
 
 
 class Engine(StrEnum):
@@ -23,12 +50,12 @@ class Engine(StrEnum):
 
 
 def is_installed() -> bool:
-    """Whether heyoka is there."""
+    """Whether heyoka is installed."""
     return find_spec("heyoka") is not None
 
 
 def choose_engine(engine: str, *, steps: int = 1) -> Engine:
-    """The engine that ``engine`` means for so many walking steps.
+    """The engine with this name; ``auto`` depends on the number of walking steps.
 
     Raises
     ------
@@ -45,16 +72,121 @@ def choose_engine(engine: str, *, steps: int = 1) -> Engine:
     return Engine(engine)
 
 
-def make_stepper(dynamics: Dynamics, engine: str = Engine.AUTO, *, steps: int = 1) -> Stepper:
-    """The stepper of an engine for a walker under its control law.
+class Arrival(NamedTuple):
+    """The end of an arc.
 
-    Raises
-    ------
-    UnknownNameError
-        As ``choose_engine``.
+    Attributes
+    ----------
+    time : time since the last impact [s].
+    state : ndarray, shape (n_z,) - state there.
+    event : the margin that fell to zero; None at the time limit.
+    failure : why the integrator could not continue; empty if it could.
     """
-    if choose_engine(engine, steps=steps) is Engine.SCIPY:
-        return ScipyStepper(dynamics)
-    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # optional, and 0.2 s to import
 
-    return HeyokaStepper(dynamics)
+    time: float
+    state: Array
+    event: str | None = None
+    failure: str = ""
+
+
+class Stepper(ABC):
+    """An engine for one system at fixed parameters.
+
+    Parameters
+    ----------
+    dynamics : the walker under its control law, at its parameters.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._natural = NaturalDynamics(dynamics)
+
+    @np.errstate(all="ignore")  # a motion that diverges is detected by the engine
+    def advance(self, mode: Mode, segment: int, time: float, state: Array, limit: float) -> Arrival:
+        """Integrate one arc from ``time`` to its first event, or to ``limit``.
+
+        Parameters
+        ----------
+        mode : of the walker.
+        segment : of the control.
+        time, limit : times since the last impact [s].
+        state : ndarray, shape (n_z,) - state at ``time``.
+        """
+        natural = self._natural
+        start = natural.point(mode, segment, time / natural.time, state / natural.state)
+
+        def rates_ahead() -> list[float]:
+            return list(natural.point(mode, segment, *start.after(LOOK_AHEAD)).rates)
+
+        def event_at_limit(end: Point) -> str | None:
+            falling = (
+                name
+                for name, margin, rate in zip(names, end.margins, end.rates, strict=True)
+                if falls_at_limit(name, margin, rate)
+            )
+            return min(falling, key=priority, default=None)
+
+        names = natural.system.transitions.margin_names(mode)
+        event = event_at_start(names, start.margins, start.rates, rates_ahead)
+        if event is not None:
+            return Arrival(time, state, event)
+        if limit <= time:
+            return Arrival(time, state, event_at_limit(start))
+        event, tau, zeta, failure = self._first_event(mode, segment, start, limit / natural.time)
+        if event is None and not failure:
+            event = event_at_limit(natural.point(mode, segment, tau, zeta))
+            return Arrival(limit, zeta * natural.state, event)
+        if tau <= start.time:
+            return Arrival(time, state, event, failure)
+        return Arrival(max(tau * natural.time, time), zeta * natural.state, event, failure)
+
+    def sample(self, mode: Mode, segment: int, state: Array, times: Array) -> Array:
+        """States at ascending ``times`` of an arc that starts with ``state`` at the first; shape (m, n_z)."""
+        natural = self._natural
+        states = self._sample(mode, segment, state / natural.state, times / natural.time) * natural.state
+        states[0] = state
+        return states
+
+    def sample_arc(self, mode: Mode, segment: int, state: Array, start: float, end: float) -> tuple[Array, Array]:
+        """Times (m,) and states (m, n_z) at as many Chebyshev points as resolve the arc that begins with ``state``."""
+        for count in COUNTS if end - start > STRAIGHT * self._natural.time else (2,):
+            times = start + (end - start) * (curves.points(count) + 1) / 2
+            times[-1] = end
+            states = self.sample(mode, segment, state, times)
+            if count > 2 and curves.tail(states / self._natural.state) < curves.RESOLVED:
+                break
+        return times, states
+
+    def propagate_variations(self, mode: Mode, segment: int, state: Array, deviations: Array, times: Array) -> Array:
+        """Deviations at the end of an arc by the variational equations; shape (n_z, m).
+
+        Parameters
+        ----------
+        state : ndarray, shape (n_z,) - state at the start of the arc.
+        deviations : ndarray, shape (n_z, m) - deviations there, one per column.
+        times : ndarray, shape (2,) - start and end of the arc [s].
+        """
+        unit = self._natural.state
+        scaled = deviations / unit[:, None]
+        sizes = np.abs(scaled).max(axis=0)  # of the columns, which are integrated with size one
+        sizes[sizes == 0] = 1.0
+        y = np.concatenate([state / unit, (scaled / sizes).ravel(order="F")])
+        start, end = (times / self._natural.time).tolist()
+        y = self._propagate(mode, segment, y, sizes.size, start, end)
+        return np.asarray(y[unit.size :].reshape((unit.size, -1), order="F") * sizes * unit[:, None])
+
+    @abstractmethod
+    def _first_event(
+        self, mode: Mode, segment: int, start: Point, limit: float
+    ) -> tuple[str | None, float, Array, str]:
+        """First event after ``start``, its time and state, and why the integration failed; all in natural units.
+
+        Without an event, time and state are those at ``limit``, or the last ones before a failure.
+        """
+
+    @abstractmethod
+    def _sample(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+        """States at ascending times of a motion that starts with ``zeta`` at the first; in natural units."""
+
+    @abstractmethod
+    def _propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+        """State and deviations at ``end`` from ``y`` at ``start``, one after the other; in natural units."""

@@ -1,11 +1,17 @@
-"""Arcs of many states at once, in the lanes of heyoka's batch integrators.
+"""One step of many states at once, on heyoka: the hybrid simulator with arrays in place of numbers.
 
-Every lane has its own time, step length and events; where its arc ends, the next state takes its place. What happens
-in one lane does not depend on the others, to the last bit. The rules at the start of an arc and at its end are those
-of ``events``; inside, all is in natural units.
+All states in the same mode go through their next arc together, then all with the same event through what follows, until
+every step has ended. The rules are those of ``events``, ``contact_resolver`` and ``simulator``; the table of
+transitions is the same. Arcs are integrated in the lanes of heyoka's batch integrators: every lane has its own time,
+step length and events, and where its arc ends, the next state takes its place. Clear cases of contact are decided for
+all states at once; at an edge, or where no candidate or several are consistent, ``ContactResolver`` decides for one
+state after the other. The result of a state does not depend on the others, to the last bit.
+
+This module needs heyoka.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import heyoka as hy
@@ -13,33 +19,304 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.transitions import CONE, Ending, Transition, grounded
+from gaitopt.simulation.contact_resolver import (
+    ContactResolver,
+    Termination,
+    comes_down,
+    is_at_edge,
+    is_consistent_impact,
+    is_within_cone,
+    stick_comes_first,
+)
+from gaitopt.simulation.engine import MAX_ARC_STEPS
 from gaitopt.simulation.events import (
+    AT_REST,
     EDGE,
     INSTANT,
-    LOOK,
+    LOOK_AHEAD,
     NEAR,
     bends_decide,
     coincides,
-    falls,
-    is_touchdown,
+    falls_at_limit,
+    falls_at_start,
+    is_armed,
     lift,
     priority,
 )
-from gaitopt.simulation.heyoka_stepper import LANES, MAX_TAYLOR_STEPS, HeyokaRowMap, HeyokaStepper, batch_integrator
-from gaitopt.simulation.natural import natural_system, units
-from gaitopt.simulation.stepper import FAILURE, LIMIT, Arrivals, Indices
+from gaitopt.simulation.heyoka_code import LANES, HeyokaRowMap, Integrator, integrator
+from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.natural import NaturalDynamics
+from gaitopt.simulation.outcomes import ENDINGS, NONE, Codes, StepOutcomes, max_phases
+from gaitopt.simulation.simulator import MAX_SWITCHES, segment_ends
 
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
+LIMIT, FAILURE = -1, -2
+"""Codes of arcs that end at their time limit, or because the integrator cannot continue."""
 TIME_LIMIT = int(hy.taylor_outcome.time_limit)
-GOES_ON = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
-"""Outcomes of lanes that stop only because another one does."""
+UNFINISHED = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
+"""heyoka's outcomes of lanes that stop only because another one does."""
 
 
-class HeyokaBatch:
-    """A ``BatchStepper`` on heyoka, for one system at fixed parameters.
+class BatchSimulator:
+    """Simulates steps of many states of one system at fixed parameters.
+
+    Parameters
+    ----------
+    dynamics : the walker under its control law, at its parameters.
+    max_switches : largest number of mode switches within a step.
+    """
+
+    def __init__(self, dynamics: Dynamics, *, max_switches: int = MAX_SWITCHES) -> None:
+        self.dynamics, self.system = dynamics, dynamics.system
+        self._table, self._modes = dynamics.system.transitions, dynamics.system.walker.modes()
+        self._arcs, self._resolver = BatchArcs(dynamics), BatchResolver(dynamics)
+        self._max_switches, self._ends = max_switches, np.array(segment_ends(dynamics))
+
+    def step(self, states: Array) -> StepOutcomes:
+        """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
+        motions = _Motions(states, self.dynamics)
+        stick, *slips = self._table.landed
+        moving = motions.states[:, -1] != 0
+        self._decide(motions, np.flatnonzero(~moving), self._table.at_rest(stick))
+        if not slips:
+            motions.end(np.flatnonzero(moving), Ending.PAINLEVE)
+        while (running := np.flatnonzero(motions.endings < 0)).size:
+            codes = motions.modes[running]
+            for code in np.unique(codes):
+                mode, rows = self._modes[code], running[codes == code]
+                segments = motions.segments[rows]
+                arrivals = self._arcs.advance(
+                    mode, segments, motions.times[rows], motions.states[rows], self._ends[segments]
+                )
+                motions.arrive(rows, code, arrivals)
+                for event in np.unique(arrivals.events):
+                    self._follow(motions, mode, event, rows[arrivals.events == event])
+        return motions.outcomes()
+
+    def _follow(self, motions: "_Motions", mode: Mode, event: int, rows: Indices) -> None:
+        """Continue the given rows, all in the same mode, after the same event."""
+        if event == FAILURE:
+            motions.end(rows, Ending.NUMERICAL)
+            return
+        if event == LIMIT:  # a segment of the control has ended
+            last = motions.segments[rows] == len(self._ends) - 1
+            motions.end(rows[last], Ending.NO_TOUCHDOWN)
+            motions.segments[rows[~last]] += 1
+            self._continue(motions, rows[~last])
+            return
+        transition = [*self._table.of(mode).values()][event]
+        if transition.ending is not None:
+            motions.end(rows, transition.ending)
+            return
+        if transition.ends_step:
+            impacts, endings, states, step_lengths = self._resolver.land(motions.states[rows])
+            motions.impacts[rows], motions.endings[rows] = impacts, endings
+            motions.states[rows], motions.step_lengths[rows] = states, step_lengths
+            return
+        motions.switches[rows] += 1
+        chattering = motions.switches[rows] > self._max_switches
+        motions.end(rows[chattering], Ending.CHATTERING)
+        rows = rows[~chattering]
+        if transition.reset is not None:
+            modes, endings, states = self._resolver.strike(transition, motions.states[rows])
+            motions.states[rows] = states
+            motions.choose(rows, modes, endings)
+            self._continue(motions, rows[endings == 0])
+        elif transition.at_rest:
+            motions.states[rows, -1] = 0.0
+            self._decide(motions, rows, transition.candidates)
+        else:
+            motions.modes[rows] = self._modes.index(transition.candidates[0])
+
+    def _continue(self, motions: "_Motions", rows: Indices) -> None:
+        """After a jump of the torques forces decide about feet at rest; any other mode continues."""
+        codes = motions.modes[rows]
+        for code in np.unique(codes):
+            if self._modes[code].sticks:
+                self._decide(motions, rows[codes == code], self._table.at_rest(self._modes[code]))
+
+    def _decide(self, motions: "_Motions", rows: Indices, candidates: tuple[Mode, ...]) -> None:
+        modes, endings = self._resolver.mode_at_rest(
+            candidates, motions.times[rows], motions.states[rows], motions.segments[rows]
+        )
+        motions.choose(rows, modes, endings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrivals:
+    """Ends of arcs.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,) - time since the last impact [s].
+    states : ndarray, shape (n, n_z).
+    events : ndarray, shape (n,) - index in ``margin_names`` of the margin that fell to zero, ``LIMIT`` or ``FAILURE``.
+    """
+
+    times: Array
+    states: Array
+    events: Indices
+
+
+class _Motions:
+    """The steps so far; an ending of -1 means that a motion continues."""
+
+    def __init__(self, states: Array, dynamics: Dynamics) -> None:
+        n, system = len(states), dynamics.system
+        self._names, self._all_modes = system.state_names, system.walker.modes()
+        self.states = np.array(states, dtype=float)
+        self.states[:, system.n_shape] = 0.0
+        self.states[np.abs(self.states[:, -1]) <= AT_REST * dynamics.scales.speed, -1] = 0.0
+        self.times, self.step_lengths = np.zeros(n), np.full(n, np.nan)
+        self.segments, self.switches = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
+        slips = CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)
+        dx = self.states[:, -1]
+        self.modes = np.select([dx > 0, dx < 0], slips, default=CONTACTS.index(Mode.STICK))  # with all stops free
+        self.endings, self.impacts = np.full(n, -1), np.full(n, NONE)
+        self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
+
+    def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
+        """Record arcs in one mode: across a breakpoint a phase continues, and an arc without duration is no phase."""
+        base, most = len(self._all_modes) + 1, max_phases(self._all_modes)
+        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % base != code + 1)]
+        self._n_phases[new] += 1
+        self.phases[new] = np.where(self._n_phases[new] > most, 0, self.phases[new] * base + code + 1)
+        self.times[rows], self.states[rows] = arrivals.times, arrivals.states
+
+    def end(self, rows: Indices, ending: Ending) -> None:
+        """End the motion of the given rows."""
+        self.endings[rows] = ENDINGS.index(ending)
+
+    def choose(self, rows: Indices, modes: Codes, endings: Codes) -> None:
+        """Continue in ``modes``, where no ending is given."""
+        self.modes[rows] = modes
+        self.endings[rows[endings > 0]] = endings[endings > 0]
+
+    def outcomes(self) -> StepOutcomes:
+        """The steps, once all have ended."""
+        return StepOutcomes(
+            names=self._names,
+            states=self.states,
+            endings=self.endings,
+            times=self.times,
+            step_lengths=self.step_lengths,
+            phases=self.phases,
+            impacts=self.impacts,
+            modes=self._all_modes,
+        )
+
+
+class BatchResolver:
+    """Decides about the feet of many states of one system at fixed parameters."""
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._system, self._natural = dynamics.system, NaturalDynamics(dynamics)
+        self._friction, self._stick_first = dynamics.static_friction, stick_comes_first(dynamics)
+        self._one_by_one = ContactResolver(dynamics)
+        system, p = dynamics.system, dynamics.p
+        self._modes, self._data = system.walker.modes(), _segment_data(dynamics)
+        table = system.transitions
+        self._ground = tuple(mode.contact for mode in table.landed)
+        stuck, slips = table.margin_names(Mode.STICK), table.margin_names(Mode.SLIP_FORWARD)
+        self._normal_force, self._painleve = stuck.index("normal_force"), slips.index("painleve")
+        self._cone = [stuck.index(name) for name in CONE.values()]
+        self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
+        self._impacts = HeyokaRowMap(system.impacts(self._ground), {1: p})
+        self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
+
+    def mode_at_rest(
+        self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices
+    ) -> tuple[Codes, Codes]:
+        """Modes of feet at rest and, where there is none, endings; both of shape (n,).
+
+        Parameters
+        ----------
+        candidates : what the feet can do, the same for all; stick first.
+        times : ndarray, shape (n,) - times since the last impact [s].
+        states : ndarray, shape (n, n_z).
+        segments : ndarray, shape (n,) - segments of the control.
+        """
+        if not times.size:
+            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        if candidates not in self._rests:
+            stuck, *slips = grounded(candidates)
+            fixed = {2: self._natural.parameters[stuck], 4: self._natural.margins[[stuck, *slips][-1]]}
+            self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
+        taus, zetas = times / self._natural.time, states / self._natural.state
+        _, margins, rates, *slipping = self._rests[candidates](taus[:, None], zetas, self._data[segments])
+        f_n, cone = margins[:, self._normal_force], [margins[:, k] for k in self._cone]
+        possible = [(f_n > EDGE) & (cone[0] > 0) & (cone[1] > 0)]
+        possible += [(edge < 0) & (slip[:, self._normal_force] > 0) for edge, slip in zip(cone, slipping, strict=False)]
+        decided = [np.abs(margins[:, k]) > EDGE + INSTANT * np.abs(rates[:, k]) for k in self._cone]
+        unique = [(slip[:, self._painleve] > 0) & (slip[:, self._normal_force] >= 0) for slip in slipping]
+        clear = np.all([*decided, *unique, np.abs(f_n) > EDGE, np.sum(possible, axis=0) == 1], axis=0)
+        modes = self._modes.index(candidates[0]) + np.argmax(possible, axis=0)
+        endings = np.zeros_like(modes)
+        for k in np.flatnonzero(~clear):
+            decision = self._one_by_one.mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
+            if isinstance(decision, Termination):
+                modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
+            else:
+                modes[k] = self._modes.index(decision)
+        return modes, endings
+
+    def strike(self, transition: Transition, states: Array) -> tuple[Codes, Codes, Array]:
+        """Modes just after a stop has locked, endings where no impact is possible, and states after it."""
+        modes, endings, after = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), np.int64), states.copy()
+        for k, state in enumerate(states):
+            struck = self._one_by_one.strike(transition, state)
+            if isinstance(struck, Termination):
+                modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
+            else:
+                modes[k], after[k] = self._modes.index(struck[0]), struck[1]
+        return modes, endings, after
+
+    def land(self, states: Array) -> tuple[Codes, Codes, Array, Array]:
+        """Impacts at touchdown, endings where there is none, states after them and step lengths [m]."""
+        n, n_z = states.shape
+        columns, approach = self._impacts(states)
+        candidates = columns.reshape(n, len(self._ground), -1)
+        f_t, f_n, slip_velocities = candidates[:, :, n_z], candidates[:, :, n_z + 1], candidates[:, :, n_z + 2]
+        consistent = np.column_stack(
+            [
+                is_consistent_impact(mode, f_t[:, k], f_n[:, k], slip_velocities[:, k], self._friction)
+                for k, mode in enumerate(self._ground)
+            ]
+        )
+        if self._stick_first:
+            consistent[:, 1:] &= ~consistent[:, :1]
+        impacts = np.argmax(consistent, axis=1)
+        chosen = candidates[np.arange(n), impacts]
+        after, lift_velocities = chosen[:, :n_z], chosen[:, n_z + 3]
+        x, endings = self._system.n_shape, np.zeros_like(impacts)
+        step_lengths = after[:, x].copy()
+        after[:, x] = 0.0
+        clear = comes_down(approach[:, 0], self._natural.speed) & (consistent.sum(axis=1) == 1)
+        clear &= ~is_at_edge(f_t[:, 0], f_n[:, 0], self._friction)
+        if "lift_velocity" in self._system.transitions.of_impact(Mode.STICK):
+            clear &= lift_velocities > 0
+        if self._push is not None:
+            p_t, p_n = self._push(states)[0].T
+            clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
+        for k in np.flatnonzero(~clear):
+            decision = self._one_by_one.impact(states[k])
+            if isinstance(decision, ImpactRecord):
+                impacts[k] = CONTACTS.index(decision.mode)
+                after[k], step_lengths[k] = decision.state, decision.step_length
+            else:
+                impacts[k], endings[k] = NONE, ENDINGS.index(decision.ending)
+                after[k], step_lengths[k] = states[k], np.nan
+        return impacts, endings, after, step_lengths
+
+
+class BatchArcs:
+    """Integrates arcs of many states of one system at fixed parameters.
 
     Parameters
     ----------
@@ -47,12 +324,13 @@ class HeyokaBatch:
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        self._system, self._units = dynamics.system, units(dynamics)
-        system = dynamics.system
-        self._points = {mode: self._compiled(mode) for mode in system.walker.modes()}
-        self._constants: dict[Mode, Array] = {}
-        self._alone = HeyokaStepper(dynamics)
-        self.data = np.array([system.data(k) for k in range(len(system.control.breakpoints) + 1)])
+        self._natural, self._table = NaturalDynamics(dynamics), dynamics.system.transitions
+        self._points = {
+            mode: HeyokaRowMap(self._natural.functions.point(mode), {2: self._natural.parameters[mode]})
+            for mode in dynamics.system.walker.modes()
+        }
+        self._integrators: dict[Mode, tuple[Integrator, Array]] = {}
+        self._alone, self._data = HeyokaStepper(dynamics), _segment_data(dynamics)
 
     @np.errstate(all="ignore")  # where the equations are singular, forces are infinite
     def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:
@@ -64,54 +342,54 @@ class HeyokaBatch:
         times, limits : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z) - states at ``times``.
         """
-        unit = self._units
-        taus, zetas = times / unit.time, states / unit.state
-        _, margins, rates = start = self._point(mode, segments, taus, zetas)
-        fallen = self._fallen(mode, segments, taus, zetas, start)
-        moved = np.flatnonzero(~fallen.any(axis=1) & (times < limits))
-        ends = Arrivals(times=taus.copy(), states=zetas, events=_first(self._names(mode), fallen, LIMIT))
-        lifts = [lift(*column) for column in zip(self._names(mode), margins.T, rates.T, strict=True)]
-        constants = np.column_stack([self._runtime(mode)[segments], *lifts])
-        if moved.size:
-            taylor = batch_integrator(self._system, mode).taylor
-            speeds = np.nan_to_num(np.abs(start[0][moved]).max(axis=1), nan=np.inf)
-            _Lanes(taylor, constants, limits / unit.time, ends, moved, moved[np.argmin(speeds)]).run()
-        self._land_at_limits(mode, segments, ends, moved)
-        far = self._locate(mode, segments, ends, moved, taus, margins)
-        arrivals = Arrivals(times=times.copy(), states=states.copy(), events=ends.events)
-        at_limit = ends.events[moved] == LIMIT
-        arrivals.times[moved] = np.where(at_limit, limits[moved], np.fmax(ends.times[moved] * unit.time, times[moved]))
-        arrivals.states[moved] = ends.states[moved] * unit.state
-        for k in far:
-            self._advance_alone(mode, self.data[segments[k]], times[k], states[k], limits[k], arrivals, k)
-        return arrivals
-
-    def _fallen(self, mode: Mode, segments: Indices, taus: Array, zetas: Array, start: list[Array]) -> Flags:
-        """Which margins do not hold from the start."""
-        flow, margins, rates = start
+        natural, names = self._natural, self._table.margin_names(mode)
+        taus, zetas = times / natural.time, states / natural.state
+        flow, margins, rates = self._point(mode, segments, taus, zetas)
         bends = np.zeros_like(rates)
         close = np.flatnonzero(bends_decide(margins, rates).any(axis=1))
         if close.size:
-            later = self._point(mode, segments[close], taus[close] + LOOK, zetas[close] + LOOK * flow[close])[2]
-            bends[close] = (later - rates[close]) / LOOK
-        columns = zip(self._names(mode), margins.T, rates.T, bends.T, strict=True)
-        return np.column_stack([falls(*column) for column in columns])
-
-    def _land_at_limits(self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices) -> None:
-        """Where the swing foot touches down at a time limit, this is the event."""
-        rows = moved[ends.events[moved] == LIMIT]
-        if rows.size:
-            _, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows])
-            ends.events[rows[is_touchdown(margins[:, 0], rates[:, 0])]] = 0
+            ahead = taus[close] + LOOK_AHEAD, zetas[close] + LOOK_AHEAD * flow[close]
+            bends[close] = (self._point(mode, segments[close], *ahead)[2] - rates[close]) / LOOK_AHEAD
+        violated = np.column_stack(
+            [falls_at_start(*column) for column in zip(names, margins.T, rates.T, bends.T, strict=True)]
+        )
+        ends = Arrivals(times=taus.copy(), states=zetas, events=_first_by_priority(names, violated))
+        moved = np.flatnonzero(~violated.any(axis=1) & (times < limits))
+        if moved.size:
+            compiled, constants = self._integrator(mode)
+            lifts = [lift(*column) for column in zip(names, margins.T, rates.T, strict=True)]
+            pars = np.column_stack([constants[segments], *lifts])
+            speeds = np.nan_to_num(np.abs(flow[moved]).max(axis=1), nan=np.inf)
+            _Lanes(compiled.taylor, pars, limits / natural.time, ends, moved, moved[np.argmin(speeds)]).run()
+        slow = self._locate(mode, segments, ends, moved, taus, margins)
+        arrivals = Arrivals(times=times.copy(), states=states.copy(), events=ends.events)
+        latest = np.fmax(ends.times[moved] * natural.time, times[moved])
+        arrivals.times[moved] = np.where(ends.events[moved] == LIMIT, limits[moved], latest)
+        arrivals.states[moved] = ends.states[moved] * natural.state
+        at_limit = np.flatnonzero(ends.events == LIMIT)
+        if at_limit.size:
+            end = self._point(mode, segments[at_limit], ends.times[at_limit], ends.states[at_limit])
+            falling = [falls_at_limit(*column) for column in zip(names, end[1].T, end[2].T, strict=True)]
+            ends.events[at_limit] = _first_by_priority(names, np.column_stack(falling))
+        for k in slow:
+            arrival = self._alone.advance(mode, int(segments[k]), float(times[k]), states[k], float(limits[k]))
+            arrivals.times[k], arrivals.states[k] = arrival.time, arrival.state
+            event = FAILURE if arrival.failure else LIMIT
+            arrivals.events[k] = event if arrival.event is None else names.index(arrival.event)
+        return arrivals
 
     def _locate(
         self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices, starts: Array, first: Array
     ) -> Indices:
-        """Go from the roots of lifted margins to those of the margins, and tell which of simultaneous events counts.
+        """Move from the roots of lifted margins to those of the margins, and rank simultaneous events.
 
-        Returns the rows whose events are so slow that they are not located in one step of Newton's method.
+        Returns the rows whose margins fall so slowly that one Newton step does not locate the root.
+
+        Parameters
+        ----------
+        starts, first : ndarrays, shapes (n,) and (n, n_margins) - times and margins at the starts of the arcs.
         """
-        rows = moved[ends.events[moved] >= 0]
+        rows, names = moved[ends.events[moved] >= 0], self._table.margin_names(mode)
         if not rows.size:
             return rows
         flow, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows])
@@ -121,46 +399,31 @@ class HeyokaBatch:
         shift = np.where(linear, shift, 0.0)
         ends.times[rows] += shift
         ends.states[rows] += shift[:, None] * flow
-        together = coincides(margins + shift[:, None] * rates, rates)
-        together[:, 0] &= (first[rows, 0] > EDGE) | (ends.times[rows] > starts[rows] + INSTANT)
-        together[fired] = True
-        ends.events[rows] = _first(self._names(mode), together, LIMIT)
+        armed = np.column_stack([is_armed(*column) for column in zip(names, first[rows].T, strict=True)])
+        armed |= (ends.times[rows] > starts[rows] + INSTANT)[:, None]
+        simultaneous = coincides(margins + shift[:, None] * rates, rates) & armed
+        simultaneous[fired] = True
+        ends.events[rows] = _first_by_priority(names, simultaneous)
         return rows[~linear]
-
-    def _advance_alone(
-        self, mode: Mode, data: Array, time: float, state: Array, limit: float, arrivals: Arrivals, row: int
-    ) -> None:
-        """One arc by the scalar stepper."""
-        arrival = self._alone.advance(mode, data, float(time), state, float(limit))
-        arrivals.times[row], arrivals.states[row] = arrival.time, arrival.state
-        event = FAILURE if arrival.failure else LIMIT
-        arrivals.events[row] = event if arrival.event is None else self._names(mode).index(arrival.event)
-
-    def _names(self, mode: Mode) -> tuple[str, ...]:
-        return self._system.transitions.margin_names(mode)
 
     def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array) -> list[Array]:
         """Rates of states, margins and their rates."""
-        return self._points[mode](taus[:, None], zetas, self.data[segments])
+        return self._points[mode](taus[:, None], zetas, self._data[segments])
 
-    def _compiled(self, mode: Mode) -> HeyokaRowMap:
-        return HeyokaRowMap(natural_system(self._system).point(mode), {2: self._units.parameters[mode]})
-
-    def _runtime(self, mode: Mode) -> Array:
-        """Runtime parameters on every segment of the control; shape (n_segments, n_par)."""
-        if mode not in self._constants:
-            integrator = batch_integrator(self._system, mode)
-            self._constants[mode] = np.array(
-                [integrator.values(self._units.parameters[mode], data) for data in self.data]
-            )
-        return self._constants[mode]
+    def _integrator(self, mode: Mode) -> tuple[Integrator, Array]:
+        """The integrator of a mode, and its runtime parameters on every segment; shape (n_segments, n_par)."""
+        if mode not in self._integrators:
+            compiled = integrator(self._natural.functions.arc(mode), lanes=LANES)
+            parameters = self._natural.parameters[mode]
+            self._integrators[mode] = compiled, np.array([compiled.values(parameters, data) for data in self._data])
+        return self._integrators[mode]
 
 
 class _Lanes:
-    """One pass of arcs through the lanes of a batch integrator.
+    """Arcs that pass through the lanes of a batch integrator.
 
-    Behind the arcs of all rows, as row -1, is that of the row ``idle`` without its length, where lanes rest that have
-    nothing left to do. It should be a harmless one: what becomes infinite in a lane stops all of them.
+    Lanes without an arc idle at the start of the row ``idle``, which is copied behind all others as row -1. It should
+    move slowly: an infinite number in one lane stops all of them.
     """
 
     def __init__(
@@ -175,23 +438,30 @@ class _Lanes:
     def run(self) -> None:
         """Integrate the arcs of the rows ``waiting``; their ends replace the starts in the arrivals."""
         queue, taylor, rows, counts = iter(self._waiting.tolist()), self._taylor, self._rows, self._counts
+        arrivals = self._arrivals
         self._load(range(LANES), queue)
         while max(rows) >= 0:
-            taylor.propagate_until(self._stops, max_steps=MAX_TAYLOR_STEPS - max(counts))  # or to the first event
+            taylor.propagate_until(self._stops, max_steps=MAX_ARC_STEPS - max(counts))  # or to the first event
             ended = []
             for lane, (outcome, _, _, steps) in enumerate(taylor.propagate_res):
                 counts[lane] += steps
                 code = int(outcome)
-                if code not in GOES_ON or counts[lane] >= MAX_TAYLOR_STEPS:
-                    if rows[lane] >= 0:
-                        self._record(lane, code)
+                if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS:
+                    if (row := rows[lane]) >= 0:
+                        arrivals.times[row], arrivals.states[row] = taylor.time[lane], self._state[lane]
+                        arrivals.events[row] = code
                     ended.append(lane)
             if ended:
                 self._load(ended, queue)
-        self._decode()
+        # heyoka's outcomes become events; no state of a motion that became infinite is known after its start
+        codes = arrivals.events[self._waiting]
+        others = np.where(codes == TIME_LIMIT, LIMIT, FAILURE)
+        arrivals.events[self._waiting] = np.where((codes < 0) & (codes >= -len(taylor.t_events)), -codes - 1, others)
+        for row in self._waiting[~np.isfinite(arrivals.states[self._waiting]).all(axis=1)]:
+            arrivals.times[row], arrivals.states[row] = self._times[row], self._states[row]
 
     def _load(self, lanes: Iterable[int], queue: Iterator[int]) -> None:
-        """Put the next arcs into some lanes, one by one, as NumPy takes ten times as long for a list of indices."""
+        """Put the next arcs into some lanes, one by one: NumPy takes ten times as long for a list of indices."""
         high, low = (part.copy() for part in self._taylor.dtime)  # the other lanes keep the low part of their time
         for lane in lanes:
             self._rows[lane] = row = next(queue, -1)
@@ -201,25 +471,15 @@ class _Lanes:
             self._taylor.reset_cooldowns(lane)
         self._taylor.set_dtime(high, low)
 
-    def _record(self, lane: int, outcome: int) -> None:
-        """Write down where the arc in a lane ends."""
-        row, arrivals = self._rows[lane], self._arrivals
-        arrivals.times[row], arrivals.states[row] = self._taylor.time[lane], self._state[lane]
-        arrivals.events[row] = outcome
 
-    def _decode(self) -> None:
-        """From heyoka's outcomes to events; of a motion that became infinite nothing is known beyond the start."""
-        arrivals, rows = self._arrivals, self._waiting
-        codes = arrivals.events[rows]
-        others = np.where(codes == TIME_LIMIT, LIMIT, FAILURE)
-        arrivals.events[rows] = np.where((codes < 0) & (codes >= -len(self._taylor.t_events)), -codes - 1, others)
-        lost = rows[~np.isfinite(arrivals.states[rows]).all(axis=1)]
-        for row in lost:
-            arrivals.times[row], arrivals.states[row] = self._times[row], self._states[row]
-
-
-def _first(names: Sequence[str], flags: Flags, otherwise: int) -> Indices:
-    """For each row the flagged margin that comes first by priority; shape (n,)."""
+def _first_by_priority(names: Sequence[str], events: Flags) -> Indices:
+    """For each row the simultaneous event that counts, ``LIMIT`` where there is none; shape (n,)."""
     order = np.argsort([priority(name) for name in names])
-    first = order[np.argmax(flags[:, order], axis=1)]
-    return np.where(flags.any(axis=1), first, otherwise)
+    first = order[np.argmax(events[:, order], axis=1)]
+    return np.where(events.any(axis=1), first, LIMIT)
+
+
+def _segment_data(dynamics: Dynamics) -> Array:
+    """Data of all segments of the control; shape (n_segments, n_r)."""
+    control = dynamics.system.control
+    return np.array([dynamics.system.data(k) for k in range(len(control.breakpoints) + 1)])

@@ -1,13 +1,13 @@
-"""The forward hybrid simulator: from a state after impact to any number of steps, without knowing the mode sequence.
+"""The forward hybrid simulator: from a state after impact to any number of steps; the mode sequence is not given.
 
-On every arc one mode holds and dz/dt = flow_mode(t, z, p, r) is integrated to its first event; at the event the next
-mode follows from the forces, and at touchdown the impact from the impulses. Gamus & Or (2013), section II.
+On every arc one mode holds and dz/dt = flow_mode(t, z, p, r) is integrated to its first event. The next mode follows
+from the contact forces at the event, or at touchdown from the impulses. Gamus & Or (2013), section II. Guards, resets
+and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` chooses among the candidates.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cached_property
 from math import isfinite
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,40 +18,37 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
+from gaitopt.simulation.engine import Engine, Stepper, choose_engine
 from gaitopt.simulation.events import AT_REST
-from gaitopt.simulation.natural import units
-from gaitopt.simulation.scipy_stepper import ATOL, RTOL, ScipyStepper
-from gaitopt.simulation.stepper import Arrival, Stepper, sample
+from gaitopt.simulation.outcomes import StepOutcome
+from gaitopt.simulation.scipy_stepper import ScipyStepper
 
 MAX_STEP_TIME = 50.0
-"""A walker that has not touched down by then, in units of sqrt(l / g), no longer walks: 20 s for legs of 1.6 m."""
+"""Longest time from impact to impact, in units of sqrt(l / g): 20 s for legs of 1.6 m. No walk takes as long."""
 MAX_SWITCHES = 50
-"""Mode switches within a step after which it is called chattering; walking takes a handful."""
+"""Largest number of mode switches in a step; more are called chattering. Walking takes a handful."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StepOutcome:
-    """One simulated step.
+def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
+    """The stepper of an engine; see ``choose_engine``.
 
-    Attributes
-    ----------
-    step : the arcs and the impact; None when the motion ended before any time had passed.
-    ending : ``completed`` when the step ended with an impact, else why the motion ended.
-    message : the same in words, with time and state.
+    Raises
+    ------
+    UnknownNameError
+        If there is no such engine, or it is not installed.
     """
+    if choose_engine(engine, steps=steps) is Engine.SCIPY:
+        return ScipyStepper
+    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # optional, and takes 0.2 s to import
 
-    step: Step | None
-    ending: Ending
-    message: str
+    return HeyokaStepper
 
 
-class _Moment(NamedTuple):
-    """How far a step has come."""
-
-    time: float
-    state: Array
-    segment: int
-    switches: int
+def segment_ends(dynamics: Dynamics) -> tuple[float, ...]:
+    """Times since the impact at which the segments of the control end [s]; the last one is the time limit of a step."""
+    control = dynamics.system.control
+    limit = min(MAX_STEP_TIME * dynamics.scales.time, control.horizon)
+    return (*(t for t in control.breakpoints if t < limit), limit)
 
 
 class Simulator:
@@ -60,14 +57,13 @@ class Simulator:
     Parameters
     ----------
     dynamics : the walker under its control law, at its parameters.
-    rtol, atol : tolerances of the default stepper, ``atol`` in natural units.
-    max_step_time : longest time from impact to impact [s]; ``MAX_STEP_TIME`` natural units unless given.
+    stepper : creates the integrator of the arcs from ``dynamics``: a subclass of ``Stepper``.
     max_switches : largest number of mode switches within a step.
-    stepper : what integrates the arcs; scipy's DOP853 unless given.
 
     Attributes
     ----------
     dynamics, system : as given.
+    stepper : the integrator.
 
     Raises
     ------
@@ -78,43 +74,23 @@ class Simulator:
     def __init__(
         self,
         dynamics: Dynamics,
+        stepper: Callable[[Dynamics], Stepper] = ScipyStepper,
         *,
-        rtol: float = RTOL,
-        atol: float = ATOL,
-        max_step_time: float | None = None,
         max_switches: int = MAX_SWITCHES,
-        stepper: Stepper | None = None,
     ) -> None:
         _finite_vector("parameters", dynamics.p, dynamics.system.parameters)
-        self.dynamics = dynamics
-        self.system = system = dynamics.system
-        self._max_switches, self._max_step_time = max_switches, max_step_time
-        self.stepper = ScipyStepper(dynamics, rtol=rtol, atol=atol) if stepper is None else stepper
-        self._table = system.transitions
-        self._resolver = ContactResolver(dynamics)
-        self._units = units(dynamics)
-        longest = MAX_STEP_TIME * self._units.time if max_step_time is None else max_step_time
-        self._limit = min(longest, system.control.horizon)
-        self._ends = (*(t for t in system.control.breakpoints if t < self._limit), self._limit)
+        self.dynamics, self.system = dynamics, dynamics.system
+        self.stepper = stepper(dynamics)
+        self._make_stepper, self._max_switches = stepper, max_switches
+        self._resolver, self._ends = ContactResolver(dynamics), segment_ends(dynamics)
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:
         """The simulators of the steps in turn, one for each of ``dynamics.steps``: itself first."""
-        longest, switches = self._max_step_time, self._max_switches
-        others = (
-            Simulator(dynamics, max_step_time=longest, max_switches=switches, stepper=self.stepper.at(dynamics))
-            for dynamics in self.dynamics.steps[1:]
-        )
-        return (self, *others)
+        others = self.dynamics.steps[1:]
+        return (self, *(Simulator(each, self._make_stepper, max_switches=self._max_switches) for each in others))
 
-    def run(
-        self,
-        state: Array,
-        steps: int = 1,
-        *,
-        dense: bool = False,
-        should_stop: Stop = None,
-    ) -> Trajectory:
+    def run(self, state: Array, steps: int = 1, *, dense: bool = False, should_stop: Stop = None) -> Trajectory:
         """Simulate up to ``steps`` steps from a state just after an impact.
 
         Parameters
@@ -154,112 +130,96 @@ class Simulator:
 
     def step(self, state: Array, *, dense: bool = False, number: int = 1) -> StepOutcome:
         """Simulate one step from a state just after an impact; ``number`` is its number in the message."""
-        moment = _Moment(0.0, self._after_impact(state), 0, 0)
-        mode: Mode | None = None
-        following: Mode | ImpactRecord | Termination = self._first_mode(moment)
+        table, time, z, segment, switches = self.system.transitions, 0.0, self._after_impact(state), 0, 0
         arcs: list[Arc] = []
+        mode: Mode | None = None
+        following = self._first_mode(z)
         while isinstance(following, Mode):
             mode = following
-            arrival = self._advance(mode, moment)
-            if arrival.time > moment.time:
-                arcs.append(self._arc(mode, moment, arrival, dense))
-            following, moment = self._follow(mode, moment, arrival)
-        if isinstance(following, ImpactRecord):
-            step = Step(arcs=tuple(arcs), impact=following)
-            return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed")
-        incomplete = Step(arcs=tuple(arcs), impact=None) if arcs else None
+            arrival = self.stepper.advance(mode, segment, time, z, self._ends[segment])
+            transition = None if arrival.event is None else table.of(mode)[arrival.event]
+            end = _stopped(arrival.state) if transition is not None and transition.at_rest else arrival.state
+            if arrival.time > time:
+                arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense))
+            time, z = arrival.time, end
+            if arrival.failure:
+                following = Termination(Ending.NUMERICAL, arrival.failure)
+                break
+            if transition is None:  # a segment of the control has ended
+                if segment < len(self._ends) - 1:
+                    segment += 1
+                    following = self._continued(mode, time, z, segment)
+                else:
+                    where = ", where the control law ends" if time == self.system.control.horizon else ""
+                    following = Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {time:g} s{where}")
+            elif transition.ending is not None:
+                following = Termination(transition.ending, transition.reason)
+            elif transition.ends_step:
+                landed = self._resolver.impact(z)
+                if isinstance(landed, ImpactRecord):
+                    return StepOutcome(
+                        step=Step(arcs=tuple(arcs), impact=landed),
+                        ending=Ending.COMPLETED,
+                        message=f"step {number} completed",
+                    )
+                following = landed
+            elif switches == self._max_switches:
+                words = f"more than {self._max_switches} mode switches in one step"
+                following = Termination(Ending.CHATTERING, words)
+            else:
+                switches += 1
+                following, z = self._switch(transition, time, z, segment)
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
+        where = "at the choice of the first mode" if mode is None else f"in mode {mode}"
         return StepOutcome(
-            step=incomplete, ending=following.ending, message=self._describe(following, number, mode, moment)
+            step=Step(arcs=tuple(arcs), impact=None) if arcs else None,
+            ending=following.ending,
+            message=f"{following.reason}: step {number}, {time:.6g} s after the impact, {where}, at {values}",
         )
 
     def _after_impact(self, state: Array) -> Array:
+        """A valid state with x = 0, and with its slip velocity zero where it is at rest."""
         z = _finite_vector("state", state, self.system.state_names)
         z[self.system.n_shape] = 0.0
-        return _at_rest(z) if abs(z[-1]) <= AT_REST * self._units.speed else z
+        return _stopped(z) if abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
 
-    def _first_mode(self, moment: _Moment) -> Mode | Termination:
-        slip_velocity = moment.state.item(-1)
-        if slip_velocity == 0:
-            return self._mode_at_rest(self._table.at_rest(self._table.landed[0]), moment)
-        slips = [mode for mode in self._table.landed if mode.direction * slip_velocity > 0]
-        return slips[0] if slips else Termination(Ending.PAINLEVE, CANNOT_SLIP)
+    def _first_mode(self, z: Array) -> Mode | Termination:
+        stick, *slips = self.system.transitions.landed
+        if z[-1] == 0:
+            return self._continued(stick, 0.0, z, 0)
+        following = [mode for mode in slips if mode.direction * z[-1] > 0]
+        return following[0] if following else Termination(Ending.PAINLEVE, CANNOT_SLIP)
 
-    def _mode_at_rest(self, candidates: tuple[Mode, ...], moment: _Moment) -> Mode | Termination:
-        data = self.system.data(moment.segment)
-        return self._resolver.mode_at_rest(candidates, moment.time, moment.state, data)
+    def _continued(self, mode: Mode, time: float, z: Array, segment: int) -> Mode | Termination:
+        """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues."""
+        if not mode.sticks:
+            return mode
+        return self._resolver.mode_at_rest(self.system.transitions.at_rest(mode), time, z, segment)
 
-    def _touchdown(self, mode: Mode, moment: _Moment) -> Transition | None:
-        """The end of the step where it falls on a breakpoint of the control; the arc that follows could not see it."""
-        return self._resolver.touchdown(mode, moment.time, moment.state, self.system.data(moment.segment))
-
-    def _advance(self, mode: Mode, moment: _Moment) -> Arrival:
-        """The arc from here to its first event, the control's next breakpoint or the time limit."""
-        end, data = self._ends[moment.segment], self.system.data(moment.segment)
-        arrival = self.stepper.advance(mode, data, moment.time, moment.state, end)
-        stops = arrival.event is not None and self._table.of(mode)[arrival.event].at_rest
-        return arrival._replace(state=_at_rest(arrival.state)) if stops else arrival
-
-    def _arc(self, mode: Mode, moment: _Moment, arrival: Arrival, dense: bool) -> Arc:
-        times, states = np.array([moment.time, arrival.time]), np.array([moment.state, arrival.state])
-        if dense:
-            data = self.system.data(moment.segment)
-            times, states = sample(self.stepper, self._units, mode, data, moment.time, arrival.time, moment.state)
-            states[-1] = arrival.state
-        return Arc(dynamics=self.dynamics, mode=mode, segment=moment.segment, times=times, states=states)
-
-    def _follow(
-        self, mode: Mode, moment: _Moment, arrival: Arrival
-    ) -> tuple[Mode | ImpactRecord | Termination, _Moment]:
-        """What comes after an arc: a mode, the impact, or the end of the motion; and the moment it begins."""
-        here = _Moment(arrival.time, arrival.state, moment.segment, moment.switches)
-        if arrival.failure:
-            return Termination(Ending.NUMERICAL, arrival.failure), here
-        transition = self._touchdown(mode, here) if arrival.event is None else self._table.of(mode)[arrival.event]
-        if transition is None:
-            return self._pass_breakpoint(mode, here)
-        if transition.ending is not None:
-            return Termination(transition.ending, transition.reason), here
-        if transition.ends_step:
-            return self._resolver.impact(here.state), here
-        here = here._replace(switches=moment.switches + 1)
-        if here.switches > self._max_switches:
-            return Termination(Ending.CHATTERING, f"more than {self._max_switches} mode switches in one step"), here
+    def _switch(self, transition: Transition, time: float, z: Array, segment: int) -> tuple[Mode | Termination, Array]:
+        """The mode after an event within a step, and the state at its start."""
         if transition.reset is not None:
-            return self._strike(transition, here)
+            struck = self._resolver.strike(transition, z)
+            if isinstance(struck, Termination):
+                return struck, z
+            mode, z = struck
+            return self._continued(mode, time, z, segment), z
         if transition.at_rest:
-            return self._mode_at_rest(transition.candidates, here), here
-        return transition.candidates[0], here
+            return self._resolver.mode_at_rest(transition.candidates, time, z, segment), z
+        return transition.candidates[0], z
 
-    def _strike(self, transition: Transition, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
-        """What follows the impact of a stop, and the moment after it."""
-        struck = self._resolver.strike(transition, moment.state)
-        if isinstance(struck, Termination):
-            return struck, moment
-        mode, state = struck
-        return self._decided_again(mode, moment._replace(state=state))
-
-    def _decided_again(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
-        """The mode of a foot at rest follows from the forces; any other mode goes on."""
-        return (self._mode_at_rest(self._table.at_rest(mode), moment) if mode.sticks else mode), moment
-
-    def _pass_breakpoint(self, mode: Mode, moment: _Moment) -> tuple[Mode | Termination, _Moment]:
-        """The next segment of the control; its torques may jump, and the mode of a foot at rest is decided again."""
-        if moment.segment == len(self._ends) - 1:
-            where = ", where the control law ends" if self._limit == self.system.control.horizon else ""
-            return Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {self._limit:g} s{where}"), moment
-        moment = moment._replace(segment=moment.segment + 1)
-        return self._decided_again(mode, moment)
-
-    def _describe(self, termination: Termination, number: int, mode: Mode | None, moment: _Moment) -> str:
-        values = ", ".join(
-            f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, moment.state, strict=True)
-        )
-        where = "in mode " + mode if mode is not None else "at the choice of the first mode"
-        return f"{termination.reason}: step {number}, {moment.time:.6g} s after the impact, {where}, at {values}"
+    def _arc(
+        self, mode: Mode, segment: int, ends: tuple[float, float], states: tuple[Array, Array], dense: bool
+    ) -> Arc:
+        times, sampled = np.array(ends), np.array(states)
+        if dense:
+            times, sampled = self.stepper.sample_arc(mode, segment, states[0], *ends)
+            sampled[-1] = states[1]
+        return Arc(dynamics=self.dynamics, mode=mode, segment=segment, times=times, states=sampled)
 
 
-def _at_rest(state: Array) -> Array:
-    """The state with the slip velocity exactly zero; what was left of it is rounding."""
+def _stopped(state: Array) -> Array:
+    """The state with a slip velocity of exactly zero instead of its rounding."""
     state = state.copy()
     state[-1] = 0.0
     return state

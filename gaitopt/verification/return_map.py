@@ -2,13 +2,13 @@
 
 xi -> Pi(xi),      Newton:  xi <- xi - t (DPi - I)^-1 (Pi(xi) - xi)            Gamus & Or (2013), section II.C
 
-t is 1 next to a fixed point; from afar it is the first of 1, 1/2, ... with which the defect falls. DPi follows from
+t is 1 next to a fixed point; from afar it is the first of 1, 1/2, ... that reduces the defect. DPi follows from
 variational equations and saltation,
 
     d/dt Z = f_z Z  along every arc,     Z -> S Z  at every switch,     Z -> R_z (I - f grad g' / g_dot) Z  at impact
 
-with the saltation matrix S of ``model.dynamics``. A breakpoint of the control lies at a fixed time since the impact,
-the same for every neighbouring motion, so that it leaves deviations as they are.
+with the saltation matrix S of ``model.dynamics``. A breakpoint of the control has a fixed time since the impact, the
+same for all neighbouring motions, so that it leaves deviations as they are.
 
 ``return_map`` applies the map to thousands of states at once: arrays in, arrays and named outcomes out.
 """
@@ -21,33 +21,30 @@ from typing import Any
 
 import numpy as np
 from casadi import Function
-from numpy.typing import NDArray
 
-from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import RowMap, buffered
 from gaitopt.model.dynamics import Dynamics, projection, saltation
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending, margin_unit
 from gaitopt.problem.problem import Problem
-from gaitopt.simulation.batch import ENDINGS, BatchSimulator, BatchSteps, followed_by, phase_names, stack_outcomes
 from gaitopt.simulation.engine import Engine, choose_engine
-from gaitopt.simulation.simulator import Simulator, StepOutcome
+from gaitopt.simulation.outcomes import ARRAYS, StepOutcome, StepOutcomes, stack_outcomes
+from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 from gaitopt.threads import per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
-Codes = NDArray[np.int64]
-
 AT_EVENT = 1e-9
-"""A margin this close to zero, in natural units, has fallen; where a torque jumps at a breakpoint it is far from it."""
+"""A margin this close to zero, in natural units, has fallen. It is not close where a torque jumps."""
 ROUNDING = 1e-12
-"""Error of a simulated step in natural units, as far as it is not amplified."""
+"""Error of a simulated step in natural units, before its amplification by the map."""
 NEWTON_STEPS = 12
 CLOSE = 1e-9
-"""Defect, relative to the sizes of the coordinates, at which a damped search ends; another method polishes it."""
+"""Defect, relative to the sizes of the coordinates, at which a damped search ends; the solver refines the result."""
 LONGEST = 0.5
 """Longest step of a damped search, relative to the sizes of the coordinates."""
 DAMPING = (1.0, 0.5, 0.25, 0.125, 0.0625)
@@ -57,23 +54,22 @@ UNDEFINED = StepOutcome(
 )
 """Outcome where a coordinate or rate does not follow from the section, as for a runner too fast for its energy."""
 CHUNK = 4096
-"""States of one job: a tenth of a second of work, a third of a megabyte."""
+"""Number of states of one job: a tenth of a second of work, a third of a megabyte."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Return:
-    """One application of the return map.
+class CycleOutcome:
+    """One simulated cycle.
 
     Attributes
     ----------
-    xi : ndarray, shape (n_xi,) - section coordinates after the cycle, or None if it did not return to this section.
+    xi : ndarray, shape (n_xi,) - section coordinates after the cycle; None if it did not return to the section.
     steps : the simulated steps.
-    ending, message : ``completed``, or why it did not return.
+    message : why it did not return.
     """
 
     xi: Array | None
     steps: tuple[Step, ...]
-    ending: Ending
     message: str
 
 
@@ -85,10 +81,10 @@ class FixedPoint:
     ----------
     xi : ndarray, shape (n_xi,) - last iterate.
     residual : largest entry of Pi(xi) - xi in natural units; infinite where the map is not defined.
-    accuracy : residual that rounding causes: that of early events is amplified by the derivative of the map.
+    accuracy : residual that rounding causes; the derivative of the map amplifies that of early events.
     steps : the steps from ``xi``.
-    jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``, or None.
-    message : how it ended.
+    jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``; None where it is not defined.
+    message : why there is no derivative.
     """
 
     xi: Array
@@ -100,7 +96,7 @@ class FixedPoint:
 
     @property
     def converged(self) -> bool:
-        """Whether the residual is down at rounding."""
+        """Whether only rounding is left of the residual."""
         return self.residual <= self.accuracy
 
 
@@ -112,21 +108,20 @@ class ReturnMap:
         self._indices = simulator.system.section(section_mode)
         self._units = simulator.dynamics.state_units[self._indices]
 
-    def __call__(self, xi: Array) -> Return:
+    def __call__(self, xi: Array) -> CycleOutcome:
         """Simulate one cycle from section coordinates ``xi``."""
         trajectory = self.simulator.run(self.simulator.dynamics.lift(xi), steps=self.n_steps)
-        steps, ending, message = trajectory.steps, trajectory.ending, trajectory.message
+        steps, message, after = trajectory.steps, trajectory.message, None
         impact = steps[-1].impact if len(steps) == self.n_steps else None
-        if impact is None:
-            return Return(xi=None, steps=steps, ending=ending, message=message)
-        if impact.mode.sticks is not self.section_mode.sticks:
+        if impact is not None and impact.mode.sticks is self.section_mode.sticks:
+            after = impact.state[self._indices]
+        elif impact is not None:
             message = f"the impact ends with {impact.mode}, off the section of {self.section_mode}"
-            return Return(xi=None, steps=steps, ending=ending, message=message)
-        return Return(xi=impact.state[self._indices], steps=steps, ending=ending, message=message)
+        return CycleOutcome(xi=after, steps=steps, message=message)
 
-    @np.errstate(divide="ignore", invalid="ignore")  # an event that is grazed has no rate, and its map no derivative
+    @np.errstate(divide="ignore", invalid="ignore")  # at a grazed event the rate is zero
     def jacobian(self, steps: Sequence[Step]) -> Array:
-        """Derivative of the map along complete steps that start and end on the section, shape (n_xi, n_xi).
+        """Derivative of the map along complete steps from and to the section, shape (n_xi, n_xi).
 
         It is not finite if a step grazes an event.
         """
@@ -136,8 +131,10 @@ class ReturnMap:
         deviations = lift[:, : self._indices.size]
         for step, simulator in zip(steps, cycle(self.simulator.per_step), strict=False):
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
-                data, ends = system.data(arc.segment), arc.times[[0, -1]]
-                deviations = simulator.stepper.propagate_variations(arc.mode, data, arc.states[0], deviations, ends)
+                ends = arc.times[[0, -1]]
+                deviations = simulator.stepper.propagate_variations(
+                    arc.mode, arc.segment, arc.states[0], deviations, ends
+                )
                 if after is None or after.segment == arc.segment or _ends_at_breakpoint(arc, after):
                     deviations = _event(arc, after) @ deviations
             impact = system.impact_jacobian(step.final_impact.mode)
@@ -146,7 +143,7 @@ class ReturnMap:
         return np.asarray(deviations[self._indices])
 
     def fixed_point(self, xi: Array) -> FixedPoint:
-        """Newton's method from ``xi`` until Pi(xi) = xi up to rounding, as long as the residual falls."""
+        """Newton's method from ``xi``, until only rounding is left of the residual or it no longer falls."""
         point = self._evaluated(xi)
         for _ in range(NEWTON_STEPS):
             if point.converged or point.jacobian is None:
@@ -160,14 +157,14 @@ class ReturnMap:
         return point
 
     def damped_fixed_point(self, xi: Array, sizes: Array) -> tuple[Step, ...] | None:
-        """The steps of a fixed point's cycle, by damped Newton steps from ``xi``; None where there is none near.
+        """The cycle of a fixed point, by damped Newton steps from ``xi``; None if they do not converge.
 
         Parameters
         ----------
-        sizes : ndarray, shape (n_xi,) - of the coordinates.
+        sizes : ndarray, shape (n_xi,) - typical sizes of the coordinates.
         """
 
-        def size_of(result: Return, start: Array) -> float:
+        def size_of(result: CycleOutcome, start: Array) -> float:
             return np.inf if result.xi is None else float(np.abs((result.xi - start) / sizes).max())
 
         result = self(xi)
@@ -210,64 +207,24 @@ class ReturnMap:
         return jacobian * self._units / self._units[:, None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Returns(ReadOnlyArrays):
-    """One return to the section of each of n states: one step, or one with either leg where the legs differ.
-
-    Attributes
-    ----------
-    names : section coordinates, the columns of ``states``; ``dx`` is the last.
-    states : ndarray, shape (n, k) - section coordinates after the step; where it was not completed, at its end.
-    endings : ndarray, shape (n,) - index of the outcome in ``Ending``; 0 is ``completed``.
-    times : ndarray, shape (n,) - period, or the time at which the motion ended [s].
-    step_lengths : ndarray, shape (n,) - NaN where the step was not completed [m].
-    phases : ndarray, shape (n,) - the mode sequence as digits, 1 + index in ``modes``, in base ``len(modes) + 1``.
-    impacts : ndarray, shape (n,) - index of the impact's mode in ``modes``; -1 where the step was not completed.
-    modes : all modes of the walker.
-    """
-
-    names: tuple[str, ...]
-    states: Array
-    endings: Codes
-    times: Array
-    step_lengths: Array
-    phases: Codes
-    impacts: Codes
-    modes: tuple[Mode, ...] = CONTACTS
-
-    @property
-    def completed(self) -> NDArray[np.bool_]:
-        """Which steps were completed; shape (n,)."""
-        return self.endings == 0
-
-    @property
-    def outcomes(self) -> NDArray[np.str_]:
-        """The named outcomes; shape (n,)."""
-        return np.array([str(ending) for ending in ENDINGS])[self.endings]
-
-    def sequence(self, row: int) -> tuple[Mode, ...]:
-        """The mode sequence of one state."""
-        return phase_names(int(self.phases[row]), self.modes)
-
-
 def return_map(
     start: Problem | Gait, states: Array, *, engine: str = Engine.AUTO, workers: int = 1, should_stop: Stop = None
-) -> Returns:
-    """Walk one step, or one with either leg where the legs differ, from each of many states just after an impact.
+) -> StepOutcomes:
+    """Walk one step from each of many states just after an impact; one step with either leg if the legs differ.
 
-    The result of a state does not depend on the others, nor on their number, order or distribution over processes.
+    The result of a state depends neither on the other states nor on their number, order or distribution over processes.
 
     Parameters
     ----------
-    start : problem or gait whose walker, control and friction are used.
+    start : problem or gait; its walker, control and friction are used.
     states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest).
     engine : ``auto``, ``scipy`` or ``heyoka``.
-    workers : processes.
+    workers : number of processes.
 
     Raises
     ------
     ValueError
-        If ``states`` is not of such a shape, or not finite.
+        If ``states`` does not have such a shape, or is not finite.
     UnknownNameError
         If the engine is unknown or not installed.
     """
@@ -278,22 +235,25 @@ def return_map(
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
     arguments = [(problem, p, chosen, chunk) for chunk in chunks]
     if workers == 1:
-        return _joined([map_chunk(argument) for argument in arguments])
-    jobs = [Job(key=f"chunk-{k}-{id(xi)}", argument=argument) for k, argument in enumerate(arguments)]
-    results = dict(run_jobs(map_chunk, jobs, Workers(count=workers), should_stop=should_stop))
-    for result in results.values():
-        if isinstance(result, FailedJob):
-            raise RuntimeError(f"a chunk of states was not mapped: {result.reason}")
-    return _joined([results[job.key] for job in jobs])
+        parts = [map_chunk(argument) for argument in arguments]
+    else:
+        jobs = [Job(key=f"chunk-{k}-{id(xi)}", argument=argument) for k, argument in enumerate(arguments)]
+        results = dict(run_jobs(map_chunk, jobs, Workers(count=workers), should_stop=should_stop))
+        for result in results.values():
+            if isinstance(result, FailedJob):
+                raise RuntimeError(f"a chunk of states was not mapped: {result.reason}")
+        parts = [results[job.key] for job in jobs]
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
+    return replace(parts[0], **joined)
 
 
 def section_coordinates(problem: Problem, states: Array) -> Array:
-    """The states as a float array with all section coordinates, ``dx`` included; shape (n, k).
+    """The states as floats with all section coordinates, ``dx`` included; shape (n, k).
 
     Raises
     ------
     ValueError
-        If they are not of a shape that fits, or not finite.
+        If their shape is wrong, or they are not finite.
     """
     names = problem.walker.section_names(slipping=True)
     xi = np.asarray(states, dtype=float)
@@ -304,7 +264,7 @@ def section_coordinates(problem: Problem, states: Array) -> Array:
     return np.hstack([xi, np.zeros((len(xi), len(names) - xi.shape[1]))])
 
 
-def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> Returns:
+def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> StepOutcomes:
     """One chunk of ``return_map``; runs in any process."""
     problem, p, engine, xi = argument
     return step_map(problem, p, engine)(xi)
@@ -320,43 +280,37 @@ class StepMap:
         self._indices = system.section(Mode.SLIP_FORWARD)
         self._lift = RowMap(system.lift)
 
-    def __call__(self, xi: Array) -> Returns:
-        """One return of every state, a step or, where the legs differ, one with either; see ``section_coordinates``."""
+    def __call__(self, xi: Array) -> StepOutcomes:
+        """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
         (states,) = self._lift(xi, self.dynamics.p)
-        modes = self.dynamics.system.walker.modes()
         first, *others = self._steps
         walked = first(states)
         for step in others:
-            going = np.flatnonzero(walked.endings == 0)
-            if going.size:
-                walked = followed_by(walked, step(walked.states[going]), going, modes)
-        fields = {name: getattr(walked, name) for name in ("endings", "times", "step_lengths", "phases", "impacts")}
-        return Returns(names=self.names, states=walked.states[:, self._indices], modes=modes, **fields)
+            rows = np.flatnonzero(walked.completed)
+            if rows.size:
+                walked = walked.followed_by(step(walked.states[rows]), rows)
+        return replace(walked, names=self.names, states=walked.states[:, self._indices])
 
     @cached_property
-    def _steps(self) -> list[Callable[[Array], BatchSteps]]:
-        """One step of every state, shape (n, n_z), for each of ``dynamics.steps``."""
+    def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
+        """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
         if self._engine is Engine.HEYOKA:
+            from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
+
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
-        return [partial(_one_by_one, simulator) for simulator in Simulator(self.dynamics).per_step]
 
+        def one_by_one(simulator: Simulator, states: Array) -> StepOutcomes:
+            outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
+            return stack_outcomes(outcomes, states, simulator.system)
 
-def _one_by_one(simulator: Simulator, states: Array) -> BatchSteps:
-    outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
-    return stack_outcomes(outcomes, states, simulator.system.walker.modes())
+        return [partial(one_by_one, simulator) for simulator in Simulator(self.dynamics).per_step]
 
 
 @per_thread(maxsize=8)
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
-    """The map of a problem, built once in every thread; ``p`` if the parameters are not those of the problem."""
+    """The map of a problem, built once per thread; ``p`` are parameters other than those of the problem."""
     dynamics = problem_dynamics(problem)
     return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
-
-
-def _joined(parts: list[Returns]) -> Returns:
-    names = ("states", "endings", "times", "step_lengths", "phases", "impacts")
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return replace(parts[0], **joined)
 
 
 def _ends_at_breakpoint(arc: Arc, after: Arc) -> bool:

@@ -31,8 +31,8 @@ from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_
 from gaitopt.model.cycle import ModeSequence
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
-from gaitopt.simulation.engine import Engine, make_stepper
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.engine import Engine
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap
 
 AGREEMENT = 1e-9
@@ -155,7 +155,7 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
         If the engine is unknown or not installed.
     """
     check_gait(gait)
-    simulator = Simulator(gait.dynamics, stepper=make_stepper(gait.dynamics, engine))
+    simulator = Simulator(gait.dynamics, stepper_class(engine))
     cycle = gait.problem.cycle
     walked = simulator.run(gait.state, steps=len(cycle.steps), dense=True)
     claims = [_sequence_claim(gait, walked), *_margin_claims(gait), _energy_claim(gait)]

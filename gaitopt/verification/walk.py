@@ -17,8 +17,8 @@ from gaitopt.gait.trajectory import Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
-from gaitopt.simulation.engine import Engine, make_stepper
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.engine import Engine
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 
 
@@ -112,8 +112,8 @@ def simulate(
     problem = start.problem if isinstance(start, Gait) else start
     dynamics = start.dynamics if isinstance(start, Gait) else problem_dynamics(start)
     z = _initial_state(start, dynamics, state or {})
-    stepper = make_stepper(dynamics, engine, steps=steps)
-    trajectory = Simulator(dynamics, stepper=stepper).run(z, steps=steps, dense=dense, should_stop=should_stop)
+    simulator = Simulator(dynamics, stepper_class(engine, steps=steps))
+    trajectory = simulator.run(z, steps=steps, dense=dense, should_stop=should_stop)
     width = len(dynamics.system.state_names)
     states = states_after_impacts(start) if isinstance(start, Gait) else np.empty(0)
     return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))

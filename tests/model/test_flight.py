@@ -9,8 +9,7 @@ import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.simulation.engine import make_stepper
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from tests.named import named, verification
 
 Array = NDArray[np.float64]
@@ -137,16 +136,14 @@ def test_a_runner_whose_foot_sticks_moves_as_in_cartesian_equations() -> None:
 @pytest.mark.parametrize(("name", "spread"), [("hopper", 0.3), ("slip-run", 0.1), ("slip-run-foot", 0.05)])
 def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
     pytest.importorskip("heyoka")
-    from gaitopt.simulation.batch import ENDINGS, BatchSimulator
+    from gaitopt.simulation.heyoka_batch import BatchSimulator
+    from gaitopt.simulation.outcomes import ENDINGS
 
     gait = named(name)
     system, p = gait.system, gait.p
     xi, rng = gait.state[system.section(gait.problem.cycle.impact)], np.random.default_rng(0)
     states = np.array([Dynamics(system, p).lift(xi * (1 + spread * rng.uniform(-1, 1, xi.size))) for _ in range(20)])
-    scipy, heyoka = (
-        Simulator(Dynamics(system, p), stepper=make_stepper(Dynamics(system, p), engine))
-        for engine in ("scipy", "heyoka")
-    )
+    scipy, heyoka = (Simulator(Dynamics(system, p), stepper_class(engine)) for engine in ("scipy", "heyoka"))
     batch = BatchSimulator(Dynamics(system, p)).step(states)
     completed = 0
     for k, state in enumerate(states):

@@ -11,7 +11,7 @@ from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import STATIC_KINETIC, ImpactLaw
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.contact_resolver import ContactResolver
@@ -84,13 +84,14 @@ def test_both_engines_walk_alike(gait):
 
 def test_batches_decide_like_single_states(gait):
     pytest.importorskip("heyoka")
-    from gaitopt.simulation.batch import BatchSimulator, stack_outcomes
+    from gaitopt.simulation.heyoka_batch import BatchSimulator
+    from gaitopt.simulation.outcomes import stack_outcomes
 
     rng = np.random.default_rng(3)
     states = gait.state * (1 + 0.2 * rng.uniform(-1, 1, (40, gait.state.size)))
     states[:, 1] = states[:, 0]
     batch, single = BatchSimulator(gait.dynamics).step(states), Simulator(gait.dynamics)
-    reference = stack_outcomes([single.step(z) for z in states], states, CONTACTS)
+    reference = stack_outcomes([single.step(z) for z in states], states, gait.system)
     for name in ("endings", "phases", "impacts"):
         np.testing.assert_array_equal(getattr(batch, name), getattr(reference, name))
     np.testing.assert_allclose(batch.states, reference.states, atol=1e-9)

@@ -29,12 +29,12 @@ from gaitopt.runs.basin import (
 )
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.families import basin as basin_figure
-from gaitopt.simulation.batch import ENDINGS
 from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.run import Run
-from gaitopt.verification.return_map import Returns, step_map
+from gaitopt.verification.return_map import step_map
 from gaitopt.workers.jobs import Workers
 
 HERE = Workers(count=1)
@@ -69,7 +69,7 @@ def test_states_near_the_gait_settle_on_it(gait, basin):
 
 
 def test_fate_of_every_state_is_that_of_the_simulator(gait, basin):
-    simulator = Simulator(gait.dynamics, stepper=HeyokaStepper(gait.dynamics))
+    simulator = Simulator(gait.dynamics, HeyokaStepper)
     numbers = np.arange(0, GRID.size, 7)
     for number, (rate1, rate2) in zip(numbers, GRID.points(numbers), strict=True):
         index = np.unravel_index(number, GRID.shape)
@@ -142,7 +142,7 @@ class Map:
         states = self.formula(xi)
         fallen = np.abs(states).max(axis=1) > 5
         n = len(xi)
-        return Returns(
+        return StepOutcomes(
             names=("a", "b"), states=states, endings=np.where(fallen, ENDINGS.index(Ending.FALL), 0), times=np.ones(n),
             step_lengths=np.ones(n), phases=np.ones(n, dtype=np.int64), impacts=np.zeros(n, dtype=np.int64),
             modes=(Mode.STICK,),

@@ -20,8 +20,10 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem
-from gaitopt.simulation.batch import ENDINGS, BatchResolver, BatchSimulator, max_phases, phase_code, phase_names
+from gaitopt.simulation.heyoka_batch import BatchResolver, BatchSimulator
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.outcomes import ENDINGS, max_phases, phase_code, phase_names
+from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import build_system
 
@@ -31,6 +33,7 @@ class Cut(Control):
     """No torques, and breakpoints without a jump."""
 
     times: tuple[float, ...]
+    n: int = 2
 
     @property
     def breakpoints(self):
@@ -41,7 +44,7 @@ class Cut(Control):
         return {}
 
     def torque(self, t, angles, rates, p, r):
-        return SX(2, 1)
+        return SX(self.n, 1)
 
 
 FIELDS = ("states", "endings", "times", "step_lengths", "phases", "impacts")
@@ -68,7 +71,7 @@ def test_state_in_a_batch_walks_as_it_does_alone(mapped):
     problem, xi, batch = mapped
     system = build_system(problem)
     p = system.values(problem.parameters)
-    simulator = Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p)))
+    simulator = Simulator(Dynamics(system, p), HeyokaStepper)
     indices = system.section(Mode.SLIP_FORWARD)
     for k, row in enumerate(xi):
         alone = simulator.step(simulator.dynamics.lift(row))
@@ -126,7 +129,7 @@ def test_batch_counts_switches_as_the_simulator_does(max_switches):
     system = build_system(problem)
     p = system.values(problem.parameters)
     states = np.array([Dynamics(system, p).lift(row) for row in wild_states(problem, 30)])
-    alone = Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p)), max_switches=max_switches)
+    alone = Simulator(Dynamics(system, p), HeyokaStepper, max_switches=max_switches)
     batch = BatchSimulator(Dynamics(system, p), max_switches=max_switches).step(states)
     endings = [alone.step(state).ending for state in states]
     assert [ENDINGS[code] for code in batch.endings] == endings
@@ -141,7 +144,7 @@ def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
         theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
         states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
         _, velocities = RowMap(system.impacts((Mode.STICK,)))(states, p)
-        endings = BatchResolver(Dynamics(system, p)).land(states).endings
+        _, endings, _, _ = BatchResolver(Dynamics(system, p)).land(states)
         refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)
         assert (endings[velocities[:, 0] >= 0] == refused).all()
         assert (endings[velocities[:, 0] < 0] != refused).all()
@@ -157,10 +160,32 @@ def test_touchdown_at_a_breakpoint_of_the_control_ends_the_step():
     for difference in (-1e-13, 0.0, 1e-13):
         cut = HybridSystem(plain.walker, Cut((0.9 * period, period + difference)))
         steps = BatchSimulator(Dynamics(cut, p)).step(np.tile(start, (2, 1)))
-        alone = Simulator(Dynamics(cut, p), stepper=HeyokaStepper(Dynamics(cut, p))).step(start)
+        alone = Simulator(Dynamics(cut, p), HeyokaStepper).step(start)
         assert alone.ending is Ending.COMPLETED
         assert (steps.endings == 0).all()
         np.testing.assert_allclose(steps.times, period, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("factor", "ending"), [(1.0, Ending.COMPLETED), (1.5, Ending.SCUFFING)])
+def test_knee_that_locks_or_foot_that_scuffs_at_a_breakpoint_is_not_missed(factor, ending):
+    """Both margins rise first; in the arc after the breakpoint they would not be armed."""
+    gait = named("kneed-passive")
+    plain = Simulator(Dynamics(HybridSystem(gait.system.walker, NoControl()), gait.p))
+    start = gait.state.copy()
+    start[4] *= factor
+    outcome = plain.step(start)
+    assert outcome.ending is ending
+    event, after = outcome.step.arcs[0].end, outcome.step.period
+    for difference in (-1e-13, 0.0, 1e-13):
+        dynamics = Dynamics(HybridSystem(gait.system.walker, Cut((event + difference,), 0)), gait.p)
+        for stepper in (ScipyStepper, HeyokaStepper):
+            cut = Simulator(dynamics, stepper).step(start)
+            assert cut.ending is ending
+            assert [mode for mode, _ in cut.step.phases] == [mode for mode, _ in outcome.step.phases]
+            assert cut.step.period == pytest.approx(after, abs=1e-11)
+        steps = BatchSimulator(dynamics).step(np.tile(start, (2, 1)))
+        assert {ENDINGS[code] for code in steps.endings} == {ending}
+        np.testing.assert_allclose(steps.times, after, rtol=0, atol=1e-11)
 
 
 def test_wheel_takes_the_time_of_its_energy_integral():

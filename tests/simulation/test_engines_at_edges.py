@@ -17,9 +17,10 @@ from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.simulation.batch import ENDINGS, BatchSimulator, BatchSteps, phase_names, stack_outcomes
 from gaitopt.simulation.events import AT_REST
+from gaitopt.simulation.heyoka_batch import BatchSimulator
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes, phase_names, stack_outcomes
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
@@ -55,13 +56,11 @@ def level(theta: float, dtheta1: float, dtheta2: float, dx: float = 0.0) -> Arra
     return np.array([theta, theta, 0, dtheta1, dtheta2, dx])
 
 
-def steps_of(system: HybridSystem, p: Array, states: Sequence[Array]) -> list[BatchSteps]:
+def steps_of(system: HybridSystem, p: Array, states: Sequence[Array]) -> list[StepOutcomes]:
     """A step of every state by each of the engines."""
     starts = np.array(states)
-    simulators = [
-        Simulator(Dynamics(system, p), stepper=kind(Dynamics(system, p))) for kind in (ScipyStepper, HeyokaStepper)
-    ]
-    alone = [stack_outcomes([simulator.step(z) for z in starts], starts, CONTACTS) for simulator in simulators]
+    simulators = [Simulator(Dynamics(system, p), kind) for kind in (ScipyStepper, HeyokaStepper)]
+    alone = [stack_outcomes([simulator.step(z) for z in starts], starts, system) for simulator in simulators]
     return [*alone, BatchSimulator(Dynamics(system, p)).step(starts)]
 
 

@@ -14,12 +14,12 @@ from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.events import (
     EDGE,
     INSTANT,
-    LOOK,
+    LOOK_AHEAD,
     PRIORITY,
     Point,
     coincides,
-    fallen,
-    falls,
+    event_at_start,
+    falls_at_start,
     first_event,
     is_armed,
     lift,
@@ -163,18 +163,18 @@ def test_a_margin_that_falls_from_its_edge_fires_at_the_start() -> None:
 def test_a_margin_at_its_edge_falls_or_leaves_it_by_its_first_derivative_that_is_not_zero(
     margin: float, rate: float, bend: float, expected: bool
 ) -> None:
-    assert falls("upright", margin, rate, bend) == expected
-    several = falls("upright", *(np.full(2, value) for value in (margin, rate, bend)))
+    assert falls_at_start("upright", margin, rate, bend) == expected
+    several = falls_at_start("upright", *(np.full(2, value) for value in (margin, rate, bend)))
     assert several.tolist() == [expected] * 2
-    assert not falls("touchdown", margin, rate, bend)
-    assert falls("painleve", margin, rate, bend) == (margin <= EDGE)
+    assert not falls_at_start("touchdown", margin, rate, bend)
+    assert falls_at_start("painleve", margin, rate, bend) == (margin <= EDGE)
 
 
 def start_of(*margins: Polynomial) -> str | None:
     def rates(t: float) -> list[float]:
         return [m.deriv()(t) for m in margins]
 
-    return fallen(NAMES[: len(margins)], [m(0.0) for m in margins], rates(0.0), lambda: rates(LOOK))
+    return event_at_start(NAMES[: len(margins)], [m(0.0) for m in margins], rates(0.0), lambda: rates(LOOK_AHEAD))
 
 
 def test_of_the_margins_that_do_not_hold_at_the_start_the_first_by_priority_counts() -> None:
@@ -197,7 +197,7 @@ def test_no_lifted_margin_starts_at_zero_and_only_one_that_is_armed_starts_above
     assert 0 < lift("slip_velocity", 0.0, 1.0) < 1e-17
     dipping = Polynomial([0.0, -1e-5, 1e5])
     lowest = dipping(-dipping.coef[1] / (2 * dipping.coef[2]))
-    assert not falls("slip_velocity", *dipping.coef[:2], 2 * dipping.coef[2])
+    assert not falls_at_start("slip_velocity", *dipping.coef[:2], 2 * dipping.coef[2])
     assert lowest + lift("slip_velocity", *dipping.coef[:2]) > 0
 
 

@@ -9,7 +9,7 @@ hy = pytest.importorskip("heyoka")
 
 from gaitopt.model.modes import CONTACTS  # noqa: E402
 from gaitopt.problem.problem import load_problem  # noqa: E402
-from gaitopt.simulation.heyoka_stepper import (  # noqa: E402
+from gaitopt.simulation.heyoka_code import (  # noqa: E402
     BINARY,
     UNARY,
     convert,

@@ -1,6 +1,7 @@
 """Both engines walk the same steps; extended precision says how many digits each of them has."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,10 +17,10 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem
 from gaitopt.problem.source import problem_names
-from gaitopt.simulation.engine import choose_engine, make_stepper
+from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.scipy_stepper import ScipyStepper
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import build_system
 from gaitopt.verification.return_map import ReturnMap
 
@@ -39,7 +40,7 @@ def gait(request):
 
 
 def walk(gait, stepper):
-    return Simulator(gait.dynamics, stepper=stepper).run(gait.state)
+    return Simulator(gait.dynamics, stepper).run(gait.state)
 
 
 def assert_same(first, second):
@@ -55,7 +56,7 @@ def phases(step):
 
 
 def test_engines_agree_on_every_named_gait(gait):
-    ours, theirs = (walk(gait, kind(gait.dynamics)) for kind in (HeyokaStepper, ScipyStepper))
+    ours, theirs = (walk(gait, kind) for kind in (HeyokaStepper, ScipyStepper))
     (first,), (second,) = ours.steps, theirs.steps
     assert_same(first, second)
 
@@ -69,9 +70,7 @@ def test_engines_agree_on_every_named_design_at_its_guess(name):
     system = build_system(problem)
     p = system.values(problem.parameters)
     state = np.array([problem.guess.state[key] for key in system.state_names])
-    simulators = [
-        Simulator(Dynamics(system, p), stepper=kind(Dynamics(system, p))) for kind in (HeyokaStepper, ScipyStepper)
-    ]
+    simulators = [Simulator(Dynamics(system, p), kind) for kind in (HeyokaStepper, ScipyStepper)]
     steps = [simulator.step(state).step for simulator in simulators]
     assert_same(*steps)
     maps = [ReturnMap(simulator, steps[0].impact.mode) for simulator in simulators]
@@ -84,9 +83,7 @@ def test_engines_agree_on_every_named_design_at_its_guess(name):
 )
 def test_extended_precision_confirms_thirteen_digits_of_heyoka(name):
     gait = named(name)
-    double, extended = (
-        walk(gait, HeyokaStepper(gait.dynamics, precision=kind)).steps[0] for kind in (float, np.longdouble)
-    )
+    double, extended = (walk(gait, partial(HeyokaStepper, precision=kind)).steps[0] for kind in (float, np.longdouble))
     assert abs(double.period - extended.period) < 1e-14
     assert np.abs(double.impact.state - extended.impact.state).max() < 1e-13
 
@@ -95,7 +92,7 @@ def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
     mode = gait.problem.cycle.impact
     jacobians = []
     for kind in (HeyokaStepper, ScipyStepper):
-        simulator = Simulator(gait.dynamics, stepper=kind(gait.dynamics))
+        simulator = Simulator(gait.dynamics, kind)
         steps = simulator.run(gait.state).steps
         jacobians.append(ReturnMap(simulator, mode).jacobian(steps))
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
@@ -106,7 +103,7 @@ def test_multiplier_of_the_wheel_is_beta_squared_to_thirteen_digits():
     problem = load_problem("rimless-wheel-stick")
     system = build_system(problem)
     p = system.values(problem.parameters)
-    mapped = ReturnMap(Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p))), Mode.STICK)
+    mapped = ReturnMap(Simulator(Dynamics(system, p), HeyokaStepper), Mode.STICK)
     point = mapped.fixed_point(np.array([problem.guess.state["dtheta"]]))
     kappa = problem.walker.inertia_ratio
     beta = (np.cos(2 * np.pi / problem.walker.spokes) + kappa) / (1 + kappa)
@@ -140,7 +137,7 @@ def random_states(system, gait, count, seed):
 @pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", "compass-pd-impact-slip"])
 def test_engines_agree_on_random_states(name):
     gait = named(name)
-    simulators = [Simulator(gait.dynamics, stepper=k(gait.dynamics)) for k in (HeyokaStepper, ScipyStepper)]
+    simulators = [Simulator(gait.dynamics, k) for k in (HeyokaStepper, ScipyStepper)]
     endings = set()
     for state in random_states(gait.system, gait, 60, seed=3):
         first, second = (simulator.step(state) for simulator in simulators)
@@ -160,7 +157,7 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
     system = build_system(problem)
     p = system.values(problem.parameters)
     state = Dynamics(system, p).lift(np.array([-0.12585876, 0.84786029, -0.37412777]))
-    step = Simulator(Dynamics(system, p), stepper=HeyokaStepper(Dynamics(system, p))).step(state).step
+    step = Simulator(Dynamics(system, p), HeyokaStepper).step(state).step
     assert phases(step)[:2] == (Mode.SLIP_FORWARD, Mode.STICK)
     assert step.arcs[0].duration < 0.03
 
@@ -168,8 +165,7 @@ def test_slip_that_begins_and_ends_within_one_series_is_found():
 def test_dense_arcs_are_those_of_the_other_engine():
     gait = named("compass-passive-a")
     dense = [
-        Simulator(gait.dynamics, stepper=kind(gait.dynamics)).run(gait.state, dense=True).steps[0]
-        for kind in (HeyokaStepper, ScipyStepper)
+        Simulator(gait.dynamics, kind).run(gait.state, dense=True).steps[0] for kind in (HeyokaStepper, ScipyStepper)
     ]
     for ours, theirs in zip(dense[0].arcs, dense[1].arcs, strict=True):
         if ours.states.shape == theirs.states.shape:
@@ -189,8 +185,5 @@ def test_engine_that_is_not_installed_is_said_so(monkeypatch):
 
 
 def test_auto_compiles_for_many_steps_only():
-    problem = load_problem("compass-passive-a")
-    system = build_system(problem)
-    p = system.values(problem.parameters)
-    assert isinstance(make_stepper(Dynamics(system, p), "auto"), ScipyStepper)
-    assert isinstance(make_stepper(Dynamics(system, p), "auto", steps=10**5), HeyokaStepper)
+    assert stepper_class("auto") is ScipyStepper
+    assert stepper_class("auto", steps=10**5) is HeyokaStepper

@@ -40,7 +40,7 @@ def wheel_parameters(friction: float, kappa: float = 1 / 3, slope: float = 0.2) 
 
 def at_rest(p, z):
     """What the foot of the wheel does at rest."""
-    return ContactResolver(Dynamics(wheel(), p)).mode_at_rest(CONTACTS, 0.0, z, NO_DATA)
+    return ContactResolver(Dynamics(wheel(), p)).mode_at_rest(CONTACTS, 0.0, z, 0)
 
 
 def compass_parameters(friction: float) -> Array:

@@ -18,16 +18,16 @@ from gaitopt.model.transitions import Ending
 from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import scipy_stepper
+from gaitopt.simulation.engine import Stepper
+from gaitopt.simulation.events import Point
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.simulation.stepper import Arrival
 
 Array = NDArray[np.float64]
 
 HALF_ANGLE, SLOPE, KAPPA = np.pi / 10, np.radians(13), 1 / 3
 P = np.array([10, 1, 1, KAPPA, 1, SLOPE, 1.0])
 START = np.array([-HALF_ANGLE, 0, 0.7, 0])
-NO_DATA = np.zeros(0)
 
 
 class Cliff(RimlessWheel):
@@ -59,7 +59,7 @@ def exact_period() -> float:
 def test_the_event_is_as_accurate_as_the_integration() -> None:
     errors = []
     for rtol in (1e-7, 1e-9, 1e-11, 1e-13):
-        arrival = stepper(rtol=rtol, atol=rtol / 100).advance(Mode.STICK, NO_DATA, 0.0, START, 5.0)
+        arrival = stepper(rtol=rtol, atol=rtol / 100).advance(Mode.STICK, 0, 0.0, START, 5.0)
         assert arrival.event == "touchdown"
         errors.append(abs(arrival.time - exact_period()))
     assert all(error < rtol for error, rtol in zip(errors, (1e-7, 1e-9, 1e-11, 2e-13), strict=True))
@@ -81,31 +81,38 @@ def test_a_motion_that_is_undefined_from_the_start_is_a_numerical_ending() -> No
 
 
 def test_endless_integration_is_a_numerical_ending(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scipy_stepper, "MAX_INTEGRATION_STEPS", 3)
+    monkeypatch.setattr(scipy_stepper, "MAX_ARC_STEPS", 3)
     trajectory = Simulator(Dynamics(HybridSystem(RimlessWheel, NoControl()), P)).run(START)
     assert trajectory.ending is Ending.NUMERICAL
     assert "more than 3 integration steps" in trajectory.message
 
 
-class Recorder:
-    """Another stepper behind the same seam: it notes the modes and leaves the work to scipy's."""
+class Recorder(Stepper):
+    """Another engine: it notes the modes and leaves the work to scipy's."""
 
-    def __init__(self) -> None:
+    def __init__(self, dynamics: Dynamics) -> None:
+        super().__init__(dynamics)
         self.modes: list[Mode] = []
-        self._inner = stepper()
+        self._inner = ScipyStepper(dynamics)
 
-    def advance(self, mode: Mode, data: Array, time: float, state: Array, limit: float) -> Arrival:
+    def _first_event(
+        self, mode: Mode, segment: int, start: Point, limit: float
+    ) -> tuple[str | None, float, Array, str]:
         self.modes.append(mode)
-        return self._inner.advance(mode, data, time, state, limit)
+        return self._inner._first_event(mode, segment, start, limit)
 
-    def sample(self, mode: Mode, data: Array, state: Array, times: Array) -> Array:
-        return self._inner.sample(mode, data, state, times)
+    def _sample(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+        return self._inner._sample(mode, segment, zeta, taus)
+
+    def _propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+        return self._inner._propagate(mode, segment, y, columns, start, end)
 
 
 def test_any_stepper_can_take_the_place_of_scipys() -> None:
-    system, recorder = HybridSystem(RimlessWheel, NoControl()), Recorder()
-    trajectory = Simulator(Dynamics(system, P), stepper=recorder).run(START, 3, dense=True)
-    assert recorder.modes == [mode for step in trajectory.steps for mode, _ in step.phases]
+    system = HybridSystem(RimlessWheel, NoControl())
+    simulator = Simulator(Dynamics(system, P), Recorder)
+    trajectory = simulator.run(START, 3, dense=True)
+    assert simulator.stepper.modes == [mode for step in trajectory.steps for mode, _ in step.phases]
     assert np.array_equal(trajectory.section_states, Simulator(Dynamics(system, P)).run(START, 3).section_states)
 
 

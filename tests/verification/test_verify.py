@@ -15,9 +15,8 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc, ImpactRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
-from gaitopt.model.transitions import Ending
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.return_map import FixedPoint, Return, ReturnMap
+from gaitopt.verification.return_map import CycleOutcome, FixedPoint, ReturnMap
 from gaitopt.verification.verify import LINEARITY, MULTIPLIER_AGREEMENT, Outcome, perturbation_claim, record_claims
 
 Array = NDArray[np.float64]
@@ -235,14 +234,14 @@ class Bent:
         self._point, self._unit, self._radius, self._noise = point, unit, radius, noise
         self.simulator, self.section_mode, self._random = wheel.simulator, wheel.section_mode, np.random.default_rng(1)
 
-    def __call__(self, xi: Array) -> Return:
+    def __call__(self, xi: Array) -> CycleOutcome:
         deviation = (xi - self._point.xi) / self._unit
         returned = (self._point.jacobian * self._unit / self._unit[:, None]) @ (
             self._radius * np.tan(np.clip(deviation / self._radius, -1.5, 1.5))
         )
         noisy = returned + self._noise * self._random.standard_normal(returned.size)
         steps = self._point.steps
-        return Return(xi=self._point.xi + noisy * self._unit, steps=steps, ending=Ending.COMPLETED, message="")
+        return CycleOutcome(xi=self._point.xi + noisy * self._unit, steps=steps, message="")
 
 
 @pytest.mark.parametrize(
