@@ -1,9 +1,9 @@
-"""Following a family of gaits along a parameter, through folds and through changes of the mode sequence.
+"""Continuation of a family of gaits in a parameter, through folds and changes of the mode sequence.
 
-Each step predicts the next gait along the curve, corrects it by Newton's method, and looks at everything that is
-watched. Where something changes its sign, the zero is located and becomes a special point. Where a mode sequence ends,
-the walk goes on with one that the physics allows; where Newton's method fails however short the step is, IPOPT looks
-for a gait a little further on.
+Every step predicts the next gait along the curve, corrects it by Newton's method, and compares monitors and test
+functions at both ends. Where one of them changes sign, its zero is located and becomes a special point. Where a mode
+sequence ends, the continuation goes on with the next one that the physics allows. Where Newton's method fails for every
+step length, IPOPT looks for a gait a little further on.
 """
 
 import time
@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.change import NEARBY, find_change, halved_cycle, transition_at
-from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, resumed_point
+from gaitopt.branches.change import NEARBY, find_change, halved_cycle, located_on_successor, transition_at
+from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point, resumed_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.request import FOLLOWS, Request
-from gaitopt.branches.switching import beginnings, first_point, started
+from gaitopt.branches.switching import beginnings
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, SpecialPoint
@@ -28,7 +28,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.store.gaits import special_point
-from gaitopt.verification.verify import Claim, confirm
+from gaitopt.verification.verify import confirm
 
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
@@ -48,13 +48,14 @@ negligible."""
 RESCUES = (1e-4, 1e-3, 1e-2)
 """Distances from the last point at which IPOPT is tried, relative to the span of the parameter."""
 VANISHED = 1e-4
-"""Stride of a gait that is lost together with its step; where a mode sequence alone is lost, strides are long."""
+"""A gait with a shorter stride vanishes together with its step. Where only a mode sequence ends, strides are long."""
 FADING = 1e-2
-"""Stride below which a gait that the simulator does not confirm may be about to vanish."""
+"""A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
 VANISHING = "the gait vanishes: its strides shrink to nothing, both feet come down in the same place"
 HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
 Stored = Mapping[str, Any]
+"""The JSON record of a point or a special point."""
 
 
 def follow_family(
@@ -62,40 +63,48 @@ def follow_family(
 ) -> Iterator[BranchPoint | SpecialPoint]:
     """The points and special points of a family, one by one, as ``gaitopt.continuation`` describes them.
 
-    A gait is followed towards each target. From a special point all its other branches are followed, with the targets
+    A gait is continued towards each target. From a special point all its other branches are continued, with the targets
     as bounds. Branches that begin on the way come after these.
 
     Parameters
     ----------
     done : JSON records of an unfinished family, see ``resumable``.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError
+        As ``Request.first_gait`` and ``switching.beginnings``.
+    StorageError
+        If the continuation cannot go on from the records.
     """
     gait = request.first_gait(start)
     value = gait.dynamics.parameter(request.parameter)
     numbers = count(1 + max((n for record in done for n in (record["branch"], *record.get("next", ()))), default=-1))
-    new_walk = partial(Continuation, gait, numbers=numbers, should_stop=should_stop)
-    walks = list[Continuation]()
+    towards = partial(Continuation, gait, numbers=numbers, should_stop=should_stop)
+    continuations = list[Continuation]()
     if isinstance(start, SpecialPoint):
         metric = Metric.of(gait, max(abs(to - value) for to in request.to))
         bounded = request.towards(request.to, gait)
         for point in beginnings(replace(start, gait=gait), request.parameter, metric):
-            walks.append(new_walk(bounded, metric, partial(_given, point)))
+            continuations.append(towards(bounded, metric, point))
     else:
         for to in request.to:
             metric = Metric.of(gait, abs(to - value))
             begin = partial(first_point, gait, request.parameter, metric, float(np.sign(to - value)))
-            walks.append(new_walk(request.towards((to,), gait), metric, begin))
-    stored, begun_later = _records_by_walk(done)
+            continuations.append(towards(request.towards((to,), gait), metric, begin))
+    stored, begun_later = _records_by_continuation(done)
     unnumbered = (first for first in stored if first not in begun_later)
-    for walk in walks:  # the list grows on the way
-        records = stored.get(next(unnumbered, -1) if walk.number is None else walk.number, [])
-        walk.resume(records)
-        walks += [branch for record in records for branch in walk.restored_branches(record)]
+    for continuation in continuations:  # the list grows on the way
+        number = next(unnumbered, -1) if continuation.number is None else continuation.number
+        records = stored.get(number, [])
+        continuation.resume(records)
+        continuations += [branch for record in records for branch in continuation.restored_branches(record)]
         if records and records[-1].get("type") in TERMINAL:
             continue
-        for record in walk:
+        for record in continuation:
             if isinstance(record, SpecialPoint):
-                record, branches = walk.other_branches(record)
-                walks += branches
+                record, branches = continuation.other_branches(record)
+                continuations += branches
             yield record
         if should_stop is not None and should_stop():
             return
@@ -104,13 +113,13 @@ def follow_family(
 def resumable(records: Sequence[Stored], request: Request) -> list[Stored]:
     """The records from which an unfinished family goes on.
 
-    Special points after the last point of a walk are located again. The end of a walk that was paused at a limit is
-    left out if ``request`` allows more.
+    Special points after the last point of a continuation are dropped and located again, and so is its end at a limit of
+    points or time, if ``request`` allows more.
     """
     again = set[int]()
-    for walk in _records_by_walk(records)[0].values():
-        points = sum(record["record"] == "point" for record in walk)
-        for record in reversed(walk):
+    for stored in _records_by_continuation(records)[0].values():
+        points = sum(record["record"] == "point" for record in stored)
+        for record in reversed(stored):
             closed = record.get("type") in TERMINAL and not (record.get("open") and request.exhausted(points) is None)
             if record["record"] == "point" or closed:
                 break
@@ -119,17 +128,17 @@ def resumable(records: Sequence[Stored], request: Request) -> list[Stored]:
 
 
 class Continuation:
-    """One walk along a family: iterating yields its points and special points in order.
+    """One continuation along a family: iterating yields its points and special points in order.
 
     Parameters
     ----------
     gait : the gait from which the family began; its parameters are those of the family.
     request : with both bounds set.
     metric : scales of arclength.
-    begin : finds the first point.
+    begin : the first point, or a function that finds it.
     numbers : of the branches to come.
     number : of the first branch, if it has one already.
-    should_stop : polled before every step; True ends the walk without a special point.
+    should_stop : polled before every step; True ends the continuation without a special point.
 
     Attributes
     ----------
@@ -147,7 +156,7 @@ class Continuation:
         gait: Gait,
         request: Request,
         metric: Metric,
-        begin: Callable[[], CurvePoint],
+        begin: CurvePoint | Callable[[], CurvePoint],
         *,
         numbers: Iterator[int],
         number: int | None = None,
@@ -159,10 +168,21 @@ class Continuation:
         self._stored: list[Stored] = []
 
     def resume(self, records: Sequence[Stored]) -> None:
-        """Go on after the stored records of this walk, if there are any, as if it had not been interrupted."""
+        """Go on after the stored records of this continuation, if there are any, as without the interruption.
+
+        Raises
+        ------
+        StorageError
+            If the scales of arclength in the records are damaged.
+        """
         self._stored = [record for record in records if record["record"] == "point"]
         self.count = len(self._stored)
-        self.metric = next((_stored_metric(record) for record in records if record.get("walk")), self.metric)
+        first = next((record for record in records if record.get("walk")), None)
+        if first is not None:
+            try:
+                self.metric = Metric.from_array(ContinuationState.from_record(first["walk"]).metric)
+            except ValueError as error:
+                raise _unusable(first, error) from error
 
     def __iter__(self) -> Iterator[BranchPoint | SpecialPoint]:
         if self._stored:
@@ -171,9 +191,9 @@ class Continuation:
             self.branch, self.index, self.length = last["branch"], last["index"], last["length"]
             records: Iterator[BranchPoint | SpecialPoint] = iter(())
         else:
-            self.point = self._begin()
+            self.point = self._begin if isinstance(self._begin, CurvePoint) else self._begin()
             self.branch = next(self._numbers) if self.number is None else self.number
-            records = self._emitted()
+            records = self._point_records()
         began = time.monotonic()
         while True:
             for record in records:
@@ -191,45 +211,43 @@ class Continuation:
             records = self._advance()
 
     def other_branches(self, special: SpecialPoint) -> tuple[SpecialPoint, list["Continuation"]]:
-        """A special point with the numbers of its other branches, if they are to be followed, and the walks on them."""
+        """A special point with the numbers of the other branches to follow from it, and their continuations."""
         kind = FOLLOWS.get(special.type, "")
         if not self.request.follow.get(kind, 0):
             return special, []
         try:
             points = self._beginnings(special.to_record())
         except (ProblemError, SolveError) as error:
-            expected = not special.next  # at a change of modes there is mostly just the branch that goes on
+            expected = not special.next  # at a change of modes there is usually only the branch that goes on
             return (replace(special, reason=str(error)) if expected else special), []
-        walks = [self._branch(kind, next(self._numbers), partial(_given, point)) for point in points]
-        numbers = tuple(walk.number for walk in walks if walk.number is not None)
-        return replace(special, next=special.next + numbers), walks
+        numbers = tuple(next(self._numbers) for _ in points)
+        branches = [self._branch(kind, number, point) for number, point in zip(numbers, points, strict=True)]
+        return replace(special, next=special.next + numbers), branches
 
     def restored_branches(self, record: Stored) -> list["Continuation"]:
-        """The walks along the other branches of a stored special point."""
+        """The continuations along the other branches of a stored special point."""
         kind = FOLLOWS.get(record.get("type", ""))
         if kind is None:
             return []
-        first = 1 if "to" in record else 0  # at a change of modes this walk itself goes on with the first
-
-        def begin(index: int) -> CurvePoint:
-            return self._beginnings(record)[index]
-
+        numbers = record["next"][1:] if "to" in record else record["next"]  # at a change of modes the first is this one
         return [
-            self._branch(kind, number, partial(begin, index)) for index, number in enumerate(record["next"][first:])
+            self._branch(kind, number, partial(self._beginning, record, index)) for index, number in enumerate(numbers)
         ]
 
-    def _beginnings(self, record: Stored) -> list[CurvePoint]:
-        """The first gaits of the other branches through a special point, as far as they are within the bounds.
+    def _beginning(self, record: Stored, index: int) -> CurvePoint:
+        return self._beginnings(record)[index]
 
-        They are found from its record, so that a resumed walk finds the same.
+    def _beginnings(self, record: Stored) -> list[CurvePoint]:
+        """The first gaits of the other branches through a special point that lie within the bounds.
+
+        They are found from its record, so that a resumed continuation finds the same.
         """
         parameter, (lower, upper) = self.request.parameter, self.request.bounds
         points = beginnings(special_point(self.gait, parameter, record), parameter, self.metric)
         return [point for point in points if lower < point.value < upper]
 
-    def _branch(self, kind: str, number: int, begin: Callable[[], CurvePoint]) -> "Continuation":
-        follow = {**self.request.follow, kind: self.request.follow[kind] - 1}
-        request = replace(self.request, follow=follow)
+    def _branch(self, kind: str, number: int, begin: CurvePoint | Callable[[], CurvePoint]) -> "Continuation":
+        request = replace(self.request, follow={**self.request.follow, kind: self.request.follow[kind] - 1})
         return Continuation(
             self.gait,
             request,
@@ -241,18 +259,15 @@ class Continuation:
         )
 
     def _advance(self) -> Iterator[BranchPoint | SpecialPoint]:
-        """One step along the family, with everything that happens on it."""
+        """One step along the family: its special points, and the point at its end."""
         here, step = self.point, self._step()
         if step is None:
-            if stride(here.gait) < VANISHED:
-                yield self._special("vanishing", here, "guess", VANISHING)
-                return
             rescued = _rescued(here)
             if rescued is None:
                 yield self._special("end", here, "guess", "neither Newton's method nor IPOPT finds a gait further on")
                 return
             self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
-            yield from self._emitted()
+            yield from self._point_records()
             return
         length, point, event = step
         if event is not None:
@@ -266,10 +281,10 @@ class Continuation:
             if special.type in TERMINAL:
                 return
         if event is not None:
-            yield from self._changed(*event)
+            yield from self._change(*event)
             return
         self._move(point)
-        yield from self._emitted()
+        yield from self._point_records()
 
     def _step(self) -> tuple[float, CurvePoint, tuple[Location, MonitorKey] | None] | None:
         """Arclength and gait of the next step, and the first zero of a monitor on the way.
@@ -311,18 +326,16 @@ class Continuation:
 
     def _bifurcations(self, point: CurvePoint, length: float) -> Iterator[SpecialPoint]:
         """Folds, losses of stability and the caller's events between the last point and ``point``, in order."""
-        here, curve, events = self.point, self.point.curve, self.request.events
-
-        def located(kind: str, test: str, function: Callable[[CurvePoint], float]) -> tuple[Location, str, str]:
-            return here.locate(point, length, function), kind, test
-
+        here, events = self.point, self.request.events
         zeros = [
-            located(kind, test, partial(_test, name=test))
+            (here.locate(point, length, partial(CurvePoint.test, name=test)), kind, test)
             for kind, test in bifurcations_between(here.tests, point.tests).items()
         ]
-        for name, function in events.items():
-            if function(here.gait) * function(point.gait) < 0:
-                zeros.append(located(name, "", partial(_event, function=function)))
+        zeros += [
+            (here.locate(point, length, partial(CurvePoint.evaluate, function=function)), name, "")
+            for name, function in events.items()
+            if function(here.gait) * function(point.gait) < 0
+        ]
         for location, kind, test in sorted(zeros, key=lambda zero: zero[0].length):
             gait = location.point.gait
             if kind not in events and not (is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED):
@@ -331,15 +344,15 @@ class Continuation:
             special = replace(special, gait=gait.verified(confirm(gait).to_record()))
             if kind == "branch_point":  # where the tangent of its gait is undetermined: the mean of both sides
                 sides = [here.step(location.length + side * BESIDE) for side in (-1, 1)]
-                tangents = [curve.entries(side.tangent) for side in sides if side is not None]
+                tangents = [side.curve.entries(side.tangent) for side in sides if side is not None]
                 special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
             half = halved_cycle(gait) if kind == "branch_point" and test == "slope" else None
             if half is not None:  # a doubled family turns back at its origin: its halves follow in the other order
                 special = replace(special, type="end", reason=HALVED, before=gait.problem.cycle, after=half)
             yield special
 
-    def _changed(self, event: Location, key: MonitorKey) -> Iterator[BranchPoint | SpecialPoint]:
-        """The end of a mode sequence: a special point, and the branch that goes on from it if there is one."""
+    def _change(self, event: Location, key: MonitorKey) -> Iterator[BranchPoint | SpecialPoint]:
+        """The end of a mode sequence: a special point, and the first point of the branch that follows, if any."""
         if stride(event.point.gait) < VANISHED:
             yield self._special("vanishing", event.point, event.status, VANISHING)
             return
@@ -348,29 +361,25 @@ class Continuation:
             kind = transition.margin.ending if transition.margin.ending in TERMINAL else "end"
             yield self._special(kind, event.point, event.status, transition.margin.lost)
             return
-        change = find_change(event, key)
-        if change.point is None:
-            yield self._special("end", event.point, event.status, change.reason)
+        successor, reason, length = find_change(event, key)
+        if successor is None:
+            yield self._special("end", event.point, event.status, reason)
             return
         number = next(self._numbers)
-        before, after = event.point.curve.cycle, change.point.curve.cycle
+        before, after = event.point.curve.cycle, successor.curve.cycle
         kind = "mode_change" if before.impacts == after.impacts else "impact_change"
-        special = self._special(kind, event.point, event.status, change.reason)
-        if change.at is not None:
-            tangent = change.at.curve.entries(change.at.tangent)
-            special = replace(special, value=change.at.value, gait=change.at.gait, tangent=tangent)
+        at = located_on_successor(event, successor) or event.point
+        special = self._special(kind, at, event.status, reason)
         yield replace(special, before=before, after=after, next=(number,))
-        self.point, self.branch, self.index = change.point, number, 0
-        self.length = min(FIRST_LENGTH, change.length)
-        yield from self._emitted()
+        self.point, self.branch, self.index = successor, number, 0
+        self.length = min(FIRST_LENGTH, length)
+        yield from self._point_records()
 
     def _move(self, point: CurvePoint) -> None:
-        remeshed = point.remeshed()
-        self.point = point if remeshed is None else remeshed
-        self.index += 1
+        self.point, self.index = point.remeshed() or point, self.index + 1
 
-    def _emitted(self) -> Iterator[BranchPoint | SpecialPoint]:
-        """The present point, confirmed by the simulator when it is its turn; the end of the family if that fails."""
+    def _point_records(self) -> Iterator[BranchPoint | SpecialPoint]:
+        """The present point, verified by the simulator if it is its turn; the end of the family if that fails."""
         gait, every = self.point.gait, self.request.verify_every
         if every and self.count % every == 0:
             check = confirm(gait)
@@ -380,7 +389,10 @@ class Continuation:
                 check = confirm(finer.gait)
                 gait = finer.gait.verified(check.to_record())
             if not check.passed:
-                yield self._unconfirmed(gait, next(claim for claim in check.claims if not claim.passed))
+                worst = next(claim for claim in check.claims if not claim.passed)
+                reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
+                end = replace(self._special("end", self.point, "guess", reason), gait=gait)
+                yield self._vanishing() or end
                 return
         self.count += 1
         yield BranchPoint(
@@ -393,13 +405,8 @@ class Continuation:
             walk=self.point.state,
         )
 
-    def _unconfirmed(self, gait: Gait, worst: Claim) -> SpecialPoint:
-        """The end of a family at a gait that the simulator refutes, unless the gait vanishes just ahead.
-
-        Close to the point where strides vanish no simulation resolves the step.
-        """
-        reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
-        end = replace(self._special("end", self.point, "guess", reason), gait=gait)
+    def _vanishing(self) -> SpecialPoint | None:
+        """Where the gait vanishes, if it does so just ahead; no simulation resolves steps as short as there."""
         before = last = self.point
         while stride(last.gait) < FADING:
             step = self._step()
@@ -408,15 +415,16 @@ class Continuation:
             _, point, event = step
             if event is not None:
                 location, _ = event
-                vanished = stride(location.point.gait) < VANISHED
-                return self._special("vanishing", location.point, location.status, VANISHING) if vanished else end
+                if stride(location.point.gait) >= VANISHED:
+                    return None
+                return self._special("vanishing", location.point, location.status, VANISHING)
             if self.request.crossed(self.point.value, point.value) is not None:
-                return end
+                return None
             before, last = last, point
             self._move(point)
         first, second = stride(before.gait), stride(last.gait)
         if second > VANISHED:
-            return end
+            return None
         value = last.value  # extrapolated to where the stride is zero
         if second < first:
             value += (last.value - before.value) * second / (first - second)
@@ -432,18 +440,6 @@ class Continuation:
             gait=point.gait,
             tangent=point.curve.entries(point.tangent),
         )
-
-
-def _given(point: CurvePoint) -> CurvePoint:
-    return point
-
-
-def _test(point: CurvePoint, name: str) -> float:
-    return point.tests[name]
-
-
-def _event(point: CurvePoint, function: Callable[[Gait], float]) -> float:
-    return float(function(point.gait))
 
 
 def _rescued(point: CurvePoint) -> CurvePoint | None:
@@ -463,28 +459,26 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
         durations = [duration for _, duration in gait.phases]
         rolled = roll_out(gait.dynamics, curve.cycle, gait.state, durations)
         further, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled)
-        forward = np.zeros(w.size)
-        forward[-1] = ahead
-        rescued = further.start(w, forward)
+        rescued = further.start(w, further.ahead(ahead))
         if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
             return rescued
     return None
 
 
 def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[Stored]) -> CurvePoint:
-    """The last of the stored points of a walk, as the walk left it.
+    """The last of the stored points of a continuation, with every bit.
 
-    A record of an earlier version does not hold what the walk needs; its gait is then solved again.
+    A record of an earlier version does not hold all that this needs; its gait is then solved again.
 
     Parameters
     ----------
     gait : the first gait of the family.
-    points : records of all points of the walk.
+    points : records of all points of the continuation.
 
     Raises
     ------
     StorageError
-        If the record does not hold a point from which a walk can go on.
+        If the continuation cannot go on from the record.
     """
     record = points[-1]
     try:
@@ -492,8 +486,7 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
             raise ValueError(f"length {record['length']} is not positive")
         value, steps = record["value"], record.get("steps", (record,))
         states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
-        cycle = Cycle.from_record(record)
-        problem = gait.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
+        problem = gait.problem.replace({parameter: value}).with_modes(Cycle.from_record(record), steps[0]["state"])
         if record.get("walk"):
             needed = points[-1 - ContinuationState.from_record(record["walk"]).earlier :]
             known = [ContinuationState.from_record(point["walk"]) for point in needed if point.get("walk")]
@@ -504,22 +497,11 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
         durations = np.array([phase["duration"] for phase in record["phases"]])
         rolled = roll_out(dynamics, problem.cycle, states, durations)
         curve, w = curve_through(problem, parameter, metric, rolled, record.get("intervals", ()))
-        return started(curve, w, curve.direction(np.array(record["tangent"])))
+        point = curve.start(w, np.array(record["tangent"]))
+        if point is None:
+            raise ValueError("Newton's method fails at its gait")
+        return point
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise _unusable(record, error) from error
-
-
-def _stored_metric(record: Stored) -> Metric:
-    """The scales of arclength on the walk of a stored point.
-
-    Raises
-    ------
-    StorageError
-        If the record does not hold a point from which a walk can go on.
-    """
-    try:
-        return Metric.from_array(ContinuationState.from_record(record["walk"]).metric)
-    except ValueError as error:
         raise _unusable(record, error) from error
 
 
@@ -528,14 +510,14 @@ def _unusable(record: Stored, error: Exception) -> StorageError:
     return StorageError(f"the walk cannot go on from point {record.get('index')} of branch {record['branch']}: {words}")
 
 
-def _records_by_walk(records: Sequence[Stored]) -> tuple[dict[int, list[Stored]], set[int]]:
-    """The records of each walk by the number of its first branch, and those numbers that special points have given."""
-    first, walks, given = dict[int, int](), dict[int, list[Stored]](), set[int]()
+def _records_by_continuation(records: Sequence[Stored]) -> tuple[dict[int, list[Stored]], set[int]]:
+    """The records of each continuation by the number of its first branch, and the numbers given by special points."""
+    first, continuations, given = dict[int, int](), dict[int, list[Stored]](), set[int]()
     for record in records:
-        walk = first.setdefault(record["branch"], record["branch"])
-        walks.setdefault(walk, []).append(record)
+        number = first.setdefault(record["branch"], record["branch"])
+        continuations.setdefault(number, []).append(record)
         following = list(record.get("next", ()))
-        if following and "to" in record:  # the walk itself goes on with the first
-            first[following.pop(0)] = walk
+        if following and "to" in record:  # the continuation itself goes on with the first of them
+            first[following.pop(0)] = number
         given.update(following)
-    return walks, given
+    return continuations, given

@@ -21,7 +21,8 @@ from functools import cached_property
 import numpy as np
 
 from gaitopt.arrays import Array, overflow_allowed
-from gaitopt.branches.monitors import MonitorKey, MonitorValue, monitor_values, test_functions
+from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
+from gaitopt.errors import SolveError
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
 from gaitopt.integration import bracketed_root
@@ -30,7 +31,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
-from gaitopt.nlp.rollout import Rollout, rolled_again
+from gaitopt.nlp.rollout import Rollout, roll_out, rolled_again
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.problem.problem import Problem
@@ -50,19 +51,18 @@ SINGULAR = 1e-5
 """Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
 INVERSE_ITERATIONS = 2
 """The null vector of a matrix that is singular to nine digits is accurate to nine digits after one."""
-REMEMBERED = 1
-"""Points before the last one used for extrapolation: with their tangents a cubic, which adds little rounding.
-
-Two of them would save a third of the chords, but where a gait vanishes they enlarge rounding to 1e-8 of its place.
-"""
 FORWARD = 0.5
-"""Cosine of the angle between tangents below which the curve has turned too far for extrapolation."""
+"""Cosine of the angle between tangents below which the curve has turned too far for extrapolation.
+
+Predictions are cubics through two points with their tangents. Three points would save a third of the chords, but where
+a gait vanishes they enlarge rounding to 1e-8 of its place.
+"""
 CONTRACTION = 0.5
 """Ratio of Newton steps above which only rounding is left."""
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 SOLVED = 1e-10
-"""Violation of an equality in natural units below which stored unknowns are a gait; a walk stores 1e-13 or less."""
+"""Violation of an equality in natural units below which stored unknowns are a gait; a point has 1e-13 or less."""
 LENGTH_TOLERANCE = 1e-13
 """In arclength; the parameter is then accurate to more than ten digits of its range."""
 
@@ -132,7 +132,7 @@ class CurvePoint:
     tangent : ndarray, shape of w - direction of the curve, of unit length in y.
     bordered : the Jacobian with this tangent as its last row.
     iterations : number of Newton iterations that led here.
-    earlier : unknowns and tangents of the points before this one, the latest first.
+    earlier : unknowns and tangent of the point before this one, from which the next one is extrapolated; None if none.
     """
 
     curve: "Curve"
@@ -141,7 +141,7 @@ class CurvePoint:
     tangent: Array
     bordered: ScaledMatrix
     iterations: int
-    earlier: tuple[tuple[Array, Array], ...] = ()
+    earlier: tuple[Array, Array] | None = None
 
     @property
     def value(self) -> float:
@@ -173,6 +173,14 @@ class CurvePoint:
         """Value of one monitor; infinite where this gait does not have it."""
         return self.monitors[key].value if key in self.monitors else np.inf
 
+    def test(self, name: str) -> float:
+        """Value of one test function."""
+        return self.tests[name]
+
+    def evaluate(self, function: TestFunction) -> float:
+        """Value of a function of the gait."""
+        return float(function(self.gait))
+
     def lost(self, before: "CurvePoint") -> list[MonitorKey]:
         """Monitors that were positive at the point ``before`` and no longer are."""
         return [key for key in self.monitors if self.monitor(key) <= 0 < before.monitor(key)]
@@ -196,7 +204,7 @@ class CurvePoint:
             ),
             origin=float(curve.p[equations.system.parameters.index(curve.parameter)]),
             metric=curve.metric.to_array(),
-            earlier=len(self.earlier),
+            earlier=int(self.earlier is not None),
         )
 
     def step(self, length: float) -> "CurvePoint | None":
@@ -207,11 +215,20 @@ class CurvePoint:
         ProblemError
             If the parameter has left the range that the problem allows.
         """
-        normal, ahead = self.curve.coordinates(self.tangent), self.at.w + length * self.tangent
-        for predicted in (self._extrapolated(length), ahead) if self.earlier else (ahead,):
+        coordinates, predictions = self.curve.coordinates, [self.at.w + length * self.tangent]
+        normal = coordinates(self.tangent)
+        if self.earlier is not None:
+            w, tangent = self.earlier
+            place = float(normal @ (coordinates(w) - coordinates(self.at.w)))
+            slope = float(normal @ coordinates(tangent))
+            weights = None if slope < FORWARD else extrapolation([0.0, place], length, slopes=True)
+            if weights is not None:
+                cubic = weights @ np.array([self.at.w, w, self.tangent, tangent / slope])
+                predictions.insert(0, cubic)
+        for predicted in predictions:
             end = self.curve.corrected(predicted, normal, self.bordered)
             if end is not None:
-                return replace(end, earlier=((self.at.w, self.tangent), *self.earlier)[:REMEMBERED])
+                return replace(end, earlier=(self.at.w, self.tangent))
         return None
 
     @overflow_allowed()
@@ -220,7 +237,7 @@ class CurvePoint:
         slope = self.tangent[-1]
         predicted = self.at.w + self.tangent * ((value - self.at.w[-1]) / slope if slope else 0.0)
         predicted[-1] = value
-        return self.curve.nearest(predicted, self.tangent)
+        return self.curve.nearest(predicted, self.curve.coordinates(self.tangent))
 
     def locate(self, after: "CurvePoint", length: float, function: "Callable[[CurvePoint], float]") -> Location:
         """The zero of ``function`` on the step of the given arclength from here to ``after``."""
@@ -254,36 +271,14 @@ class CurvePoint:
         """The same gait with arcs in the order that its durations demand; its modes do not change."""
         curve = self.curve
         ordered, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled_again(self.at))
-        first = ordered.start(w, self._tangent_on(ordered))
+        first = ordered.start(w, curve.coordinates(self.tangent))
         return first if first is not None and first.in_order else None
 
     def _resampled(self, at: Solution) -> "CurvePoint | None":
         """The point on the curve of another mesh, where ``at`` is its solution."""
         curve = Curve(self.curve.problem, self.curve.parameter, at.equations, self.curve.p, self.curve.metric)
         plain = Solution(at.equations, at.w, at.p)  # with its own Jacobian, without a chord
-        return curve.through(plain, curve.coordinates(self._tangent_on(curve)))
-
-    def _tangent_on(self, curve: "Curve") -> Array:
-        """The tangent on another mesh, with the entries that count for arclength; those of all inner nodes are zero."""
-        n_z, tail = curve.equations.system.n_z, curve.equations.n_phases + 1
-        tangent = np.zeros(curve.equations.w.numel())
-        tangent[:n_z], tangent[-tail:] = self.tangent[:n_z], self.tangent[-tail:]
-        return tangent
-
-    def _extrapolated(self, length: float) -> Array:
-        """The solution at arclength ``length`` on the polynomial through the last points and tangents."""
-        coordinates = self.curve.coordinates
-        normal, here = coordinates(self.tangent), coordinates(self.at.w)
-        places, weights = [0.0], np.array([1.0, length])
-        known = [(self.at.w, self.tangent)]
-        for w, tangent in self.earlier:
-            place, slope = float(normal @ (coordinates(w) - here)), float(normal @ coordinates(tangent))
-            following = None if slope < FORWARD else extrapolation([*places, place], length, slopes=True)
-            if following is None:
-                break
-            places, known, weights = [*places, place], [*known, (w, tangent / slope)], following
-        values, slopes = zip(*known, strict=True)
-        return np.asarray(weights @ np.array([*values, *slopes]))
+        return curve.through(plain, self.curve.coordinates(self.tangent))
 
 
 class Curve:
@@ -325,25 +320,27 @@ class Curve:
         """The ``entries`` of some w as y."""
         return entries / self._scales
 
-    def direction(self, y: Array) -> Array:
-        """The change of w for a change of y; all other entries are zero."""
-        w = np.zeros(self.equations.w.numel())
-        w[self._indices] = y * self._scales
-        return w
+    def ahead(self, sign: float) -> Array:
+        """The direction in which the parameter alone rises or falls, as ``sign`` says; shape of y."""
+        direction = np.zeros(self._indices.size)
+        direction[-1] = sign
+        return self.scaled(direction)
 
     def start(self, w: Array, forward: Array) -> CurvePoint | None:
-        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; its tangent along ``forward``.
+        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; None if Newton's method fails.
 
-        None if Newton's method fails; ``forward`` has the shape of w.
+        Parameters
+        ----------
+        forward : ndarray, shape of y - direction of the tangent.
         """
         point = self.nearest(w, forward)
         return None if point is None else point.remeshed()
 
     def nearest(self, w: Array, forward: Array) -> CurvePoint | None:
-        """The point next to ``w`` on this mesh and at the same parameter."""
+        """The point next to ``w`` on this mesh and at the same parameter, its tangent along ``forward``."""
         upright = np.zeros(self._indices.size)
         upright[-1] = 1.0
-        return self.corrected(w, upright, forward=self.coordinates(forward))
+        return self.corrected(w, upright, forward=forward)
 
     def branch_off(self, w: Array, direction: Array, length: float) -> CurvePoint | None:
         """The point of another branch through ``w`` whose projection on ``direction`` (shape of w) is ``length``."""
@@ -453,7 +450,7 @@ class Curve:
         return self.point(at, tangent / np.linalg.norm(self.coordinates(tangent)), iterations)
 
     def point(
-        self, at: Solution, tangent: Array, iterations: int, earlier: tuple[tuple[Array, Array], ...] = ()
+        self, at: Solution, tangent: Array, iterations: int, earlier: tuple[Array, Array] | None = None
     ) -> CurvePoint:
         """A solution with a known tangent as a point of the curve."""
         return CurvePoint(
@@ -488,6 +485,32 @@ def curve_through(
     return Curve(problem, parameter, start.equations, start.p, metric), start.w
 
 
+def first_point(gait: Gait, parameter: str, metric: Metric, sign: float) -> CurvePoint:
+    """A gait on its curve, with the tangent along which the parameter rises or falls, as ``sign`` says.
+
+    Raises
+    ------
+    SolveError
+        If Newton's method fails at the gait.
+    """
+    intervals = () if gait.shooting is None else gait.shooting.intervals
+    curve, w = curve_through(gait.problem, parameter, metric, retraced(gait), intervals)
+    point = curve.start(w, curve.ahead(sign))
+    if point is None:
+        raise SolveError(
+            f"{gait.problem.name}: the gait cannot be continued in {parameter}: Newton's method fails at it"
+        )
+    return point
+
+
+def retraced(gait: Gait, times: int = 1) -> Rollout:
+    """The motion of a gait, repeated ``times``; each step starts from its known state, so that errors do not grow."""
+    durations = [duration for _, duration in gait.phases]
+    states = np.array([step.arcs[0].states[0] for step in gait.steps])
+    cycle = Cycle(gait.problem.cycle.steps * times)
+    return roll_out(gait.dynamics, cycle, np.tile(states, (times, 1)), durations * times)
+
+
 def resumed_point(
     problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[ContinuationState], iterations: int
 ) -> CurvePoint:
@@ -497,7 +520,7 @@ def resumed_point(
     ----------
     problem : with the modes of the curve.
     dynamics : at the values of all other parameters.
-    states : of the last point, and before it those of the points from which the next one is extrapolated.
+    states : of the last point, and before it that of the point before, if the next one is extrapolated from both.
     iterations : number of Newton iterations that led to the last point.
 
     Raises
@@ -525,7 +548,7 @@ def resumed_point(
     equations = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
     p = dynamics.at({parameter: last.origin}).p
     curve = Curve(problem, parameter, equations, p, Metric.from_array(last.metric))
-    earlier = tuple((state.unknowns, state.direction) for state in reversed(before))
+    earlier = (before[-1].unknowns, before[-1].direction) if before else None
     point = curve.point(Solution(equations, last.unknowns, p), last.direction, iterations, earlier)
     if not point.at.size < SOLVED:
         raise ValueError("walk.unknowns are not a gait with these phases")

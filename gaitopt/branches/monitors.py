@@ -1,15 +1,15 @@
-"""What is watched along a curve of gaits: functions whose zeros are special points.
+"""Functions along a curve of gaits whose zeros are special points: monitors and test functions.
 
 *Monitors* are positive while the mode sequence holds. With s in [-1, 1] over a phase and g a margin in natural units,
 
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
 
-The denominator removes the zeros that events cause at the ends of the phase, so that the sign of the monitor says
-whether the event is still crossed: a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip
-(a double zero), b = 1 where an event ends the phase.
+The denominator removes the zeros that events cause at the ends of the phase, so that the sign of the monitor tells
+whether the event still occurs: a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a
+double zero), b = 1 where an event ends the phase.
 
-*Test functions* of the multipliers lambda_i change their sign where a gait loses or gains stability, or the curve folds
-or meets another one,
+*Test functions* of the multipliers lambda_i change sign where a gait loses or gains stability, or the curve folds or
+meets another one,
 
     slope            d parameter / d arclength
     unit             prod (1 - lambda_i)
@@ -20,18 +20,18 @@ A multiplier is 1 at folds and at branch points. With r the return map, A its de
 
     det [[1 - A, -dr/dparameter], [tangent]] = prod (1 - lambda_i) / (d parameter / ds)
 
-vanishes at branch points only. At a fold, slope and unit change their signs together; if only one of them does, another
-branch crosses (unit alone: transcritical, or a pitchfork seen from its handle; slope alone: seen from a prong).
+vanishes at branch points only. At a fold both slope and unit change sign; if only one of them does, another branch
+crosses (only unit: transcritical, or the handle of a pitchfork; only slope: a prong of a pitchfork).
 
-The *stride* falls to zero where a gait vanishes: the feet come down ever closer to each other. Durations, the rate of
-touchdown and the impulse vanish with it, in different powers, so that any monitor may be the first that is lost.
+The *stride* falls to zero where a gait vanishes: the feet land closer and closer to each other. Durations, the rate of
+touchdown and the impulse vanish with different powers of the stride, so that any monitor may be lost first.
 
 References
 ----------
 Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -49,21 +49,21 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CONE, margin_unit
 
 OPEN = 1.0
-"""Value of a monitor that is far from anything."""
+"""Largest value of a monitor of a touchdown: the foot stays far from the ground."""
 BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
 TestFunction = Callable[[Gait], float]
-"""A function of the gaits of a family, continuous along it, whose zeros are of interest."""
+"""A function of a gait, continuous along a family, whose zeros are to be located."""
 NEUTRAL = 1e-6
 """Imaginary part below which a pair with product one is real: a neutral saddle, not a Neimark-Sacker point."""
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorKey:
-    """What is watched.
+    """The quantity that a monitor watches.
 
     Attributes
     ----------
-    kind : ``duration``, or the name of a margin; ``touchdown`` is a second one within the step.
+    kind : ``duration``, ``onset`` or the name of a margin; ``touchdown`` is a second touchdown within the step.
     phase : index of the phase, None for an impact.
     step : index of the step that an impact ends.
     """
@@ -75,20 +75,60 @@ class MonitorKey:
 
 @dataclass(frozen=True, slots=True)
 class MonitorValue:
-    """Value of a monitor, and where in its phase, from 0 (start) to 1 (end), it is taken."""
+    """Value of a monitor, and the place of its minimum in the phase, from 0 (start) to 1 (end)."""
 
     value: float
     where: float = 1.0
 
 
 def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
-    """All monitors of a solution, whether or not they hold."""
-    arcs = _arcs_by_phase(gait)
-    return {**dict(_phase_values(gait, arcs)), **dict(_impact_values(gait, arcs))}
+    """All monitors of a solution, positive or not."""
+    cycle, table, drops = gait.problem.cycle, gait.system.transitions, gait.dynamics.friction_drops
+    period, scales = abs(gait.period), gait.dynamics.scales
+    phases: list[list[Arc]] = [[] for _ in cycle.phases]  # breakpoints of the control cut a phase into several arcs
+    for first, step in zip(cycle.first_phases, gait.steps, strict=True):
+        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
+            phases[first + phase].append(arc)
+    margins = {id(arc): _margins(gait, arc) for arcs in phases for arc in arcs}
+    values: dict[MonitorKey, MonitorValue] = {}
+
+    for phase, arcs in enumerate(phases):
+        duration = sum(arc.duration for arc in arcs)
+        values[MonitorKey("duration", phase)] = MonitorValue(duration / period)
+        if duration < SHORT_ARC * period:
+            continue
+        long = [arc for arc in arcs if arc.duration > SHORT_ARC * period]
+        after = cycle.after(phase)
+        ended_by = None if after is None else table.between(cycle.phases[phase], after).guard
+        for row, (kind, transition) in enumerate(table.of(cycle.phases[phase]).items()):
+            if kind != "upright" and not transition.margin.rises:
+                start = cycle.onset_order(phase, jump=drops) if kind == "slip_velocity" else 0
+                along = [margins[id(arc)][row] for arc in long]
+                values[MonitorKey(kind, phase)] = _lowest(along, (start, int(kind == ended_by)), long, arcs)
+        if cycle.starts_from_rest(phase) and drops:
+            values[MonitorKey("onset", phase)] = MonitorValue(_force_beyond_cone(arcs[0]), 0.0)
+
+    for first, step in zip(cycle.first_phases, gait.steps, strict=True):
+        rows = [row for arc in step.arcs for row in table.of(arc.mode).values()]
+        for name in dict.fromkeys(row.guard for row in rows if row.margin.rises):
+            having = [(arc, phase) for arc, phase in zip(step.arcs, step.arc_phases, strict=True)
+                      if name in table.of(arc.mode)]  # fmt: skip
+            times = [arc.times for arc, _ in having]
+            along = [margins[id(arc)][table.margin_names(arc.mode).index(name)] for arc, _ in having]
+            last = max(phase for _, phase in having)
+            values[MonitorKey(name, first + last)] = MonitorValue(min(OPEN, lowest_after_rise(times, along)[0]))
+
+    for phase, mode in cycle.resets:
+        place, last_arc = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, phases[phase][-1]
+        for kind, value in last_arc.dynamics.impact_margins(mode, last_arc.states[-1]).items():
+            # a grazing touchdown is also a second touchdown; equal coefficients leave no doubt about an onset
+            if kind != "touchdown_rate" and (drops or kind != "impact_onset"):
+                values[MonitorKey(kind, **place)] = MonitorValue(float(value) / margin_unit(kind, scales))
+    return values
 
 
 def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[str, float]:
-    """Values by type of special point; ``slope`` is d parameter / d arclength."""
+    """Values of the test functions by name; ``slope`` is d parameter / d arclength."""
     pairs = [a * b - 1 for a, b in combinations(multipliers, 2)]
     return {
         "slope": slope,
@@ -99,7 +139,7 @@ def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[st
 
 
 def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, str]:
-    """Types of the special points between two gaits with these test functions, each with the one that locates it."""
+    """Types of the special points between two gaits with these test functions; each with the function to locate it."""
     changed = {name for name, value in after.items() if value * before[name] < 0}
     kinds: dict[str, str] = {kind: kind for kind in ("period_doubling", "neimark_sacker") if kind in changed}
     if {"slope", "unit"} <= changed:
@@ -110,7 +150,7 @@ def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]
 
 
 def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
-    """Whether a zero of a test function is the special point that it is named for."""
+    """Whether a zero of a test function is a special point of this type."""
     if kind != "neimark_sacker":
         return True
     a, b = min(combinations(multipliers, 2), key=lambda pair: abs(pair[0] * pair[1] - 1))
@@ -131,62 +171,27 @@ def stride(gait: Gait) -> float:
     return float(max(distances, default=np.inf)) / gait.dynamics.scales.length
 
 
-def _phase_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    modes, table = gait.problem.cycle.phases, gait.system.transitions
-    along = {id(arc): _margins(gait, arc) for whole in arcs for arc in whole}
-    period = abs(gait.period)
-    for phase, whole in enumerate(arcs):
-        duration = sum(arc.duration for arc in whole)
-        yield MonitorKey("duration", phase), MonitorValue(duration / period)
-        if duration < SHORT_ARC * period:
-            continue
-        group = [arc for arc in whole if arc.duration > SHORT_ARC * period]
-        margins = [along[id(arc)] for arc in group]
-        for row, (kind, transition) in enumerate(table.of(modes[phase]).items()):
-            if kind != "upright" and not transition.margin.rises:
-                values = [own[row] for own in margins]
-                yield MonitorKey(kind, phase), _lowest(values, _zeros(gait, phase, kind), group, whole)
-        if gait.problem.cycle.starts_from_rest(phase) and gait.dynamics.friction_drops:
-            yield MonitorKey("onset", phase), MonitorValue(_beyond_cone(gait, whole[0]), 0.0)
-    for first, step in zip(gait.problem.cycle.first_phases, gait.steps, strict=True):
-        rows = [row for arc in step.arcs for row in table.of(arc.mode).values()]
-        for name in dict.fromkeys(row.guard for row in rows if row.margin.rises):
-            within = [name in table.of(arc.mode) for arc in step.arcs]
-            last = max(phase for phase, has in zip(step.arc_phases, within, strict=True) if has)
-            own = [arc for arc, has in zip(step.arcs, within, strict=True) if has]
-            clearances = [along[id(arc)][table.margin_names(arc.mode).index(name)] for arc in own]
-            yield MonitorKey(name, first + last), MonitorValue(_early_fall(own, clearances))
+def _margins(gait: Gait, arc: Arc) -> Array:
+    """Margins of the mode along an arc in natural units; shape (n_margins, m)."""
+    values = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states)
+    return np.asarray(values / gait.dynamics.margin_units(arc.mode)).T
 
 
-def _arcs_by_phase(gait: Gait) -> list[list[Arc]]:
-    """Arcs of each phase; breakpoints of the control cut a phase into several."""
-    groups: list[list[Arc]] = []
-    for step in gait.steps:
-        first = len(groups)
-        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
-            if first + phase == len(groups):
-                groups.append([])
-            groups[first + phase].append(arc)
-    return groups
+def _lowest(along: list[Array], zeros: tuple[int, int], long: list[Arc], arcs: list[Arc]) -> MonitorValue:
+    """The lowest value of a margin whose zeros at the ends of the phase are removed, and its place in the phase.
 
-
-def _zeros(gait: Gait, phase: int, kind: str) -> tuple[int, int]:
-    """Orders of the zeros that events give a margin at the start and at the end of its phase."""
-    cycle, jump = gait.problem.cycle, gait.dynamics.friction_drops
-    start = cycle.onset_order(phase, jump=jump) if kind == "slip_velocity" else 0
-    after = cycle.after(phase)
-    ends = after is not None and kind == gait.system.transitions.between(cycle.phases[phase], after).guard
-    return start, int(ends)
-
-
-def _lowest(values: list[Array], zeros: tuple[int, int], group: list[Arc], whole: list[Arc]) -> MonitorValue:
-    """The lowest value of a margin without its zeros, on some of the arcs of a phase, and where in the phase it is."""
+    Parameters
+    ----------
+    along : the margin on each of the ``long`` arcs.
+    zeros : orders of the zeros at the start and at the end of the phase.
+    arcs : all arcs of the phase.
+    """
     minima = []
-    for arc, own in zip(group, values, strict=True):
-        start, end = zeros[0] * (arc is whole[0]), zeros[1] * (arc is whole[-1])
-        at, height = curves.maximum(-(_deflation(own.size, start, end) @ own if start or end else own))
+    for arc, margin in zip(long, along, strict=True):
+        start, end = zeros[0] * (arc is arcs[0]), zeros[1] * (arc is arcs[-1])
+        at, height = curves.maximum(-(_deflation(margin.size, start, end) @ margin if start or end else margin))
         time = arc.start + arc.duration * (at + 1) / 2
-        minima.append((-height, (time - whole[0].start) / (whole[-1].end - whole[0].start)))
+        minima.append((-height, (time - arcs[0].start) / (arcs[-1].end - arcs[0].start)))
     return MonitorValue(*min(minima))
 
 
@@ -202,28 +207,8 @@ def _deflation(count: int, start: int, end: int) -> Array:
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
 
 
-def _early_fall(arcs: Sequence[Arc], margins: Sequence[Array]) -> float:
-    return min(OPEN, lowest_after_rise([arc.times for arc in arcs], margins)[0])
-
-
-def _beyond_cone(gait: Gait, arc: Arc) -> float:
+def _force_beyond_cone(arc: Arc) -> float:
     """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
-    stick = arc.mode.with_contact(Mode.STICK)
+    stick, table = arc.mode.with_contact(Mode.STICK), arc.dynamics.system.transitions
     margins = arc.dynamics.margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
-    return -float(margins[gait.system.transitions.margin_names(stick).index(CONE[arc.mode.contact])])
-
-
-def _margins(gait: Gait, arc: Arc) -> Array:
-    values = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states)
-    return np.asarray(values / gait.dynamics.margin_units(arc.mode)).T
-
-
-def _impact_values(gait: Gait, arcs: list[list[Arc]]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    """Margins of every impact in natural units."""
-    cycle, scales = gait.problem.cycle, gait.dynamics.scales
-    for phase, mode in cycle.resets:
-        at, last = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, arcs[phase][-1]
-        for kind, value in last.dynamics.impact_margins(mode, last.states[-1]).items():
-            if kind == "touchdown_rate" or (kind == "impact_onset" and not gait.dynamics.friction_drops):
-                continue  # a grazing touchdown is a second one, too; equal coefficients leave no doubt about an onset
-            yield MonitorKey(kind, **at), MonitorValue(float(value) / margin_unit(kind, scales))
+    return -float(margins[table.margin_names(stick).index(CONE[arc.mode.contact])])

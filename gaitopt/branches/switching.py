@@ -1,7 +1,7 @@
-"""The other branches through a special point: the first gaits of each.
+"""The other branches through a special point, each by its first gait.
 
-period doubling  the cycle twice over; at a multiplier -1 the second branch through it has unlike halves
-branch point     the second curve of solutions; both of its halves
+period doubling  the cycle walked twice: at a multiplier -1 the second branch through it has unlike halves
+branch point     both halves of the second curve of solutions
 change of modes  every mode sequence that holds next to the event, also the cycle of both sequences in turn
 """
 
@@ -11,17 +11,16 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.branches.change import alternatives, holds
-from gaitopt.branches.curve import Curve, CurvePoint, Metric, curve_through
+from gaitopt.branches.curve import Curve, CurvePoint, Metric, curve_through, first_point, retraced
 from gaitopt.branches.request import FOLLOWS
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
-from gaitopt.nlp.rollout import Rollout, roll_out
 
 DISTANCES = (1e-3, 1e-4, 1e-2)
-"""Of the first gait from a branch point, in arclength: near enough for Newton's method, and far enough that rounding in
-the null vector, which grows like the inverse of the distance, does not matter."""
+"""Arclength of the first gait from a branch point: near enough for Newton's method, and far enough that rounding in the
+null vector, which grows like the inverse of the distance, does not matter."""
 STRAY = 5.0
 """Largest distance of the first gait from the branch point, in distances along the null vector."""
 
@@ -34,7 +33,7 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
     ProblemError
         If no other branch can begin at a special point of this type.
     SolveError
-        If none is found, though there should be one.
+        If no other branch is found.
     """
     if special.type not in FOLLOWS or special.gait is None:
         raise ProblemError(
@@ -54,54 +53,15 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
     return first_points
 
 
-def first_point(gait: Gait, parameter: str, metric: Metric, ahead: float) -> CurvePoint:
-    """A gait on its curve, with the tangent in the direction ``ahead`` of the parameter.
-
-    Raises
-    ------
-    SolveError
-        If Newton's method fails at it.
-    """
-    intervals = () if gait.shooting is None else gait.shooting.intervals
-    curve, w = curve_through(gait.problem, parameter, metric, motion_of(gait), intervals)
-    forward = np.zeros(w.size)
-    forward[-1] = ahead
-    return started(curve, w, forward)
-
-
-def started(curve: Curve, w: Array, forward: Array) -> CurvePoint:
-    """The first point of a curve, next to ``w``.
-
-    Raises
-    ------
-    SolveError
-        If Newton's method fails at it.
-    """
-    point = curve.start(w, forward)
-    if point is None:
-        raise SolveError(
-            f"{curve.problem.name}: the gait cannot be continued in {curve.parameter}: Newton's method fails at it"
-        )
-    return point
-
-
-def motion_of(gait: Gait, times: int = 1) -> Rollout:
-    """The motion of a gait, ``times`` over; every step from its own state, so that errors do not grow."""
-    durations = [duration for _, duration in gait.phases]
-    states = np.array([step.arcs[0].states[0] for step in gait.steps])
-    cycle = Cycle(gait.problem.cycle.steps * times)
-    return roll_out(gait.dynamics, cycle, np.tile(states, (times, 1)), durations * times)
-
-
 def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]:
-    """The family of twice as many steps; its other half is the same, begun one cycle later."""
+    """The family of twice as many steps; its other half has the same gaits, begun one cycle later."""
     point = first_point(gait, parameter, metric, 1.0)
     tangent, n = point.curve.coordinates(point.tangent), point.curve.equations.n_phases
     section, durations, slope = tangent[: -n - 1], tangent[-n - 1 : -1], tangent[-1:]
     along = np.concatenate([section, durations, durations, slope])
     state = dict(zip(gait.system.state_names, gait.state, strict=True))
     problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
-    doubled, w = curve_through(problem, parameter, metric, motion_of(gait, 2))
+    doubled, w = curve_through(problem, parameter, metric, retraced(gait, 2))
     yield from _halves(doubled, w, along, signs=(1.0,))
 
 
@@ -109,12 +69,12 @@ def _crossing(gait: Gait, tangent: Array | None, parameter: str, metric: Metric)
     """Both halves of the curve of solutions that crosses the known one, which has this ``tangent``."""
     if tangent is None:
         raise ProblemError("the direction of the known branch is needed to leave it at a branch point")
-    curve, w = curve_through(gait.problem, parameter, metric, motion_of(gait))
+    curve, w = curve_through(gait.problem, parameter, metric, retraced(gait))
     yield from _halves(curve, w, curve.scaled(tangent), signs=(1.0, -1.0))
 
 
 def _halves(curve: Curve, w: Array, along: Array, signs: tuple[float, ...]) -> Iterator[CurvePoint]:
-    """The halves of the branch that crosses the direction ``along`` (shape of y) at ``w``."""
+    """The halves, one for each sign, of the branch that crosses the direction ``along`` (shape of y) at ``w``."""
     direction = curve.crossing(w, along)
     if direction is None:
         return

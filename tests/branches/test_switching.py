@@ -13,9 +13,9 @@ from gaitopt import continuation
 from gaitopt.branches import continuation as walks
 from gaitopt.branches.change import in_turn
 from gaitopt.branches.continuation import follow_family, resumable
-from gaitopt.branches.curve import Metric, curve_through
+from gaitopt.branches.curve import Metric, curve_through, retraced
 from gaitopt.branches.request import Request
-from gaitopt.branches.switching import beginnings, motion_of
+from gaitopt.branches.switching import beginnings
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import Branch, SpecialPoint, cascades
 from gaitopt.gait.gait import Gait, floquet_multipliers
@@ -76,7 +76,7 @@ def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
     state = dict(zip(gait.system.state_names, gait.state, strict=True))
     problem = gait.problem.with_modes(Cycle(gait.problem.cycle.steps * 2), state)
     metric = Metric.of(gait, 0.01)
-    twice, w = curve_through(problem, SLOPE, metric, motion_of(gait, 2))
+    twice, w = curve_through(problem, SLOPE, metric, retraced(gait, 2))
     _, derivative, _ = section_sensitivity(Solution(twice.equations, w, twice.p))
     multipliers = floquet_multipliers(derivative)
     assert multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
