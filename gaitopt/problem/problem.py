@@ -19,7 +19,7 @@ from gaitopt.model.registry import registered_walkers
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
-from gaitopt.problem.reading import assemble
+from gaitopt.problem.reading import read_statement
 from gaitopt.problem.schema import ControlSpec, CurveReference, PDSpec
 from gaitopt.problem.source import find_problem, parse_source, read_text
 from gaitopt.problem.statement import (
@@ -209,7 +209,7 @@ class Problem(ProblemStatement):
         faults: list[Fault] = []
         data = problem_data(self)
         place = override(data, {key: value}, faults)
-        assemble(data, {self.walker.model: type(self.walker)}, faults)
+        read_statement(data, {self.walker.model: type(self.walker)}, faults)
         return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
 
     def resolved(self) -> dict[str, Any]:
@@ -376,7 +376,7 @@ def _build(
 ) -> Problem:
     """A problem from data; raises all faults. ``known`` are references by name that need no loading."""
     walkers = {**registered_walkers(), **_by_model(origin.walkers)}
-    fields = assemble(data, walkers, faults)
+    fields = read_statement(data, walkers, faults)
     name, key = reference_name(fields["control"])
     reference = None
     if name:
