@@ -3,7 +3,7 @@
 A problem that tracks another gait holds that gait's own problem, which overrides never change.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -29,6 +29,7 @@ from gaitopt.problem.statement import (
     digest_of,
     override,
     problem_data,
+    reference_keys,
 )
 
 FOLLOWED_FROM = "followed_from"
@@ -37,11 +38,17 @@ FOLLOWED_FROM = "followed_from"
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Problem(ProblemStatement):
-    """The statement of one gait, validated, with its source.
+    """What is required of one gait, complete, validated and in SI, with its source.
+
+    A problem holds a walker with its parameters, friction and impact law, a control law, the mode sequence, a first
+    guess, and for designs the free parameters, objective and constraints (see ``ProblemStatement``). It is immutable:
+    ``replace`` changes values, ``with_guess``, ``with_gait`` and ``with_modes`` start from a known gait, ``with_fixed``
+    turns a design into an ordinary problem. Ask it for its ``parameters``, its ``remarks`` on unusual numbers, whether
+    a value is possible (``objection``), and for the ``resolved`` data and their ``digest``, which identify its gait.
 
     Attributes
     ----------
-    reference : the problem whose gait the control tracks or its curve starts from.
+    reference : the problem whose gait the control tracks or its curve starts from; ``replace`` never changes it.
     path, text : its file and the verbatim text, without overrides.
     origin : the problem with an open sequence whose solution this is; results are stored under its name and digest.
     file : the problem in the file, before ``replace`` changed it; None for that problem itself.
@@ -62,10 +69,6 @@ class Problem(ProblemStatement):
     def remarks(self) -> tuple[str, ...]:
         """Remarks on unusual numbers, one line each with its place; empty for most problems."""
         return tuple(fault_lines(remarks(self), self.place))
-
-    def reference_problem(self) -> "Problem | None":
-        """The problem whose gait the control tracks or its curve starts from; never touched by ``replace``."""
-        return self.reference
 
     @property
     def followed_from(self) -> "Problem | None":
@@ -105,9 +108,9 @@ class Problem(ProblemStatement):
         data = problem_data(self)
         place = override(data, overrides, faults, label)
         raise_faults(faults, place)
-        known = {} if self.reference is None else {reference_name(self.control)[0]: self.reference}
-        origin = _Origin(walkers=(type(self.walker),), path=self.path)
-        changed = _build(data, place, faults, origin, text=self.text, known=known)
+        known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
+        files = () if self.path is None else (self.path,)
+        changed = _build(data, place, faults, (type(self.walker),), files, text=self.text, known=known)
         file = self if self.file is None else self.file
         same = changed.reference == file.reference and all(
             getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
@@ -223,9 +226,8 @@ class Problem(ProblemStatement):
         if self.start is not None:
             data["gait"]["guess"]["state"] = dict(self.start.state)
         if self.reference is not None:
-            reference = data["control"]["reference"]
-            holder, key = (reference["curve"], "start") if "curve" in reference else (reference, "gait")
-            holder[key] = self.reference.resolved()
+            for section, key in reference_keys(data):
+                section[key] = self.reference.resolved()
         if self.followed_from is not None:
             before = self.followed_from.parameters
             changed = {key: before[key] for key, value in self.parameters.items() if value != before[key]}
@@ -266,7 +268,7 @@ def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = 
     ProblemError
         If the file or its content is wrong: one line ``file:line:column key: ...`` per fault.
     """
-    return _load(name_or_path, _Origin(walkers=_listed(walkers)))
+    return _load(name_or_path, walkers, ())
 
 
 def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -277,7 +279,7 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
     ProblemError
         As ``load_problem``.
     """
-    return _parse(text, _Origin(walkers=_listed(walkers), path=path))
+    return _parse(text, walkers, () if path is None else (path,))
 
 
 def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
@@ -292,37 +294,79 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
     before = data.pop(FOLLOWED_FROM, None)
     place = FilePlace(f"record of {shown(data.get('name'))}", {(): (1, 1)})
     known: dict[str, Problem] = {}
-    control = data.get("control")
-    reference = control.get("reference") if isinstance(control, Mapping) else None
-    curve = reference.get("curve") if isinstance(reference, Mapping) else None
-    for holder, key in ((reference, "gait"), (curve, "start")):
-        if isinstance(holder, dict) and isinstance(holder.get(key), Mapping):
-            nested = restore_problem(holder[key], walkers=walkers)
-            known, holder[key] = {nested.name: nested}, nested.name
-    problem = _build(data, place, [], _Origin(walkers=_listed(walkers)), known=known)
+    for section, key in reference_keys(data):
+        if isinstance(section, dict) and isinstance(section[key], Mapping):
+            reference = restore_problem(section[key], walkers=walkers)
+            known, section[key] = {reference.name: reference}, reference.name
+    problem = _build(data, place, [], walkers, (), known=known)
     return problem if before is None else replace(problem, file=problem.replace(before).from_guess())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Origin:
-    """Source of a problem: its file, the chain of files that refer to it, and further classes of walkers."""
+def _load(name_or_path: str | Path, walkers: Sequence[type[Walker]], files: Sequence[Path]) -> Problem:
+    """Load a problem; ``files`` is the chain of files that refer to it, the nearest one last."""
+    path = find_problem(name_or_path, files[-1].parent if files else None)
+    text = read_text(path)
+    if path.resolve() in [file.resolve() for file in files]:
+        raise ProblemError(f"circular reference: {' -> '.join(file.stem for file in (*files, path))}")
+    return _parse(text, walkers, (*files, path))
 
-    walkers: tuple[type[Walker], ...]
-    path: Path | None = None
-    chain: tuple[Path, ...] = ()
+
+def _parse(text: str, walkers: Sequence[type[Walker]], files: Sequence[Path]) -> Problem:
+    name = str(files[-1]) if files else "problem"
+    source = parse_source(text, name)
+    place = FilePlace(name, source.marks)
+    faults = list(source.faults)
+    if not isinstance(source.data, Mapping):
+        faults.append(Fault((), "the file is not a mapping of keys; `gaitopt schema` describes a problem file"))
+        raise_faults(faults, place)
+    return _build(source.data, place, faults, walkers, files, text=text)
 
 
-def _listed(walkers: Sequence[type[Walker]]) -> tuple[type[Walker], ...]:
-    """Classes that a caller passes.
+def _build(
+    data: Mapping[str, Any],
+    place: Place,
+    faults: list[Fault],
+    walkers: Sequence[type[Walker]],
+    files: Sequence[Path],
+    *,
+    text: str = "",
+    known: Mapping[str, Problem] | None = None,
+) -> Problem:
+    """A problem from data.
+
+    Parameters
+    ----------
+    faults : of the text of the file.
+    walkers : classes that the data may name in addition to the registered ones.
+    files : the file of the problem at the end, after the files that refer to it; empty if there is none.
+    known : references by name, which are not loaded.
 
     Raises
     ------
     ProblemError
-        If they are not in a list or tuple.
+        With all faults, one line each.
     """
-    if not isinstance(walkers, list | tuple):
-        raise ProblemError(f"walkers is {shown(walkers)}, but must be a list of classes: walkers=[MyWalker]")
-    return tuple(walkers)
+    fields = read_statement(data, {**registered_walkers(), **_by_model(walkers)}, faults)
+    walker, (name, key), reference = fields["walker"], _reference_name(fields["control"]), None
+    if name:
+        try:
+            reference = (known or {}).get(name) or _load(name, walkers, files)
+        except (UnknownNameError, ProblemError) as error:
+            faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
+    if reference and walker:
+        subject = f"the reference {shown(name)}"
+        untracked = ", ".join(angle for angle in walker.tracked if angle not in reference.walker.shape)
+        if untracked:
+            words = f"is a {reference.walker.model}, which has no {untracked} to track"
+            faults.append(Fault(key, f"{subject} {words}"))
+        if len(reference.cycle.steps) > 1:
+            words = "has several steps, but its clock restarts at every impact: name a gait of one step"
+            faults.append(Fault(key, f"{subject} {words}"))
+    raise_faults(faults, place)
+    path = files[-1] if files else None
+    problem = Problem(**fields, reference=reference, path=path, text=text, place=place)
+    raise_faults(impossible(problem), place)
+    return problem
 
 
 def _by_model(walkers: Sequence[type[Walker]]) -> dict[str, type[Walker]]:
@@ -331,8 +375,10 @@ def _by_model(walkers: Sequence[type[Walker]]) -> dict[str, type[Walker]]:
     Raises
     ------
     ProblemError
-        If one of them is no well-formed class of a walker, or two have one name.
+        If they are not in a list or tuple, one is no well-formed class of a walker, or two have one name.
     """
+    if not isinstance(walkers, list | tuple):
+        raise ProblemError(f"walkers is {shown(walkers)}, but must be a list of classes: walkers=[MyWalker]")
     named: dict[str, type[Walker]] = {}
     for walker in walkers:
         try:
@@ -345,67 +391,10 @@ def _by_model(walkers: Sequence[type[Walker]]) -> dict[str, type[Walker]]:
     return named
 
 
-def _load(name_or_path: str | Path, origin: _Origin) -> Problem:
-    path = find_problem(name_or_path, None if origin.path is None else origin.path.parent)
-    text = read_text(path)
-    chain = origin.chain if origin.path is None else (*origin.chain, origin.path.resolve())
-    if path.resolve() in chain:
-        raise ProblemError(f"circular reference: {' -> '.join(file.stem for file in (*chain, path))}")
-    return _parse(text, _Origin(walkers=origin.walkers, path=path, chain=chain))
-
-
-def _parse(text: str, origin: _Origin) -> Problem:
-    name = "problem" if origin.path is None else str(origin.path)
-    source = parse_source(text, name)
-    place = FilePlace(name, source.marks)
-    faults = list(source.faults)
-    if not isinstance(source.data, Mapping):
-        faults.append(Fault((), "the file is not a mapping of keys; `gaitopt schema` describes a problem file"))
-        raise_faults(faults, place)
-    return _build(source.data, place, faults, origin, text=text)
-
-
-def _build(
-    data: Mapping[str, Any],
-    place: Place,
-    faults: list[Fault],
-    origin: _Origin,
-    *,
-    text: str = "",
-    known: Mapping[str, Problem] | None = None,
-) -> Problem:
-    """A problem from data; raises all faults. ``known`` are references by name that need no loading."""
-    walkers = {**registered_walkers(), **_by_model(origin.walkers)}
-    fields = read_statement(data, walkers, faults)
-    name, key = reference_name(fields["control"])
-    reference = None
-    if name:
-        try:
-            reference = (known or {}).get(name) or _load(name, origin)
-        except (UnknownNameError, ProblemError) as error:
-            faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
-    if reference and fields["walker"]:
-        faults += [Fault(key, why) for why in unsuitable(name, reference, fields["walker"])]
-    raise_faults(faults, place)
-    problem = Problem(**fields, reference=reference, path=origin.path, text=text, place=place)
-    raise_faults(impossible(problem), place)
-    return problem
-
-
-def reference_name(control: ControlSpec | None) -> tuple[str, Key]:
+def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:
     """Name or path of the other problem in a control, and the key that gives it; empty if there is none."""
     if not isinstance(control, PDSpec):
         return "", ()
     if isinstance(control.reference, CurveReference):
         return control.reference.curve.start, ("control", "reference", "curve", "start")
     return control.reference.gait, ("control", "reference", "gait")
-
-
-def unsuitable(name: str, reference: ProblemStatement, walker: Walker) -> Iterator[str]:
-    """Reasons why a walker cannot track the gait of the problem ``name``."""
-    subject = f"the reference {shown(name)}"
-    untracked = ", ".join(angle for angle in walker.tracked if angle not in reference.walker.shape)
-    if untracked:
-        yield f"{subject} is a {reference.walker.model}, which has no {untracked} to track"
-    if len(reference.cycle.steps) > 1:
-        yield f"{subject} has several steps, but its clock restarts at every impact: name a gait of one step"

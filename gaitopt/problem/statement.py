@@ -223,6 +223,15 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
     return steps[0] if len(steps) == 1 else {"steps": steps}
 
 
+def reference_keys(data: Mapping[str, Any]) -> list[tuple[Any, str]]:
+    """Sections and keys in the data of a problem, valid or not, that name another problem or contain its data."""
+    control = data.get("control")
+    reference = control.get("reference") if isinstance(control, Mapping) else None
+    curve = reference.get("curve") if isinstance(reference, Mapping) else None
+    places = ((reference, "gait"), (curve, "start"))
+    return [(section, key) for section, key in places if isinstance(section, Mapping) and key in section]
+
+
 def digest_of(resolved: Mapping[str, Any]) -> str:
     """SHA-256 of resolved data, without the texts ``about``."""
     canonical = json.dumps(_without_about(resolved), sort_keys=True, separators=(",", ":"), allow_nan=False)

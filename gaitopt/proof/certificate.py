@@ -39,7 +39,7 @@ from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem, restore_problem
 from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
-from gaitopt.problem.statement import digest_of
+from gaitopt.problem.statement import digest_of, reference_keys
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 
@@ -209,14 +209,10 @@ def certified_problem(record: CertificateRecord, walkers: Sequence[type[Walker]]
 
 def _refuse_named_reference(resolved: Mapping[str, Any]) -> None:
     """Refuse the name of a tracked problem in place of the problem: the file of that name may contain anything."""
-    control = resolved.get("control")
-    reference = control.get("reference") if isinstance(control, Mapping) else None
-    curve = reference.get("curve") if isinstance(reference, Mapping) else None
-    for holder, key in ((reference, "gait"), (curve, "start")):
-        if isinstance(holder, Mapping) and key in holder:
-            if not isinstance(holder[key], Mapping):
-                raise ValueError("its problem names another problem instead of holding it")
-            _refuse_named_reference(holder[key])
+    for section, key in reference_keys(resolved):
+        if not isinstance(section[key], Mapping):
+            raise ValueError("its problem names another problem instead of holding it")
+        _refuse_named_reference(section[key])
 
 
 def certified_control(problem: Problem, reference: MotionRecord | CurveRecord | None) -> Control:

@@ -120,7 +120,7 @@ def test_a_curve_may_be_the_reference_and_is_an_unknown():
         "compass-passive-b",
         BeyondEnd.OFF,
     )
-    assert problem.reference_problem().name == "compass-passive-b"
+    assert problem.reference.name == "compass-passive-b"
     assert restore_problem(problem.resolved()).digest == problem.digest
 
 
@@ -241,9 +241,9 @@ def test_the_digest_covers_the_reference(tmp_path):
 def test_overrides_never_touch_the_reference():
     problem = load_problem("compass-pd-impact-slip")
     other = problem.replace({"friction": 0.3, "walker.leg_mass": 5})
-    assert other.reference_problem().digest == problem.reference_problem().digest
-    assert other.reference_problem().friction == 0.14
-    assert load_problem("compass-passive-a").reference_problem() is None
+    assert other.reference.digest == problem.reference.digest
+    assert other.reference.friction == 0.14
+    assert load_problem("compass-passive-a").reference is None
 
 
 def test_a_reference_is_found_relative_to_its_file(tmp_path):
@@ -251,8 +251,8 @@ def test_a_reference_is_found_relative_to_its_file(tmp_path):
     (tmp_path / "far" / "walk.yaml").write_text(walking())
     (tmp_path / "track.yaml").write_text(walking("track", tracking("far/walk.yaml")))
     problem = load_problem(tmp_path / "track.yaml")
-    assert problem.reference_problem().path == tmp_path / "far" / "walk.yaml"
-    assert restore_problem(problem.resolved()).reference_problem().name == "walk"
+    assert problem.reference.path == tmp_path / "far" / "walk.yaml"
+    assert restore_problem(problem.resolved()).reference.name == "walk"
 
 
 def test_references_that_run_in_a_circle_are_refused(tmp_path):
