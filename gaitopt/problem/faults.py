@@ -34,12 +34,7 @@ HINTS: Mapping[str, str] = {
     "lateral|yaw|3d|width": "all motion is in a plane",
     "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
 }
-"""By a pattern of the unknown word; the page on scope says the same."""
-
-
-def hint(word: str) -> str:
-    """What to use in place of an unknown word; empty for most words."""
-    return next((text for pattern, text in HINTS.items() if re.search(pattern, word.lower())), "")
+"""What to use in place of an unknown word, by its pattern; docs/scope.md says the same."""
 
 
 Key = tuple[str | int, ...]
@@ -162,8 +157,8 @@ def near_miss(word: object, allowed: Sequence[str]) -> str:
     close = difflib.get_close_matches(text, allowed, n=2)
     if close:
         return f"; did you mean {' or '.join(close)}?"
-    remark = hint(text) if isinstance(word, str) else ""
-    return f"; allowed: {', '.join(allowed) or 'none'}{remark and f'; {remark}'}"
+    hints = [hint for pattern, hint in HINTS.items() if isinstance(word, str) and re.search(pattern, text.lower())]
+    return "; ".join([f"; allowed: {', '.join(allowed) or 'none'}", *hints[:1]])
 
 
 def nearest_keys(key: str, known: Sequence[str]) -> str:
@@ -186,7 +181,9 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         choices = re.findall(r"'(.*?)'", str(limits["expected"]))
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
-        return f"has {limits['actual_length']} entries, {_length_words(field)}{meaning}"
+        least, most = (_limits(field, (name,)) for name in ("min_length", "max_length"))
+        needed = f"{least[0]:g}" if least == most else f"at least {least[0]:g}" if not most else f"at most {most[0]:g}"
+        return f"has {limits['actual_length']} entries, must have {needed}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):
@@ -194,13 +191,6 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
     if kind in _LIMITS:
         return f"{shown(value)} must be {_range_words(field, kind, limits[_LIMITS[kind]])}{meaning}"
     return f"{shown(value)} {_REQUIREMENTS.get(kind, item['msg']).format(**limits)}{meaning}"
-
-
-def _length_words(field: FieldInfo | None) -> str:
-    least, most = (_limits(field, (name,)) for name in ("min_length", "max_length"))
-    if least == most:
-        return f"must have {least[0]:g}"
-    return f"must have at least {least[0]:g}" if not most else f"must have at most {most[0]:g}"
 
 
 def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:

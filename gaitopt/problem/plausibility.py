@@ -14,6 +14,7 @@ import numpy as np
 from casadi import SX, Function
 from pydantic import BaseModel
 
+from gaitopt.arrays import Array
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN
 from gaitopt.model.control import NoControl
@@ -175,7 +176,7 @@ def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
     return _ranges(state_section(type(walker))).get(coordinate, ())
 
 
-def _geometry_at_guess(problem: ProblemStatement) -> tuple[Any, float, Any]:
+def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array]:
     """Swing foot from the stance foot [m], margin of being upright, and gravity along x and y [m/s^2].
 
     Without a guess all angles are zero.

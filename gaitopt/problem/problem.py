@@ -1,6 +1,6 @@
 """A problem: a statement with its source, loaded from a file, changed by overrides and identified by a digest.
 
-A problem that tracks another gait holds that gait's own problem, which overrides never change.
+A problem that tracks another gait contains the problem of that gait, which overrides never change.
 """
 
 from collections.abc import Mapping, Sequence
@@ -74,7 +74,7 @@ class Problem(ProblemStatement):
     def followed_from(self) -> "Problem | None":
         """The file's problem, if this one differs only in values of continuous parameters; otherwise None.
 
-        The gait of this problem is then the file's own gait, followed from the file's values to these.
+        The gait of this problem is then the gait of the file, followed from the file's values to these.
         """
         if self.file is None or self.is_open or self.is_design or self.origin is not None:
             return None

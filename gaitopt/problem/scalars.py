@@ -4,7 +4,7 @@
 
 A formula is written once, in terms of ``Quantities`` of a cycle. It is evaluated with numbers (``gait.measures``), with
 numbers that carry derivatives, and with expressions of the NLP (``design``). A scalar without a formula is the
-largest or smallest value of some curves. Proofs have enclosures of their own, so that they stay independent.
+largest or smallest value of some curves. Proofs enclose the scalars by formulas of their own, to stay independent.
 
 Two ranges do not follow from a sign: the feet are never farther apart than twice the leg length l, which also bounds
 the slip of one step; and the ground carries the weight m g on average over a period.
@@ -66,7 +66,7 @@ class Scalar:
     label, unit : as in tables and on axes.
     meaning : a longer text, where the label does not say everything.
     within : its range, in its natural unit.
-    needs : parts of a walker of which it must have one; empty where every walker has the scalar.
+    needs : the walker must have one of these (motors, push-off, dampers); empty if every walker has the scalar.
     of_designs : whether objectives and constraints may name it.
     formula : the scalar from the quantities of a cycle; None for an extremum.
     extremum : 1 for the largest of some values, -1 for the smallest, 0 for a formula.

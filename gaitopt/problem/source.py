@@ -199,23 +199,20 @@ class _DocumentReader:
                     raise self._refuse(event, "directives are not allowed, apart from %YAML 1.2")
             if isinstance(event, NodeEvent):
                 values += 1
-                self._check_node(event)
+                if isinstance(event, AliasEvent):
+                    raise self._refuse(event, f"alias {shown(event.anchor)} is not allowed: write the value out")
+                if event.anchor is not None:
+                    remedy = "write the value out where it is needed"
+                    raise self._refuse(event, f"anchor {shown(event.anchor)} is not allowed: {remedy}")
+                tag = getattr(event, "tag", None)
+                if tag is not None:
+                    raise self._refuse(event, f"tag {shown(str(tag))} is not allowed: write the plain value")
             depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
             if depth > MAX_DEPTH:
                 raise self._refuse(event, f"nested deeper than {MAX_DEPTH} levels")
             if values > MAX_VALUES:
                 raise self._refuse(event, f"more than {MAX_VALUES} keys and values: a problem file holds one gait")
             yield event
-
-    def _check_node(self, event: Any) -> None:
-        if isinstance(event, AliasEvent):
-            raise self._refuse(event, f"alias {shown(event.anchor)} is not allowed: write the value out")
-        if event.anchor is not None:
-            raise self._refuse(
-                event, f"anchor {shown(event.anchor)} is not allowed: write the value out where it is needed"
-            )
-        if event.tag is not None:
-            raise self._refuse(event, f"tag {shown(str(event.tag))} is not allowed: write the plain value")
 
     def _value(self, event: Any, events: Iterator[Event], path: Key) -> Any:
         if path not in self.marks or path == ():

@@ -1,6 +1,7 @@
-"""A problem statement: what is required of a gait, complete and in SI, and the same as data in the layout of a file.
+"""A problem statement: what is required of a gait, complete and in SI, and the same as plain data.
 
-Data that ``problem_data`` writes are read as the same problem, and their SHA-256 identifies it.
+``problem_data`` writes data in the layout of a file, which are read as the same problem; ``override`` changes them by
+dotted key, and their SHA-256 identifies the problem.
 """
 
 import hashlib
@@ -179,41 +180,38 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
 
     The guessed state has only its section coordinates, so that the others follow when these change.
     """
+    control, modes, start = problem.control, problem.modes, problem.start
+    if isinstance(modes, OpenSequence):
+        gait: dict[str, Any] = {"phases": OPEN}
+        gait |= {} if modes.impact is None else {"impact": str(modes.impact)}
+        gait |= {} if modes.steps == 1 else {"steps": modes.steps}
+        slipping = start is not None and start.state["dx"] != 0
+    else:
+        gait, slipping = cycle_data(modes), modes.impact.slips
+    if start is not None:
+        names = (*problem.walker.section_names(slipping=slipping), "x")
+        gait["guess"] = {"state": {name: start.state[name] for name in names}}
+        gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
+    torques = {"type": control.type, **control.torques} if isinstance(control, ConstantTorqueSpec) else None
     data: dict[str, Any] = {
         "name": problem.name,
         "about": problem.about,
         "walker": {"model": problem.walker.model, **problem.walker.model_dump(mode="json")},
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
-        "control": problem.control.model_dump(mode="json", exclude_none=True),
-        "gait": _gait_data(problem),
+        "control": torques or control.model_dump(mode="json", exclude_none=True),
+        "gait": gait,
     }
-    if isinstance(problem.control, ConstantTorqueSpec):
-        data["control"] = {"type": problem.control.type, **problem.control.torques}
     for key, free in problem.free.items():
         group, _, name = key.rpartition(".")
         (data[group] if group else data)[name] = {"free": [free.lower, free.upper], "guess": free.guess}
     if problem.objective:
         data["objective"] = dict(problem.objective)
     if problem.constraints:
-        ends = {name: {"min": span.minimum, "max": span.maximum} for name, span in problem.constraints.items()}
-        data["constraints"] = {n: {k: v for k, v in own.items() if math.isfinite(v)} for n, own in ends.items()}
-    return data
-
-
-def _gait_data(problem: ProblemStatement) -> dict[str, Any]:
-    if isinstance(problem.modes, OpenSequence):
-        data: dict[str, Any] = {"phases": OPEN}
-        data |= {} if problem.modes.impact is None else {"impact": str(problem.modes.impact)}
-        data |= {} if problem.modes.steps == 1 else {"steps": problem.modes.steps}
-        slipping = problem.start is not None and problem.start.state["dx"] != 0
-    else:
-        data, slipping = cycle_data(problem.modes), problem.modes.impact.slips
-    if problem.start is not None:
-        names = (*problem.walker.section_names(slipping=slipping), "x")
-        data["guess"] = {"state": {name: problem.start.state[name] for name in names}}
-        if problem.start.durations is not None:
-            data["guess"]["durations"] = list(problem.start.durations)
+        data["constraints"] = {
+            name: {key: value for key, value in (("min", span.minimum), ("max", span.maximum)) if math.isfinite(value)}
+            for name, span in problem.constraints.items()
+        }
     return data
 
 
