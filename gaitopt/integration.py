@@ -12,13 +12,13 @@ code.
 
 import sys
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from math import inf, nextafter, sqrt
 
 import numpy as np
 from casadi import DM, SX, Function, fabs, fmax, horzcat, sparsify, sumsqr, vertcat
 
 from gaitopt.arrays import Array, read_only
+from gaitopt.building import built_once
 from gaitopt.model.buffered import Buffers
 
 N_STAGES = 12
@@ -275,7 +275,7 @@ def bracketed_root(function: Callable[[float], float], low: float, high: float, 
             part = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def _step(rate: Function, point: Function, compare: Function | None) -> Function:
     """(t, y, f, h, p, r, rtol, atol) -> squared errors of order 5 and 3 in tolerances, y_new, and ``point`` there.
 

@@ -1,16 +1,36 @@
-"""State of one thread: caches whose values are written to while they work.
+"""State of one thread: caches whose values are written to while they work, and properties without a lock.
 
 Problems, systems, compiled functions and gaits are shared by all threads, because nothing writes to them. Buffers and
 integrators are written to by every use, so that every thread has its own.
 """
 
+import functools
 import threading
 from collections.abc import Callable
-from functools import lru_cache, wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, Self, TypeVar, cast, overload
 
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
+Property = TypeVar("Property", covariant=True)
+
+
+class cached_property(functools.cached_property[Property]):  # noqa: TID251
+    """As that of Python 3.12, which holds no lock while it computes.
+
+    That of Python 3.11 holds one for all instances of the class: a thread inside that waits for another lock and a
+    thread that holds the other lock and enters the property wait for each other for ever. Two threads may compute the
+    value at the same time; the first one is kept.
+    """
+
+    @overload
+    def __get__(self, instance: None, owner: type[Any] | None = None) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type[Any] | None = None) -> Property: ...
+    def __get__(self, instance: object | None, owner: type[Any] | None = None) -> Self | Property:
+        """The value, computed on first use; later uses find it in the instance."""
+        if instance is None:
+            return self
+        return cast(Property, vars(instance).setdefault(str(self.attrname), self.func(instance)))
 
 
 def per_thread(maxsize: int) -> Callable[[Callable[Arguments, Value]], Callable[Arguments, Value]]:
@@ -24,11 +44,11 @@ def per_thread(maxsize: int) -> Callable[[Callable[Arguments, Value]], Callable[
     def decorated(build: Callable[Arguments, Value]) -> Callable[Arguments, Value]:
         class Cache(threading.local):
             def __init__(self) -> None:
-                self.get: Callable[Arguments, Value] = lru_cache(maxsize=maxsize)(build)  # type: ignore[assignment]
+                self.get = cast(Callable[Arguments, Value], functools.lru_cache(maxsize=maxsize)(build))
 
         cache = Cache()
 
-        @wraps(build)
+        @functools.wraps(build)
         def of_this_thread(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Value:
             return cache.get(*args, **kwargs)
 

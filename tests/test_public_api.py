@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 from difflib import unified_diff
-from functools import cached_property
 from pathlib import Path
 from typing import Any, get_args
 
@@ -18,6 +17,7 @@ from pydantic import BaseModel
 
 import gaitopt
 from gaitopt.cli.main import app
+from gaitopt.threads import cached_property
 
 STATED = Path(__file__).with_name("public_api.txt")
 

@@ -1,9 +1,12 @@
 """Threads: what several threads solve, walk, prove or look up at once is what one thread gets, to the last bit."""
 
 import random
+import subprocess
 import sys
 import threading
+import weakref
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import dask
 import numpy as np
@@ -13,12 +16,13 @@ from named import named
 
 import gaitopt
 from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
+from gaitopt.building import BUILDING, BUILT, building, built_once
 from gaitopt.cli.signals import interruptible, listening
 from gaitopt.errors import StorageError
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.following import Family
 from gaitopt.store.lock import only_writer
-from gaitopt.threads import per_thread
+from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.cluster import METHOD, connected
 
 THREADS = 8
@@ -148,6 +152,106 @@ def test_no_thread_uses_the_buffers_of_another(monkeypatch):
 
     assert all(in_threads(worked, range(THREADS)))
     assert worked(0)
+
+
+@pytest.mark.parametrize(
+    "task",
+    ["verify", "run", "continue", "prove", "design"]
+    + [
+        pytest.param(task, marks=pytest.mark.slow)
+        for task in ("kneed", "pd", "design-pd", "picture", "search", "explain")
+    ],
+)
+def test_expressions_and_functions_are_built_and_freed_under_the_lock_alone(task):
+    for extra in ("heyoka", "flint"):
+        pytest.importorskip(extra)
+    program = Path(__file__).with_name("outside_the_lock.py")
+    done = subprocess.run([sys.executable, program, task], check=True, capture_output=True, text=True)
+    assert done.stdout == ""
+
+
+def test_a_constant_may_be_freed_and_built_again_in_several_threads():
+    @building
+    def scaled(x):
+        return Function("scaled", [x], [0.3 * x + 1000 * sin(0.7 * x)])
+
+    def built(_):
+        x = SX.sym("x")
+        return [float(scaled(x)(2.0)) for _ in range(400)]
+
+    assert in_threads(built, range(THREADS)) == [[0.6 + 1000 * np.sin(1.4)] * 400] * THREADS
+
+
+def test_what_a_thread_drops_while_another_builds_is_freed_with_the_next_one():
+    freed, function = [], building(lambda x: Function("f", [x], [x + 1]))(SX.sym("x"))
+    weakref.finalize(function, freed.append, "dropped")
+    deleted = BUILT._dropped
+    with BUILDING, ThreadPoolExecutor(1) as other:
+        holder = [function]
+        del function
+        other.submit(holder.clear).result()
+        assert freed == ["dropped"]
+        assert len(deleted) == 1
+    building(SX.sym)("x")
+    assert not deleted
+
+
+def test_an_error_of_what_builds_keeps_no_expression():
+    kept = []
+
+    @building
+    def failing():
+        x = SX.sym("x")
+        kept.append(weakref.ref(x))
+        raise ValueError("no")
+
+    def failed(_):
+        with pytest.raises(ValueError, match="no"):
+            failing()
+        return kept[-1]() is None
+
+    assert all(in_threads(failed, range(THREADS)))
+
+
+def test_what_is_built_can_be_had_while_another_thread_builds():
+    made = []
+
+    @built_once(maxsize=4)
+    def value(key):
+        made.append(key)
+        return [key]
+
+    first = value("a")
+    with BUILDING, ThreadPoolExecutor(1) as other:
+        assert other.submit(value, "a").result(timeout=10) is first
+    assert len({id(found) for found in in_threads(value, ["b"] * THREADS)}) == 1
+    assert made == ["a", "b"]
+    value.cache_clear()
+    assert value("a") is not first
+
+
+def test_a_property_takes_a_lock_that_another_thread_holds_while_it_enters_the_property():
+    entered, lock = threading.Event(), threading.RLock()
+
+    class Thing:
+        @cached_property
+        def value(self):
+            entered.set()
+            with lock:
+                return object()
+
+    def inside():
+        return Thing().value
+
+    with ThreadPoolExecutor(1) as other:
+        with lock:
+            waiting = other.submit(inside)
+            assert entered.wait(10)
+            assert Thing().value is not None
+        assert waiting.result(timeout=10) is not None
+    thing = Thing()
+    assert len({id(value) for value in in_threads(lambda _: thing.value, range(THREADS))}) == 1
+    assert Thing.value.attrname == "value"
 
 
 def test_values_per_thread_are_kept_in_the_thread_and_made_anew_in_others():

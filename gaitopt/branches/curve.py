@@ -16,7 +16,6 @@ H. B. Keller (1977), Numerical solution of bifurcation and nonlinear eigenvalue 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from gaitopt.nlp.rollout import Rollout, roll_out, rolled_again
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.problem.problem import Problem
+from gaitopt.threads import cached_property
 
 RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units: about thirty times the rounding of a step.

@@ -8,12 +8,12 @@ import sys
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
 from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gaitopt.cli.signals import interruptible
+from gaitopt.threads import cached_property
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -13,13 +13,13 @@ place, since its place has no effect to first order. |power| is integrated betwe
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import MX, SX, Function, cse, jacobian, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
@@ -206,7 +206,7 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     )
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
     """(t, z, p, r) -> force, height and lead of the swing foot, torques, motor rates, powers, margins; Jacobian."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
@@ -344,16 +344,16 @@ class ExactScalars:
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
                 for candidate in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), candidate
-        for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins(), strict=True):
+        for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins, strict=True):
             yield label.name, label.unit(scales), Candidate(f"impact {label.name}", value, slope)
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def _at_impact(t: MultipleShooting) -> Function:
     """(w, p) -> ``IMPACT_SCALARS`` and the margins of the impact; and their Jacobian in w."""
     landed = t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
     impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
-    margins = [expression for expression, _ in t.impact_margins()]
+    margins = [expression for expression, _ in t.impact_margins]
     work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
     values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, work, *margins)
     return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])

@@ -18,12 +18,12 @@ from its solution which constraints cannot be met and, from the multipliers, wha
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
 from gaitopt.design.spectral_radius import certified_radius
@@ -36,6 +36,7 @@ from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
+from gaitopt.threads import cached_property
 
 NEAR_OPTIMUM = 1e-4
 """KKT residual at which the search for conflicts ends, in the sizes of its objective and unknowns."""
@@ -198,6 +199,7 @@ class SmoothedProblem:
     elastic : give the problem's constraints slack, and minimise that instead of the objective.
     """
 
+    @building
     def __init__(
         self,
         problem: Problem,
@@ -240,6 +242,8 @@ class SmoothedProblem:
             progress=progress,
             should_stop=should_stop,
         )
+        BUILT.watch(vars(self))
+        BUILT.watch(vars(self._scalars))
 
     def solve(self) -> IpoptResult:
         """Run IPOPT from the starting motion."""

@@ -36,6 +36,7 @@ import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
 
 from gaitopt.arrays import Array, overflow_allowed
+from gaitopt.building import BUILT, building
 from gaitopt.integration import bracketed_root
 from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.modes import Mode
@@ -56,6 +57,7 @@ SMALLEST_RADIUS = 1e-3
 class ReturnMapGradient:
     """Gradient of <G, M> in the unknowns w, where M is the derivative of the return map and G a matrix of weights."""
 
+    @building
     def __init__(self, t: MultipleShooting) -> None:
         system, n_z = t.system, t.system.n_z
         section = [int(i) for i in system.section(t.layout.cycle.impact)]
@@ -70,7 +72,7 @@ class ReturnMapGradient:
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
         product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], changed)
         function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
-        self._gradient = BufferedFunction(function)
+        self._gradient = BufferedFunction(BUILT.watch(function))
 
     def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
         """The gradient, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""

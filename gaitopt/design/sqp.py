@@ -27,6 +27,7 @@ import numpy as np
 from casadi import Sparsity, conic
 
 from gaitopt.arrays import Array
+from gaitopt.building import building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import Constraint, Evaluation, ExactProblem
 from gaitopt.design.sensitivity import ArcCurves
@@ -225,7 +226,7 @@ def quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Ar
             "error_on_fail": False,
             "daqp": {"primal_tol": tolerance, "zero_tol": SMALLEST_PIVOT},
         }
-        solver = conic("quadratic_program", "daqp", shapes, options)
+        solver = building(conic)("quadratic_program", "daqp", shapes, options)
         solution = solver(h=H, g=g, a=A, lba=-b)
         if solver.stats()["success"]:
             break

@@ -5,7 +5,6 @@ Solver and simulator both provide arcs at Chebyshev points, so the same function
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.units import Scales
 from gaitopt.problem.scalars import MEASURES, SCALARS
+from gaitopt.threads import cached_property
 
 ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9

@@ -12,6 +12,7 @@ import numpy as np
 from casadi import Function, densify
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building
 
 WIDTH = 256
 """Rows that ``RowMap`` evaluates in one call of CasADi."""
@@ -46,7 +47,7 @@ class Buffers:
             buffer.set_arg(k, vector.data)
         for k, vector in enumerate(self.outputs):
             buffer.set_res(k, vector.data)
-        self._buffer = buffer  # keeps alive what ``evaluate`` works on
+        self._buffer = BUILT.watch(buffer)  # keeps alive what ``evaluate`` works on
 
     @property
     def failed(self) -> bool:
@@ -96,7 +97,7 @@ class BufferedMap(threading.local):
     """
 
     def __init__(self, function: Function, count: int) -> None:  # once in every thread
-        self._mapped = Buffers(_dense(function).map(count))
+        self._mapped = Buffers(_map(_dense(function), count))
         self._inputs = [memory.reshape(count, -1) if memory.size else None for memory in self._mapped.inputs]
         self._outputs = tuple(
             memory.reshape(count, *function.size_out(k)[::-1]) for k, memory in enumerate(self._mapped.outputs)
@@ -126,7 +127,7 @@ class RowMap:
     def __init__(self, function: Function) -> None:
         self._sizes_in = [function.numel_in(k) for k in range(function.n_in())]
         self._sizes_out = [function.numel_out(k) for k in range(function.n_out())]
-        self._mapped = Buffers(function.map(WIDTH))
+        self._mapped = Buffers(_map(function, WIDTH))
 
     def __call__(self, *values: Any) -> list[Array]:
         """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""
@@ -161,6 +162,13 @@ def buffered_map(function: Function, count: int) -> BufferedMap:
     return BufferedMap(function, count)
 
 
+@building
+def _map(function: Function, count: int) -> Function:
+    """The function at ``count`` points at once."""
+    return function.map(count)
+
+
+@building
 def _dense(function: Function) -> Function:
     """The function with structural zeros written out, as buffers hold nonzeros only."""
     if all(function.nnz_out(k) == function.numel_out(k) for k in range(function.n_out())):

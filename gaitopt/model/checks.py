@@ -23,6 +23,7 @@ import numpy as np
 from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, vec, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import (
@@ -135,7 +136,7 @@ def posture_words(walker: type[Walker], shape: Array) -> str:
     return ", ".join(f"{name} = {value:.4g}" for name, value in zip(walker.shape, shape, strict=True))
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def _kinematics(walker: type[Walker]) -> Function:
     """(q, dq, p) -> what a ``Posture`` holds, in its order."""
     n, p = len(walker.shape), SX.sym("p", len(walker.model_fields))
@@ -170,7 +171,7 @@ def _kinematics(walker: type[Walker]) -> Function:
     return Function("kinematics", [q, dq, p], outputs)
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def _section(walker: type[Walker]) -> Function:
     """(section coordinates, p) -> shape coordinates and their rates just after an impact."""
     names = walker.section_names(slipping=True)
@@ -179,7 +180,7 @@ def _section(walker: type[Walker]) -> Function:
     return Function("section", [free, p], [*state_after_impact(walker, named, parameter_namespace(walker, p))])
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def _parts(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
     """What a class states besides what follows an impact: a name for each entry, and (shape, p) -> all entries at rest.
 

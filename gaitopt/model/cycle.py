@@ -3,11 +3,11 @@
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import accumulate, pairwise
 from typing import Any, TypeVar
 
 from gaitopt.model.modes import Mode
+from gaitopt.threads import cached_property
 
 T = TypeVar("T")
 

@@ -14,7 +14,6 @@ the guard and reset, because the return map compares states on the section and n
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin_unit
 from gaitopt.model.units import Scales
+from gaitopt.threads import cached_property
 
 
 @dataclass(frozen=True, eq=False)

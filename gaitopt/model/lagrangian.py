@@ -12,11 +12,11 @@ which takes half the operations of derivatives of the kinetic energy. As (x, y) 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from types import SimpleNamespace
 
 from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
 
+from gaitopt.building import built_once
 from gaitopt.model.declaration import check_class, state_mechanism
 from gaitopt.model.walker import Mechanism, Walker
 
@@ -78,7 +78,7 @@ def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
     return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     """Derive the equations of motion of ``walker``.
 

@@ -13,7 +13,6 @@ The expressions that the functions of a hybrid system compile: motions, impacts 
 import pickle
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property, lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,6 +21,7 @@ from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building, built_once
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
 from gaitopt.model.control import Control
 from gaitopt.model.declaration import state_after_impact
@@ -30,6 +30,7 @@ from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Walker
+from gaitopt.threads import cached_property
 
 
 class Expressions:
@@ -53,19 +54,20 @@ class Expressions:
 
         self.transitions = transitions(walker, friction)
         self._static, self._kinetic, self._viscous = friction.coefficients(coefficients)
+        BUILT.watch(vars(self))
 
     @cached_property
     def torque(self) -> SX:
         """Actuator torques, shape (n_u,)."""
         indices = [self.walker.shape.index(name) for name in self.walker.tracked]
         angles, rates = self.eom.q[indices], self.eom.dq[indices]
-        return self._control.torque(self.t, angles, rates, self._scalars, self.r)
+        return BUILT.watch(self._control.torque(self.t, angles, rates, self._scalars, self.r))
 
     def motion(self, mode: Mode) -> Motion:
         """Accelerations and contact force in a mode."""
         if mode not in self._motions:
             held = self.slipping(_slip(mode), mode) if mode.touching else flight(self.eom, **self._acting(mode))
-            self._motions[mode] = held
+            self._motions[mode] = BUILT.watch(held)
         return self._motions[mode]
 
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
@@ -91,7 +93,7 @@ class Expressions:
     def impact(self, mode: Mode) -> Impact:
         """The impact after which the walker is in a mode: of the foot, or of the stops that are locked in it."""
         if mode not in self._impacts:
-            self._impacts[mode] = self._new_impact(mode)
+            self._impacts[mode] = BUILT.watch(self._new_impact(mode))
         return self._impacts[mode]
 
     def _new_impact(self, mode: Mode) -> Impact:
@@ -130,7 +132,7 @@ class Expressions:
     @cached_property
     def push(self) -> Push:
         """The push of the stance foot just before the swing foot lands."""
-        return push_off(self.eom, self._locked(self.walker.stops))
+        return BUILT.watch(push_off(self.eom, self._locked(self.walker.stops)))
 
     @property
     def approach(self) -> SX:
@@ -189,6 +191,7 @@ class HybridSystem:
     n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
     """
 
+    @building
     def __init__(
         self,
         walker: type[Walker],
@@ -324,6 +327,7 @@ class HybridSystem:
         return self._build(f"impact_margins_{mode.key}", outputs, "zp")
 
     @cached_property
+    @building
     def open_flow(self) -> Function:
         """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, the mode being open.
 
@@ -340,6 +344,7 @@ class HybridSystem:
         return self._build("open_flow", outputs, "tzspr", s=s)
 
     @cached_property
+    @building
     def open_impact(self) -> Function:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
 
@@ -352,23 +357,27 @@ class HybridSystem:
         return self._build("open_impact", outputs, "zsp", s=s)
 
     @cached_property
+    @building
     def push(self) -> Function:
         """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
         push = self._symbols.push
         return Function("push", [self._eom.z, self._p], [push.impulse, push.work], ["z", "p"], ["impulse", "work"])
 
     @cached_property
+    @building
     def weight(self) -> Function:
         """p -> total weight [N]."""
         return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
 
     @cached_property
+    @building
     def size(self) -> Function:
         """p -> length of a leg [m], gravity [m/s^2] and total mass [kg]."""
         eom = self._eom
         return Function("size", [self._p], [eom.length, eom.gravity, eom.mass])
 
     @cached_property
+    @building
     def lift(self) -> Function:
         """(xi, p) -> z: the state just after an impact from its section coordinates (always with dx), x = 0."""
         names = self.walker.section_names(slipping=True)
@@ -380,6 +389,7 @@ class HybridSystem:
         return Function("lift", [xi, self._p], [z])
 
     @cached_property
+    @building
     def lift_jacobian(self) -> Function:
         """(xi, p) -> d z / d xi of ``lift``; the column of dx is the last."""
         xi = SX.sym("xi", self.lift.size1_in(0))
@@ -407,7 +417,13 @@ class HybridSystem:
 
     def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str = "tzpr", **symbols: SX) -> Function:
         """The function of these inputs, letters of the module's equations or ``symbols``, built on first use."""
-        if name not in self._functions:
+        if name in self._functions:
+            return self._functions[name]
+        return self._built(name, outputs, inputs, **symbols)
+
+    @building
+    def _built(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str, **symbols: SX) -> Function:
+        if name not in self._functions:  # unless another thread has just built it
             symbols |= {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
             results = outputs()
             shared = cse([*results.values()])
@@ -431,6 +447,6 @@ def _unpickled(walker: type[Walker], control: Control, law: ImpactLaw, friction:
     return _system(parts)
 
 
-@lru_cache(maxsize=KEPT)
+@built_once(maxsize=KEPT)
 def _system(parts: _Parts) -> HybridSystem:
     return HybridSystem(parts.walker, parts.control, parts.law, parts.friction)

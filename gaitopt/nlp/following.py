@@ -22,7 +22,6 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,6 +36,7 @@ from gaitopt.nlp.ipopt import Feasibility
 from gaitopt.nlp.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
 from gaitopt.nlp.rollout import rolled_again
 from gaitopt.problem.problem import Problem
+from gaitopt.threads import cached_property
 
 HISTORY = 5
 """Solutions that are extrapolated from: with more, rounding adds as much as the polynomial leaves out."""

@@ -11,13 +11,13 @@ of f at all stages are one compiled function, and the recursion for dk_i is line
 about five times as fast as differentiating the step symbolically.
 """
 
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.integration import A_INSIDE, C_INSIDE, N_STAGES, A, B, C, D, combined
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.modes import Mode
@@ -29,7 +29,7 @@ LOBATTO_WEIGHTS = np.array([9, 49, 64, 49, 9]) / 180
 """Quadrature on [0, 1] that includes both ends, with positive weights, of the same order as the step."""
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def shooting_step(system: HybridSystem, mode: Mode) -> Function:
     """(z, t, h, p, r) -> z at t + h.
 
@@ -39,7 +39,7 @@ def shooting_step(system: HybridSystem, mode: Mode) -> Function:
     return Function(f"step_{mode.key}", inputs, [_end(mode, inputs, _stages(system, mode, inputs))])
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def sampled_step(system: HybridSystem, mode: Mode) -> Function:
     """(z, t, h, p, r) -> z at t + c h for the Lobatto points c; shape (n_z, n_points).
 
@@ -74,7 +74,7 @@ def integrate_to(system: HybridSystem, mode: Mode, z: Array, times: Array, p: Ar
     return np.array(states)
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
     """(z, t, h, p, r) -> f at every stage, and its derivatives by z, t and the free parameters, in columns."""
     z, t, h, p, r = inputs = _inputs(system)

@@ -20,6 +20,7 @@ import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, sum1, vec, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILDING, Freed, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
 from gaitopt.nlp.newton import Solution
@@ -62,7 +63,9 @@ ENDINGS: dict[str, tuple[Status, str]] = {
 """IPOPT's endings; any other is a defect of the installation or of gaitopt and raises."""
 
 RUNNING = threading.RLock()
-"""Held while IPOPT runs."""
+"""Held while IPOPT runs or is freed, as MUMPS then frees its memory."""
+FINISHED = Freed(RUNNING, BUILDING)
+"""Solvers that are no longer needed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +122,7 @@ class Ipopt:
     progress, should_stop : called at every iteration.
     """
 
+    @building
     def __init__(
         self,
         unknowns: Sequence[Block],
@@ -150,7 +154,8 @@ class Ipopt:
             plugin_options = {"jac_g": Function("jac_g", [x, p], [scaled, scaled_slope])}
         self._exact = exact
         self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel(), progress, should_stop)
-        self._solver = nlpsol(
+        FINISHED.free()
+        solver = nlpsol(
             "gait",
             "ipopt",
             nlp,
@@ -164,6 +169,7 @@ class Ipopt:
                 **plugin_options,
             },
         )
+        self._solver = FINISHED.watch(solver)
 
     def solve(self, w: Array, p: Array, sizes: Array | None = None, row_sizes: Array | None = None) -> IpoptResult:
         """Solve from ``w`` at parameters ``p``.
@@ -182,6 +188,7 @@ class Ipopt:
         self._watch.begin(lbg, ubg)
         parameters = p if self._exact else np.concatenate([p, x_unit, g_unit])
         with RUNNING:
+            FINISHED.free()
             end = self._solver(x0=w / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
             stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
@@ -211,6 +218,7 @@ class Feasibility:
     relaxed : leaves the margins out, and lets phases have negative durations.
     """
 
+    @building
     def __init__(
         self,
         equations: MultipleShooting,

@@ -7,7 +7,6 @@ stop) there is one more node than intervals: the first is just after one impact,
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from gaitopt.arrays import Array
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
+from gaitopt.threads import cached_property
 
 INTERVALS = 14
 """Intervals of a step in a first layout, distributed by length: about ten digits on the gaits of the paper."""

@@ -13,7 +13,6 @@ another family; other starts are left to IPOPT. P. Deuflhard (2004), Newton Meth
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import ORDER
 from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
+from gaitopt.threads import cached_property
 
 REACH = 0.2
 """Longest first step in natural units; a guess that needs a longer one is not near a gait."""

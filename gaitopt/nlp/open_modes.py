@@ -28,6 +28,7 @@ import numpy as np
 from casadi import MX, sum1, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
 from gaitopt.model.cycle import Cycle, ModeSequence
@@ -120,6 +121,7 @@ class Complementarity:
     progress, should_stop : called at every iteration of IPOPT.
     """
 
+    @building
     def __init__(
         self,
         dynamics: Dynamics,
@@ -152,6 +154,7 @@ class Complementarity:
             progress=progress,
             should_stop=should_stop,
         )
+        BUILT.watch(vars(self))
 
     def solve(self, starts: Array, ends: Array, period: float) -> Proposal | Status:
         """The cycle near linear motions between states of shape (n_steps, n_z), each in a period [s].

@@ -9,12 +9,12 @@ within the time of a step; if touchdown does not happen, it ends after the time 
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from casadi import Function
 
 from gaitopt.arrays import Array, overflow_allowed
+from gaitopt.building import built_once
 from gaitopt.integration import CompiledStep, Integration, StepSizeError, bracketed_root
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
@@ -315,7 +315,7 @@ class _ModeFlow:
         return np.asarray(margins / self._units)
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def _rate_and_margins(system: HybridSystem, mode: Mode) -> Function:
     flow, margins = system.flow(mode), system.margins(mode)
     inputs = flow.sx_in()

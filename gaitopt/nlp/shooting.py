@@ -19,7 +19,7 @@ H. G. Bock, K. J. Plitt (1984), A multiple shooting algorithm for direct solutio
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +27,7 @@ from casadi import MX, SX, Function, densify, horzcat, jacobian, repmat, sum1, v
 from numpy.typing import ArrayLike, NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building, built_once
 from gaitopt.gait.curves import points
 from gaitopt.integration import N_STAGES
 from gaitopt.model.buffered import BufferedFunction, BufferedMap, buffered, buffered_map
@@ -39,6 +40,7 @@ from gaitopt.model.units import Scales
 from gaitopt.nlp.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
+from gaitopt.threads import cached_property
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +106,7 @@ class MultipleShooting:
     phase_parameters : tuple of MX - the same in every phase, where parameters of legs that differ swap places.
     """
 
+    @building
     def __init__(self, system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> None:
         self.system, self.layout, self.free = system, layout, free
         self.n_nodes, self.n_phases = layout.n_nodes, len(layout.cycle.phases)
@@ -116,6 +119,7 @@ class MultipleShooting:
         if free:
             self.p = substituted(system.parameters, self.parameters, {key: self.freed[i] for i, key in enumerate(free)})
         self.phase_parameters: tuple[MX, ...] = self._per_phase(self.p)
+        BUILT.watch(vars(self))
         self._units: tuple[bytes, NaturalUnits] | None = None
         self._samples: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
 
@@ -175,6 +179,7 @@ class MultipleShooting:
     # ---- the equalities as expressions
 
     @cached_property
+    @building
     def equalities(self) -> MX:
         """Defects, events and resets, which vanish at a gait; shape (n_z n_nodes + n_phases,)."""
 
@@ -211,6 +216,7 @@ class MultipleShooting:
         return self.system, self.layout.cycle, tuple(segments.values()), self.free
 
     @cached_property
+    @building
     def _switches(self) -> list[tuple[MX, MX]]:
         """Start and end of every phase, times since the last impact."""
         switches: list[tuple[MX, MX]] = []
@@ -248,10 +254,11 @@ class MultipleShooting:
     # ---- the inequalities as expressions
 
     @cached_property
+    @building
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and the meaning of each row."""
         blocks = list(self._node_margins())
-        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins()):
+        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins):
             blocks.append((row, [label]))
         return vertcat(*(block for block, _ in blocks)), tuple(label for _, labels in blocks for label in labels)
 
@@ -323,14 +330,18 @@ class MultipleShooting:
                 cone = margins[names.index(CONE[arc.mode.contact])]
                 yield -cone, Label(name="onset", phase=arc.phase, node=first)
 
-    def impact_margins(self) -> Iterator[tuple[MX, Label]]:
+    @cached_property
+    @building
+    def impact_margins(self) -> tuple[tuple[MX, Label], ...]:
         """Margins of the impacts."""
+        margins: list[tuple[MX, Label]] = []
         for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
             values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
             step = self.layout.cycle.step_of(phase)
             for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
                 at_stop = Label(name=name, phase=phase, node=node)
-                yield values[row], at_stop if mode.locked else Label(name=name, step=step)
+                margins.append((values[row], at_stop if mode.locked else Label(name=name, step=step)))
+        return tuple(margins)
 
     # ---- the same as numbers
 
@@ -348,8 +359,10 @@ class MultipleShooting:
         return self._margin_values(w, p)[0].copy()
 
     @cached_property
+    @building
     def _margin_values(self) -> BufferedFunction:
-        return BufferedFunction(Function("margins", [self.w, self.parameters], [self.inequalities[0]]))
+        function = Function("margins", [self.w, self.parameters], [self.inequalities[0]])
+        return BufferedFunction(BUILT.watch(function))
 
     @cached_property
     def _joined(self) -> BufferedFunction:
@@ -512,7 +525,7 @@ class MultipleShooting:
         return states.copy()
 
 
-@lru_cache(maxsize=32)
+@built_once(maxsize=32)
 def transcribe(system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> MultipleShooting:
     """The equations on a layout, kept because sweeps and searches use the same ones repeatedly."""
     return MultipleShooting(system, layout, free)
@@ -531,7 +544,7 @@ def endings(system: HybridSystem, cycle: Cycle) -> Iterator[tuple[Mode, str, int
         yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], free: tuple[str, ...]) -> Function:
     """(ends, starts, durations, freed, p) -> events of all phases, then resets; shape (n_phases + n_z n_resets,).
 
@@ -563,7 +576,7 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     return Function("conditions", [ends, starts, durations, freed, p], [densify(vertcat(*rows))])
 
 
-@lru_cache(maxsize=64)
+@built_once(maxsize=64)
 def condition_derivatives(
     system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], free: tuple[str, ...]
 ) -> Function:

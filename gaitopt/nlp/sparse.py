@@ -7,14 +7,16 @@ would gain little. T. A. Davis (2006), Direct Methods for Sparse Linear Systems,
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from casadi import MX, Function, Linsol, Sparsity
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, built_once
 from gaitopt.model.buffered import BufferedFunction
+from gaitopt.threads import cached_property
 
 SINGULAR = 1e-300
 """Diagonal of R below which a matrix is singular: far below 1e-16, which is meaningful where a phase vanishes."""
@@ -125,14 +127,14 @@ class ScaledMatrix:
         return solution.reshape(right.shape).copy()
 
 
-@lru_cache(maxsize=128)
+@built_once(maxsize=128)
 def _solver(pattern: Pattern, count: int, transposed: bool) -> BufferedFunction:
     """(entries, right-hand sides) -> solutions."""
     sparsity = Sparsity(*pattern.shape, pattern.pointers.tolist(), pattern.rows.tolist())
     entries, right = MX.sym("entries", sparsity.nnz()), MX.sym("right", pattern.shape[0], count)
     factors = Linsol("factors", "qr", sparsity, {"eps": SINGULAR})
     solution = factors.solve(MX(sparsity, entries), right, transposed)
-    return BufferedFunction(Function("solver", [entries, right], [solution]))
+    return BufferedFunction(BUILT.watch(Function("solver", [entries, right], [solution])))
 
 
 @lru_cache(maxsize=64)

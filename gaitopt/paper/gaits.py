@@ -24,6 +24,7 @@ from numpy.polynomial import Chebyshev
 import gaitopt as go
 from gaitopt.arrays import Array
 from gaitopt.branches.request import Request
+from gaitopt.building import built_once
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL
 from gaitopt.model.lagrangian import equations_of_motion
@@ -250,9 +251,7 @@ def rounded_torques(archive: Archive, name: str) -> list[go.Gait]:
 def copied_torques(gait: go.Gait) -> list[tuple[Array, Array]]:
     """Times (m,) [s] and torques (m, n_u) [N m] on every arc of a gait of a walker with as many motors as angles."""
     walker = gait.problem.walker
-    equations = equations_of_motion(type(walker))
-    shape = gait.system.n_shape
-    terms = Function("terms", [equations.z, equations.p], [equations.G[:shape], equations.E[:shape, :]])
+    terms = _gravity_and_motors(type(walker))
     fields = {name: getattr(walker, name) for name in type(walker).model_fields}
     sloping, level = list(fields.values()), list({**fields, "slope": 0.0}.values())
 
@@ -261,6 +260,13 @@ def copied_torques(gait: go.Gait) -> list[tuple[Array, Array]]:
         return np.linalg.solve(np.asarray(E), np.asarray(here - there)).ravel()
 
     return [(arc.times, np.array([torque(z) for z in arc.states])) for arc in gait.arcs]
+
+
+@built_once(maxsize=8)
+def _gravity_and_motors(walker: type[go.Walker]) -> Function:
+    """(z, p) -> G and E of the shape coordinates in the equations of motion."""
+    equations, shape = equations_of_motion(walker), len(walker.shape)
+    return Function("terms", [equations.z, equations.p], [equations.G[:shape], equations.E[:shape, :]])
 
 
 def mean_torques(gait: go.Gait) -> Array:

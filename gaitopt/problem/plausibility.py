@@ -15,6 +15,7 @@ from casadi import SX, Function
 from pydantic import BaseModel
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN
 from gaitopt.model.control import NoControl
@@ -190,12 +191,12 @@ def _values(walker: Walker) -> list[float]:
     return [float(getattr(walker, name)) for name in type(walker).model_fields]
 
 
-@lru_cache(maxsize=32)
+@built_once(maxsize=32)
 def _system(walker: type[Walker]) -> HybridSystem:
     return HybridSystem(walker, NoControl())
 
 
-@lru_cache(maxsize=32)
+@built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
     """(shape, p) -> swing foot from the stance foot, upright, gravity."""
     shape, p = SX.sym("shape", len(walker.shape)), SX.sym("p", len(walker.model_fields))

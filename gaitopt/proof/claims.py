@@ -13,14 +13,14 @@ known order k, its sign just after the start is that of its series divided by t^
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import groupby
 from math import isfinite
 from typing import Any
 
-from casadi import SX, Function, simplify
+from casadi import SX, simplify
 from flint import arb
 
+from gaitopt.building import built_once
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.friction import ImpactLaw
@@ -236,7 +236,7 @@ def _order_of_zero(orbit: Orbit, phase: int, name: str) -> int:
     return int(after_impact and _vanishes_after_impact(orbit.system, name))
 
 
-@lru_cache
+@built_once(maxsize=128)
 def _vanishes_after_impact(system: HybridSystem, name: str) -> bool:
     """Whether a margin is identically zero just after an impact: CasADi simplifies its expression to zero.
 
@@ -369,8 +369,7 @@ def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str
     for k, impact in enumerate(orbit.sequence.impacts):
         j = orbit.arcs_of(k)[-1]
         length += orbit.impact(impact, j)(cycle.ends[j])[1][orbit.system.n_shape]
-    p = SX.sym("p", len(orbit.p))
-    weight = BallFunction(Function("weight", [p], [orbit.system.weight(p)]), [])(orbit.p)[0][0]
+    weight = BallFunction(orbit.system.weight, [])(orbit.p)[0][0]
     return {
         "period": period,
         "step_length": length,

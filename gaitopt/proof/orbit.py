@@ -21,13 +21,14 @@ R. Krawczyk (1969), Newton-Algorithmen zur Bestimmung von Nullstellen mit Fehler
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, reduce
+from functools import lru_cache, reduce
 from typing import Any
 
 import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
 from flint import acb, acb_mat, arb, arb_mat
 
+from gaitopt.building import building
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -43,6 +44,7 @@ from gaitopt.proof.arithmetic import (
     matrix_from_columns,
 )
 from gaitopt.proof.taylor import PhaseSpace, TaylorStep, VectorField, expand, taylor_coefficients
+from gaitopt.threads import cached_property
 
 BREAKPOINT = "breakpoint"
 """The event of an arc that ends at a breakpoint of the control law."""
@@ -244,6 +246,13 @@ class Orbit:
     @lru_cache(maxsize=256)  # noqa: B019 - as long as the equations
     def _event_and_reset(self, j: int) -> BallFunction:
         """y -> event of arc ``j``, the state from which the next arc starts, and the derivatives of both."""
+        breakpoints = [*self.system.control.breakpoints, 0.0]
+        constants = [self.p, self._segment_data(j), [arb(float(breakpoints[self.arcs[j].segment]))]]
+        return BallFunction(self._event_and_reset_function(j), constants)
+
+    @building
+    def _event_and_reset_function(self, j: int) -> Function:
+        """(y, p, r, breakpoint) -> what ``_event_and_reset`` gives."""
         arc, following, space = self.arcs[j], (j + 1) % len(self.arcs), self._spaces[j]
         system, n_z, (y, p, values) = self.system, self.system.n_z, space.symbols()
         r, time = SX.sym("r", system.n_r), SX.sym("breakpoint")
@@ -262,15 +271,14 @@ class Orbit:
             full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
             after = vertcat(system.lift(full, self._spaces[following].parameters(y, p)), 0)
         outputs = cse([event, after, jacobian(event, y), jacobian(after, y)])
-        breakpoints = [*self.system.control.breakpoints, 0.0]
-        constants = [self.p, self._segment_data(j), [arb(float(breakpoints[arc.segment]))]]
-        return BallFunction(Function("event_and_reset", [y, p, r, time], outputs), constants)
+        return Function("event_and_reset", [y, p, r, time], outputs)
 
     def section(self, impact: Mode) -> list[int]:
         """Indices of the section coordinates after an impact."""
         return [int(k) for k in self.system.section(impact)]
 
     @cached_property
+    @building
     def lift_jacobian(self) -> BallFunction:
         """y at the start of the cycle -> derivative of y in the section coordinates of a slipping impact."""
         y, p, values = self._spaces[0].symbols()
@@ -279,6 +287,7 @@ class Orbit:
         return BallFunction(Function("lift_jacobian", [y, p], [slope]), [self.p])
 
     @lru_cache(maxsize=64)  # noqa: B019 - as long as the equations
+    @building
     def impact(self, mode: Mode, j: int) -> BallFunction:
         """y at the end of arc ``j`` -> margins of an impact, and the state after it."""
         (y, p, values), n_z = self._spaces[j].symbols(), self.system.n_z

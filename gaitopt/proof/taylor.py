@@ -22,15 +22,16 @@ R. E. Moore (1966), Interval Analysis; W. Tucker (2011), Validated Numerics, cha
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
 from typing import Any
 
 from casadi import SX, Function, cse, jacobian, sum1, vertcat
 from flint import arb, arb_mat, arb_series, ctx
 
+from gaitopt.building import built_once
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import BallFunction, NotProved, assemble, entries_of, hull, matrix
+from gaitopt.threads import cached_property
 
 PICARD_ROUNDS = 8
 """Attempts to find a box that the motion does not leave within a step."""
@@ -111,7 +112,7 @@ class VectorField:
         return BallFunction(_function(self._space, self.mode, name), self._constants)
 
 
-@lru_cache(maxsize=256)
+@built_once(maxsize=256)
 def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
     """(y, p, r) -> one of the expressions of ``VectorField``."""
     system, r = space.system, SX.sym("r", space.system.n_r)

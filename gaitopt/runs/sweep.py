@@ -7,7 +7,6 @@ import csv
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +33,7 @@ from gaitopt.store.formats import (
     validated,
 )
 from gaitopt.store.run import Run
+from gaitopt.threads import cached_property
 from gaitopt.workers.jobs import Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ to its neighbours.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import accumulate, combinations
 from types import SimpleNamespace
 
@@ -15,6 +14,7 @@ import numpy as np
 from casadi import SX, Function, horzcat, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.declaration import state_mechanism, state_picture
 from gaitopt.model.dynamics import Dynamics
@@ -117,7 +117,7 @@ def _rigid_parts(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
     return replace(bare, legs=tuple(legs), ties=tuple(ties))
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tuple[int, ...]]:
     """(coordinates, p) -> stance foot, swing foot, bodies, outline, contact in columns; p -> masses; p -> gravity.
 

@@ -25,6 +25,7 @@ import numpy as np
 from casadi import SX, Function
 
 from gaitopt.arrays import Array
+from gaitopt.building import building
 from gaitopt.simulation.events import INSTANT
 from gaitopt.threads import per_thread
 
@@ -99,6 +100,7 @@ class Conversion:
     operations: int
 
 
+@building
 def convert(function: Function, inputs: Mapping[int, list[Any]]) -> Conversion:
     """Convert an SX function.
 

@@ -7,12 +7,12 @@ is the foot's apparent mass C_tt, the mean of both slips: a slip needs C_tt + mu
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 
 import numpy as np
 from casadi import SX, Function, cse, repmat, vertcat
 
 from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building, built_once
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -32,6 +32,7 @@ class NaturalSystem:
     ``HybridSystem``.
     """
 
+    @building
     def __init__(self, system: HybridSystem) -> None:
         self._system = system
         self._functions: dict[str, Function] = {}
@@ -42,6 +43,7 @@ class NaturalSystem:
         angles = {*system.walker.shape} - {*system.walker.lengths}  # have no unit
         self._d = vertcat(*(1 if name in angles else self._state[k] for k, name in enumerate(system.state_names)))
         self._parameters = vertcat(self._p, self._time, self._state, self._margins)
+        BUILT.watch(vars(self))
 
     def flow(self, mode: Mode) -> Function:
         """Rate of the state."""
@@ -59,6 +61,7 @@ class NaturalSystem:
 
         return self._build(f"arc_{mode.key}", outputs)
 
+    @building
     def rest(self, mode: Mode, slips: Sequence[Mode]) -> Function:
         """``point`` of a sticking foot, and the margins of ``slips``, whose units are a further argument."""
         units = SX.sym("S_slip", self._margins.numel())
@@ -69,6 +72,7 @@ class NaturalSystem:
 
         return self._build(f"rest_{mode.key}", outputs, further=[units])
 
+    @building
     def variational(self, mode: Mode, columns: int) -> Function:
         """Rate of the state and of ``columns`` deviations, one after the other."""
         scale = repmat(self._d, 1 + columns, 1)
@@ -107,7 +111,15 @@ class NaturalSystem:
         self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None = None, further: Sequence[SX] = ()
     ) -> Function:
         """The function of (tau, zeta, parameters, r, further), built on first use; ``scale`` is D of all of zeta."""
-        if name not in self._functions:
+        if name in self._functions:
+            return self._functions[name]
+        return self._built(name, outputs, scale, further)
+
+    @building
+    def _built(
+        self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None, further: Sequence[SX]
+    ) -> Function:
+        if name not in self._functions:  # unless another thread has just built it
             scale = self._d if scale is None else scale
             zeta = SX.sym("zeta", scale.numel())
             arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
@@ -182,7 +194,7 @@ def _reversed(mode: Mode) -> Mode:
     return mode.with_contact(Mode.slip(-mode.direction))
 
 
-@lru_cache(maxsize=16)
+@built_once(maxsize=16)
 def natural_system(system: HybridSystem) -> NaturalSystem:
     """The functions of a system in natural units, built on first use and cached."""
     return NaturalSystem(system)

@@ -1,11 +1,12 @@
 """Arcs by the Runge-Kutta pair DOP853 of scipy, with compiled steps (``gaitopt.integration``); in natural units."""
 
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 from casadi import SX, Function, if_else, logic_and, logic_or, sum1
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.integration import CompiledStep, Integration, StepSizeError
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
@@ -141,7 +142,7 @@ def _point(integration: Integration) -> Point:
     return Point(integration.t, integration.y, integration.f, margins.tolist(), rates.tolist())
 
 
-@lru_cache
+@built_once(maxsize=128)
 def _watch(n: int) -> Function:
     """Whether ``first_event`` may find an event of n margins within a step, or a margin has just been armed."""
     start, rates, end, end_rates, armed = (SX.sym(name, n) for name in ("m", "dm", "m1", "dm1", "armed"))

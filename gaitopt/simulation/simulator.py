@@ -6,7 +6,6 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 """
 
 from collections.abc import Callable
-from functools import cached_property
 from math import isfinite
 
 import numpy as np
@@ -22,6 +21,7 @@ from gaitopt.simulation.engine import Engine, Stepper, choose_engine
 from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.outcomes import StepOutcome
 from gaitopt.simulation.scipy_stepper import ScipyStepper
+from gaitopt.threads import cached_property
 
 MAX_STEP_TIME = 50.0
 """Longest time from impact to impact, in units of sqrt(l / g): 20 s for legs of 1.6 m. No walk takes as long."""

@@ -15,7 +15,7 @@ same for all neighbouring motions, so that it leaves deviations as they are.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import cycle
 from typing import Any
 
@@ -35,7 +35,7 @@ from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.outcomes import ARRAYS, StepOutcome, StepOutcomes, stack_outcomes
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
-from gaitopt.threads import per_thread
+from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 AT_EVENT = 1e-9

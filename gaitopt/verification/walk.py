@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from math import isfinite
 from typing import Any
 
@@ -20,6 +19,7 @@ from gaitopt.problem.scalars import MEASURES
 from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
+from gaitopt.threads import cached_property
 
 
 @dataclass(frozen=True, kw_only=True)
