@@ -15,7 +15,8 @@ from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.return_map import ReturnMap, step_map
+from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.step_map import step_map
 
 ENGINES = {"scipy": ScipyStepper, "heyoka": HeyokaStepper}
 

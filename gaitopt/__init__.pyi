@@ -41,7 +41,7 @@ from gaitopt.runs.basin import Basin as Basin
 from gaitopt.runs.front import Front as Front
 from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
-from gaitopt.verification.return_map import return_map as return_map
+from gaitopt.verification.step_map import return_map as return_map
 from gaitopt.verification.verify import Verification as Verification
 from gaitopt.verification.walk import Walk as Walk
 

@@ -34,7 +34,7 @@ from gaitopt.simulation.outcomes import ENDINGS, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import damaged, json_file, validated
 from gaitopt.store.run import Run
-from gaitopt.verification.return_map import StepMap, section_coordinates, step_map
+from gaitopt.verification.step_map import StepMap, section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:

@@ -35,7 +35,8 @@ from gaitopt.problem.problem import Problem
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import solve_sequence
-from gaitopt.verification.return_map import ReturnMap, step_map
+from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.step_map import step_map
 
 Record = dict[str, Any]
 Phases = tuple[tuple[Mode, float], ...]

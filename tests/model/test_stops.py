@@ -14,7 +14,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.return_map import return_map
+from gaitopt.verification.step_map import return_map
 
 pytestmark = pytest.mark.portable
 

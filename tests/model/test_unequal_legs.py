@@ -17,7 +17,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.return_map import return_map
+from gaitopt.verification.step_map import return_map
 
 L, A, HIP, G, SLOPE = 1.6, 0.8, 2.0, 9.8, np.radians(1)
 """Length of the legs, distance of their masses from the feet and from the hip, hip mass, gravity, slope."""

@@ -34,7 +34,7 @@ from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.run import Run
-from gaitopt.verification.return_map import step_map
+from gaitopt.verification.step_map import step_map
 from gaitopt.workers.jobs import Workers
 
 HERE = Workers(count=1)

@@ -107,7 +107,7 @@ def test_engines_map_alike(mapped):
 
 
 def test_processes_map_alike(monkeypatch):
-    monkeypatch.setattr(sys.modules["gaitopt.verification.return_map"], "CHUNK", 150)
+    monkeypatch.setattr(sys.modules["gaitopt.verification.step_map"], "CHUNK", 150)
     problem = load_problem("rimless-wheel-slip")
     xi = wild_states(problem, 400)
     one, two = return_map(problem, xi, engine="heyoka"), return_map(problem, xi, engine="heyoka", workers=2)

@@ -132,7 +132,7 @@ def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
     gait, (return_map, point) = named(name), simulated(name)
     assert point.converged
     assert np.abs(gait.dynamics.lift(point.xi) - gait.state).max() < AGREEMENT
-    assert point.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
+    assert point.cycle.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
     assert return_map.section_mode is gait.problem.cycle.impact
 
 

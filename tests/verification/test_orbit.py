@@ -131,7 +131,7 @@ def test_fixed_point_is_the_same_in_other_units(length: float, time: float, mass
         point = mapped.fixed_point(np.array([-0.1478, 0.7328 / second, -0.5007 / second]))
         assert point.converged
         units = np.array([1, 1 / second, 1 / second])
-        periods = [duration / second for _, duration in point.steps[0].phases]
+        periods = [duration / second for _, duration in point.cycle.steps[0].phases]
         points.append((point.xi / units, floquet_multipliers(point.jacobian), periods))
     for first, second_units in zip(*points, strict=True):
         np.testing.assert_allclose(second_units, first, rtol=0, atol=1e-10)

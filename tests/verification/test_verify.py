@@ -167,20 +167,19 @@ def test_wrong_multipliers_are_seen_by_nothing_else() -> None:
     assert failed(replace(gait, multipliers=np.conj(gait.multipliers))) == set()
 
 
-def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint, Array]:
-    """The simulator's return map, its fixed point and the natural units of the section."""
+def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint]:
+    """The simulator's return map and its fixed point."""
     impact = gait.problem.cycle.impact
-    section = gait.system.section(impact)
     return_map = ReturnMap(Simulator(gait.dynamics), impact, len(gait.steps))
-    return return_map, return_map.fixed_point(gait.state[section]), gait.dynamics.state_units[section]
+    return return_map, return_map.fixed_point(gait.state[gait.system.section(impact)])
 
 
 @pytest.mark.parametrize("error", [1.001, 0.999, 1 + 1e-5, 1 - 1e-5])
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-b", "rimless-wheel-slip", "slip-run-foot"])
 def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(name: str, error: float) -> None:
-    return_map, point, unit = examined(good(name))
-    right = perturbation_claim(return_map, point, unit)
-    wrong = perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian), unit)
+    return_map, point = examined(good(name))
+    right = perturbation_claim(return_map, point)
+    wrong = perturbation_claim(return_map, replace(point, jacobian=error * point.jacobian))
     assert right.passed
     assert right.figure < LINEARITY / 100
     assert not wrong.passed
@@ -191,12 +190,12 @@ def test_wrong_derivative_is_seen_by_walks_that_are_perturbed(name: str, error: 
     "name", ["compass-passive-a", "compass-passive-b", "compass-torque-impact-slip", "kneed-passive"]
 )
 def test_one_wrong_entry_of_the_derivative_is_seen_by_walks_that_are_perturbed(name: str) -> None:
-    return_map, point, unit = examined(good(name))
-    size = np.linalg.norm(point.jacobian * unit / unit[:, None], 2)
+    return_map, point = examined(good(name))
+    unit, size = return_map.unit, np.linalg.norm(return_map.scaled(point.jacobian), 2)
     for row, column in np.ndindex(*point.jacobian.shape):
         wrong = point.jacobian.copy()
         wrong[row, column] += 1e-5 * size * unit[row] / unit[column]
-        assert not perturbation_claim(return_map, replace(point, jacobian=wrong), unit).passed
+        assert not perturbation_claim(return_map, replace(point, jacobian=wrong)).passed
 
 
 @pytest.mark.parametrize(
@@ -230,18 +229,17 @@ def test_each_multiplier_that_is_wrong_by_1e_5_of_its_value_is_seen(name: str) -
 class Bent:
     """A return map in closed form: a linear one whose deviations bend beyond ``radius``, with the error of rounding."""
 
-    def __init__(self, wheel: ReturnMap, point: FixedPoint, unit: Array, radius: float, noise: float) -> None:
-        self._point, self._unit, self._radius, self._noise = point, unit, radius, noise
-        self.simulator, self.section_mode, self._random = wheel.simulator, wheel.section_mode, np.random.default_rng(1)
+    def __init__(self, wheel: ReturnMap, point: FixedPoint, radius: float, noise: float) -> None:
+        self._point, self._radius, self._noise = point, radius, noise
+        self.unit, self.scaled, self._random = wheel.unit, wheel.scaled, np.random.default_rng(1)
 
     def __call__(self, xi: Array) -> CycleOutcome:
-        deviation = (xi - self._point.xi) / self._unit
-        returned = (self._point.jacobian * self._unit / self._unit[:, None]) @ (
+        deviation = (xi - self._point.xi) / self.unit
+        returned = self.scaled(self._point.jacobian) @ (
             self._radius * np.tan(np.clip(deviation / self._radius, -1.5, 1.5))
         )
         noisy = returned + self._noise * self._random.standard_normal(returned.size)
-        steps = self._point.steps
-        return CycleOutcome(xi=self._point.xi + noisy * self._unit, steps=steps, message="")
+        return replace(self._point.cycle, xi=self._point.xi + noisy * self.unit)
 
 
 @pytest.mark.parametrize(
@@ -257,8 +255,8 @@ class Bent:
 def test_linear_range_between_rounding_and_curvature_is_found_or_its_absence_named(
     radius: float, noise: float, outcome: Outcome
 ) -> None:
-    return_map, point, unit = examined(good("rimless-wheel-slip"))
-    claim = perturbation_claim(Bent(return_map, point, unit, radius, noise), point, unit)
+    return_map, point = examined(good("rimless-wheel-slip"))
+    claim = perturbation_claim(Bent(return_map, point, radius, noise), point)
     assert claim.outcome is outcome
     assert claim.passed is (outcome is Outcome.HOLDS)
 

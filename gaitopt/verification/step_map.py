@@ -1,0 +1,136 @@
+"""The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
+from gaitopt.gait.gait import Gait
+from gaitopt.model.buffered import RowMap
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
+from gaitopt.problem.problem import Problem
+from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.simulation.outcomes import ARRAYS, StepOutcome, StepOutcomes, stack_outcomes
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
+from gaitopt.threads import cached_property, per_thread
+from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
+
+UNDEFINED = StepOutcome(
+    step=None, ending=Ending.NUMERICAL, message="the section coordinates belong to no state of the walker"
+)
+"""Outcome where a coordinate or rate does not follow from the section, as for a runner too fast for its energy."""
+CHUNK = 4096
+"""Number of states of one job: a tenth of a second of work, a third of a megabyte."""
+
+
+def return_map(
+    start: Problem | Gait, states: Array, *, engine: str = Engine.AUTO, workers: int = 1, should_stop: Stop = None
+) -> StepOutcomes:
+    """Walk one step from each of many states just after an impact; one step with either leg if the legs differ.
+
+    The result of a state depends neither on the other states nor on their number, order or distribution over processes.
+
+    Parameters
+    ----------
+    start : problem or gait; its walker, control and friction are used.
+    states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest).
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+    workers : number of processes.
+
+    Raises
+    ------
+    ValueError
+        If ``states`` does not have such a shape, or is not finite.
+    UnknownNameError
+        If the engine is unknown or not installed.
+    """
+    problem = start.problem if isinstance(start, Gait) else start
+    xi = section_coordinates(problem, states)
+    chosen = choose_engine(engine, steps=len(xi))
+    p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
+    chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
+    arguments = [(problem, p, chosen, chunk) for chunk in chunks]
+    if workers == 1:
+        parts = [map_chunk(argument) for argument in arguments]
+    else:
+        jobs = [Job(key=f"chunk-{k}-{id(xi)}", argument=argument) for k, argument in enumerate(arguments)]
+        results = dict(run_jobs(map_chunk, jobs, Workers(count=workers), should_stop=should_stop))
+        for result in results.values():
+            if isinstance(result, FailedJob):
+                raise RuntimeError(f"a chunk of states was not mapped: {result.reason}")
+        parts = [results[job.key] for job in jobs]
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
+    return replace(parts[0], **joined)
+
+
+def section_coordinates(problem: Problem, states: Array) -> Array:
+    """The states as floats with all section coordinates, ``dx`` included; shape (n, k).
+
+    Raises
+    ------
+    ValueError
+        If their shape is wrong, or they are not finite.
+    """
+    names = problem.walker.section_names(slipping=True)
+    xi = np.asarray(states, dtype=float)
+    if xi.ndim != 2 or xi.shape[1] not in (len(names) - 1, len(names)):
+        raise ValueError(f"states of shape {xi.shape}: one row per state is needed, columns {', '.join(names)}")
+    if not np.isfinite(xi).all():
+        raise ValueError(f"states must be finite; row {np.flatnonzero(~np.isfinite(xi).all(axis=1))[0]} is not")
+    return np.hstack([xi, np.zeros((len(xi), len(names) - xi.shape[1]))])
+
+
+def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> StepOutcomes:
+    """One chunk of ``return_map``; runs in any process."""
+    problem, p, engine, xi = argument
+    return step_map(problem, p, engine)(xi)
+
+
+class StepMap:
+    """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
+
+    def __init__(self, dynamics: Dynamics, engine: Engine) -> None:
+        self.dynamics, self._engine = dynamics, engine
+        system = dynamics.system
+        self.names = system.walker.section_names(slipping=True)
+        self._indices = system.section(Mode.SLIP_FORWARD)
+        self._lift = RowMap(system.lift)
+
+    def __call__(self, xi: Array) -> StepOutcomes:
+        """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
+        (states,) = self._lift(xi, self.dynamics.p)
+        first, *others = self._steps
+        walked = first(states)
+        for step in others:
+            rows = np.flatnonzero(walked.completed)
+            if rows.size:
+                walked = walked.followed_by(step(walked.states[rows]), rows)
+        return replace(walked, names=self.names, states=walked.states[:, self._indices])
+
+    @cached_property
+    def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
+        """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
+        if self._engine is Engine.HEYOKA:
+            from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
+
+            return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
+
+        def one_by_one(simulator: Simulator, states: Array) -> StepOutcomes:
+            outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
+            return stack_outcomes(outcomes, states, simulator.system)
+
+        return [partial(one_by_one, simulator) for simulator in Simulator(self.dynamics).per_step]
+
+
+@per_thread(maxsize=8)
+def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
+    """The map of a problem, built once per thread; ``p`` are parameters other than those of the problem."""
+    dynamics = problem_dynamics(problem)
+    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
