@@ -32,6 +32,11 @@ import casadi as ca
 from casadi import Function
 from flint import acb, arb, arb_mat, ctx, fmpq
 
+Number = Any
+"""A ball (``arb``), a power series in time (``arb_series``), or a ``Tilted`` one of these."""
+Matrix = Any
+"""A matrix of balls (``arb_mat``), or a ``Tilted`` one."""
+
 PRECISION = 128
 """Bits of every midpoint."""
 RADIUS_BITS = 64
@@ -49,22 +54,22 @@ _FLINT_IN_USE = threading.RLock()
 """FLINT's precision and length of series are global to the process: one thread computes at a time."""
 
 
-def _sinh(a: Any) -> Any:
+def _sinh(a: Number) -> Number:
     return (a.exp() - (-a).exp()) / 2
 
 
-def _cosh(a: Any) -> Any:
+def _cosh(a: Number) -> Number:
     return (a.exp() + (-a).exp()) / 2
 
 
-def _power(a: Any, b: Any) -> Any:
+def _power(a: Number, b: Number) -> Number:
     if isinstance(b, arb) and b.is_exact() and b.is_integer():
         n = round(float(b))
         return a**n if n >= 0 else 1 / a**-n
     return (b * a.log()).exp()
 
 
-UNARY: Mapping[int, Callable[[Any], Any]] = {
+UNARY: Mapping[int, Callable[[Number], Number]] = {
     ca.OP_ASSIGN: lambda a: a,
     ca.OP_NEG: operator.neg,
     ca.OP_SQ: lambda a: a * a,
@@ -89,7 +94,7 @@ UNARY: Mapping[int, Callable[[Any], Any]] = {
     ca.OP_ATANH: lambda a: ((1 + a).log() - (1 - a).log()) / 2,
 }
 """CasADi's instructions of one operand. Those with a kink (fabs, sign, floor) are missing: they are not analytic."""
-BINARY: Mapping[int, Callable[[Any, Any], Any]] = {
+BINARY: Mapping[int, Callable[[Number, Number], Number]] = {
     ca.OP_ADD: operator.add,
     ca.OP_SUB: operator.sub,
     ca.OP_MUL: operator.mul,
@@ -235,7 +240,7 @@ def hull(a: Any) -> Any:
     return at(a, UNIT)
 
 
-def assemble(entries: Sequence[Any], build: Callable[[list[Any]], Any]) -> Any:
+def assemble(entries: Sequence[Number], build: Callable[[list[Number]], Any]) -> Any:
     """A series or matrix that ``build`` makes from its entries; tilted if one of the entries is."""
     if not any(isinstance(entry, Tilted) for entry in entries):
         return build(list(entries))
@@ -243,25 +248,25 @@ def assemble(entries: Sequence[Any], build: Callable[[list[Any]], Any]) -> Any:
     return Tilted(build(values), build([entry.slope if isinstance(entry, Tilted) else 0 for entry in entries]))
 
 
-def entries_of(a: Any, entries: Callable[[Any], Sequence[Any]]) -> list[Any]:
+def entries_of(a: Any, entries: Callable[[Any], Sequence[Number]]) -> list[Number]:
     """The entries of a series or matrix, the inverse of ``assemble``; ``entries`` lists those of an untilted one."""
     if not isinstance(a, Tilted):
         return list(entries(a))
     return [Tilted(value, slope) for value, slope in zip(entries(a.value), entries(a.slope), strict=True)]
 
 
-def matrix(columns: int, entries: Sequence[Any]) -> Any:
+def matrix(columns: int, entries: Sequence[Number]) -> Matrix:
     """A matrix from its entries, row by row."""
     return assemble(entries, lambda values: arb_mat(len(entries) // columns, columns, values))
 
 
-def matrix_from_columns(rows: int, entries: Sequence[Any]) -> Any:
+def matrix_from_columns(rows: int, entries: Sequence[Number]) -> Matrix:
     """A matrix from its entries, column by column, as ``BallFunction`` returns them."""
     columns = len(entries) // rows
     return matrix(columns, [entries[i + rows * j] for i in range(rows) for j in range(columns)])
 
 
-def matrix_entries(a: Any) -> list[Any]:
+def matrix_entries(a: Matrix) -> list[Number]:
     """The entries of a matrix, row by row."""
     return entries_of(a, arb_mat.entries)
 
@@ -283,8 +288,8 @@ class BallFunction:
     def __init__(self, function: Function, constants: Sequence[Sequence[arb]]) -> None:
         self._name = function.name()
         self._sizes = [function.numel_out(k) for k in range(function.n_out())]
-        self._values: list[Any] = []
-        self._steps: list[tuple[int, Callable[..., Any], int, int | None]] = []
+        self._values: list[Number] = []
+        self._steps: list[tuple[int, Callable[..., Number], int, int | None]] = []
         self._inputs: list[tuple[int, int]] = []
         self._outputs: list[tuple[int, int, int]] = []
         place: dict[int, int] = {}
@@ -311,7 +316,7 @@ class BallFunction:
                     self._values[-1] = constants[source - 1][entry]
             else:
                 places = tuple(place[operand] for operand in operands)
-                table: Mapping[int, Callable[..., Any]] = UNARY if len(places) == 1 else BINARY
+                table: Mapping[int, Callable[..., Number]] = UNARY if len(places) == 1 else BINARY
                 if operation not in table:
                     kink = f"CasADi's operation {operation} is not analytic; write the expression without kinks"
                     raise ValueError(f"{self._name}: {kink}")
@@ -323,7 +328,7 @@ class BallFunction:
                     self._steps.append((place_of_result, apply, places[0], places[1] if len(places) > 1 else None))
             place[results[0]] = place_of_result
 
-    def __call__(self, variable: Sequence[Any]) -> list[list[Any]]:
+    def __call__(self, variable: Sequence[Number]) -> list[list[Number]]:
         """All outputs; each is a list of its entries, column by column.
 
         Parameters
@@ -345,7 +350,7 @@ class BallFunction:
             raise NotProved(f"{self._name}: a divisor may be zero") from failure
         except AttributeError as failure:  # a function that Tilted lacks
             raise NotProved(f"{self._name}: {failure.name} cannot be enclosed along a family") from failure
-        outputs: list[list[Any]] = [[arb(0)] * size for size in self._sizes]
+        outputs: list[list[Number]] = [[arb(0)] * size for size in self._sizes]
         for output, entry, place in self._outputs:
             outputs[output][entry] = values[place]
         return outputs

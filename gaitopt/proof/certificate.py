@@ -404,6 +404,7 @@ def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedB
     orbit = statement.orbit(record.interval)
     if orbit.size > MOST_UNKNOWNS:
         raise ValueError(f"{orbit.size} nodes and durations are more than {MOST_UNKNOWNS}")
+    # decimals become balls; the theorem is about the box with these exact centres and radii
     centre, tilt = ([arb(text).mid() for text in texts] for texts in (record.centre, record.tilt))
     deviation = [arb(0, arb(text).lower()) for text in record.radii]
     if not len(centre) == len(tilt) == len(deviation) == orbit.size:

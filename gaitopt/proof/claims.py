@@ -100,6 +100,7 @@ def sign_parts(
     """
     start_of_step = arb(0)
     for k, (series, h) in enumerate(steps):
+        # the length is a ball: the part up to its upper bound includes every end that the step may have
         pending = [(arb(0), arb(h.upper()), MOST_HALVINGS)]
         while pending:
             start, end, depth = pending.pop()

@@ -22,7 +22,6 @@ R. Krawczyk (1969), Newton-Algorithmen zur Bestimmung von Nullstellen mit Fehler
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache, reduce
-from typing import Any
 
 import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
@@ -35,7 +34,9 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import (
     UNIT,
     BallFunction,
+    Matrix,
     NotProved,
+    Number,
     Tilted,
     at,
     hull,
@@ -111,7 +112,7 @@ class CycleEnclosure:
     """
 
     residual: dict[int, list[arb]] = field(default_factory=dict)
-    blocks: list[tuple[int, int, Any]] = field(default_factory=list)
+    blocks: list[tuple[int, int, Matrix]] = field(default_factory=list)
     steps: list[list[TaylorStep]] = field(default_factory=list)
     starts: list[list[arb]] = field(default_factory=list)
     ends: list[list[arb]] = field(default_factory=list)
@@ -194,7 +195,7 @@ class Orbit:
         """The state y at the centre of the node that starts at ``entry``."""
         return [*centre[entry : entry + self.n], *self.interval[:1]]
 
-    def state_at_node(self, u: Sequence[Any], entry: int) -> list[Any]:
+    def state_at_node(self, u: Sequence[Number], entry: int) -> list[Number]:
         """The states y of the node that starts at ``entry``, from all unknowns ``u``."""
         return [*u[entry : entry + self.n], *([Tilted(*self.interval)] if self.is_long else self.interval[:1])]
 
@@ -212,10 +213,12 @@ class Orbit:
             fractions = [*map(arb, arc.fractions)]
             for start, end, fraction in zip(nodes, nodes[1:], [*fractions, 1 - sum(fractions, arb(0))], strict=False):
                 step = expand(field, self.state_at_node(u, start), fraction * u[duration], self.order)
+                # the motion from the centre stays in the box of the step, whose remainder therefore covers it too
                 from_centre = taylor_coefficients(field, self.centre_at_node(centre, start), self.order)
                 y_end = step.end_of(from_centre, fraction * centre[duration])[: self.n]
                 cycle.residual[end] = [y - phi for y, phi in zip(centre[end:], y_end, strict=False)]
                 self._add(cycle, end, start, -step.variation())
+                # d phi / dT = F(phi) fraction
                 rates = [-rate * fraction for rate in field.rate(step.end)[0][: self.n]]
                 cycle.blocks.append((end, duration, matrix(1, rates)))
                 steps.append(step)
@@ -231,7 +234,7 @@ class Orbit:
             cycle.ends.append(list(map(hull, self.state_at_node(u, last))))
         return cycle
 
-    def _add(self, cycle: CycleEnclosure, row: int, column: int, values: Any) -> None:
+    def _add(self, cycle: CycleEnclosure, row: int, column: int, values: Matrix) -> None:
         """Add a derivative in the states y of a node: the columns of the node, and that of the varying parameter."""
         entries, n = matrix_entries(values), self.n + len(self.interval[:1])
         rows = [entries[k : k + n] for k in range(0, len(entries), n)][: self.n]
@@ -308,14 +311,14 @@ class Preconditioner:
 
     C: np.ndarray
     slope: np.ndarray | None
-    E: dict[int, Any]
+    E: dict[int, Matrix]
 
-    def columns(self, first: int, count: int) -> Any:
+    def columns(self, first: int, count: int) -> Matrix:
         """Columns of C."""
         value = exact_matrix(self.C[:, first : first + count])
         return value if self.slope is None else Tilted(value, exact_matrix(self.slope[:, first : first + count]))
 
-    def error_times(self, values: Any) -> Any:
+    def error_times(self, values: Matrix) -> Matrix:
         """E times a matrix."""
         count = hull(values).ncols()
         entries, total = matrix_entries(values), arb_mat(self.C.shape[0], count)
@@ -380,7 +383,7 @@ def krawczyk(orbit: Orbit, box: TiltedBox, line: CycleEnclosure, inverse: Precon
     image = hull(image)
     if not orbit.is_long:
         return TiltedBox(box.centre, box.tilt, image.entries())
-    change: list[Any] = [arb(0) if k in orbit.durations else v for k, v in enumerate(box.tilt)]  # dF/ds
+    change: list[Number] = [arb(0) if k in orbit.durations else v for k, v in enumerate(box.tilt)]  # dF/ds
     du_ds = [*box.tilt, orbit.interval[1]]
     for row, first, values in line.blocks:
         product = values * matrix(1, du_ds[first : first + hull(values).ncols()])
@@ -416,7 +419,7 @@ def require_contraction(orbit: Orbit, box: TiltedBox, image: TiltedBox) -> None:
         raise NotProved(f"Krawczyk's operator moves {orbit.name(k)} by {bounds}")
 
 
-def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Preconditioner) -> Any:
+def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Preconditioner) -> Matrix:
     """Derivative DP of the return map on the section after the last impact, shape (n_xi, n_xi).
 
     A kick to the section coordinates at the start of the cycle moves the periodic orbit by H = (1 - DP)^-1 there. All
@@ -438,7 +441,7 @@ def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Pre
         raise NotProved(f"the derivative of the return map cannot be enclosed: {contraction.str(5)} is not below 1")
     rows = hull(Y).tolist()
     sizes = [_weighted_norm([row[k] for row in rows], w) / (1 - contraction) for k in range(n_xi)]
-    X: Any = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
+    X: Matrix = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
     for _ in range(NARROWINGS):
         width = _width(X)
         X = Y - inverse.error_times(X)
@@ -452,7 +455,7 @@ def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Pre
         raise NotProved("the derivative of the return map cannot be enclosed: a multiplier may be one") from failure
 
 
-def _width(X: Any) -> float:
+def _width(X: Matrix) -> float:
     return max(float(x.rad()) for x in hull(X).entries())
 
 

@@ -65,6 +65,8 @@ LEAST_COVER = 1 / 256
 """A claim that is not shown on a box shorter than this part of the interval is taken for false."""
 MOST_TRIES = 1000
 """Boxes that are tried in one walk along a family."""
+Approximation = tuple[Orbit, Sequence[arb], Sequence[arb]]
+"""The equations at one value of the parameter, the unknowns u next to their zero, and the derivative of u there."""
 DIGITS = 30
 """Of the numbers in a certificate."""
 BRACKET_WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
@@ -254,7 +256,7 @@ class _Search:
         arcs, centre = divide_into_steps(statement.orbit(here), gait)
         self.statement = replace(statement, arcs=arcs)
         orbit = self.statement.orbit(here)
-        self._start = (orbit, *newton_step(orbit, centre))
+        self._start: Approximation = (orbit, *newton_step(orbit, centre))
 
     def boxes(self) -> Iterator[tuple[BoxRecord, CheckedBox]]:
         """One box for a gait; for a family, boxes over its interval, and in a bracket single points at both ends too.
@@ -302,8 +304,8 @@ class _Search:
             self._progress(f"covered to {edge!r}, towards {end!r}")
 
     def _box(
-        self, interval: Sequence[str], start: Any, *, at_end: bool = False
-    ) -> tuple[tuple[BoxRecord, CheckedBox], Any]:
+        self, interval: Sequence[str], start: Approximation, *, at_end: bool = False
+    ) -> tuple[tuple[BoxRecord, CheckedBox], Approximation]:
         """A box over an interval of the parameter with what is proved on it, and the orbit in the middle.
 
         Raises

@@ -30,7 +30,7 @@ from flint import arb, arb_mat, arb_series, ctx
 from gaitopt.building import built_once
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.proof.arithmetic import BallFunction, NotProved, assemble, entries_of, hull, matrix
+from gaitopt.proof.arithmetic import BallFunction, Matrix, NotProved, Number, assemble, entries_of, hull, matrix
 from gaitopt.threads import cached_property
 
 PICARD_ROUNDS = 8
@@ -146,8 +146,8 @@ class TaylorStep:
     """
 
     field: VectorField
-    h: Any
-    start: list[list[Any]]
+    h: Number
+    start: list[list[Number]]
     remainder: list[list[arb]]
 
     @property
@@ -156,15 +156,15 @@ class TaylorStep:
         return len(self.remainder[0]) - 1
 
     @property
-    def end(self) -> list[Any]:
+    def end(self) -> list[Number]:
         """A box in which the motions end."""
         return self.end_of(self.start, self.h)
 
-    def end_of(self, start: list[list[Any]], h: Any) -> list[Any]:
+    def end_of(self, start: list[list[Number]], h: Number) -> list[Number]:
         """End of the motion with the first N coefficients ``start``, after a time of at most the step's length."""
         return [evaluate([*c[: self.order], r[self.order]], h) for c, r in zip(start, self.remainder, strict=True)]
 
-    def variation(self) -> Any:
+    def variation(self) -> Matrix:
         """Derivative Phi(h) of the end in the start, shape (n, n).
 
         By Gronwall's inequality every entry of Phi(t) - 1 is at most exp(L h) - 1, with the largest row sum L of
@@ -188,7 +188,7 @@ class TaylorStep:
         return [[*known[: self.order], later[self.order]] for known, later in pairs]
 
 
-def expand(field: VectorField, start: Sequence[Any], h: Any, order: int) -> TaylorStep:
+def expand(field: VectorField, start: Sequence[Number], h: Number, order: int) -> TaylorStep:
     """One validated step of a given order from every point of the box ``start``.
 
     Raises
@@ -228,7 +228,7 @@ def confine(field: VectorField, start: Sequence[arb], h: arb) -> list[arb]:
     raise NotProved(f"{field.mode}: no box is shown to hold the motion for {h.str(5, radius=False)} s")
 
 
-def taylor_coefficients(field: VectorField, start: Sequence[Any], count: int) -> list[list[Any]]:
+def taylor_coefficients(field: VectorField, start: Sequence[Number], count: int) -> list[list[Number]]:
     """F_0, ..., F_(count - 1) of each state, by the recursion (k + 1) F_(k+1) = (F o y)_k."""
     coefficients = [[y] for y in start]
     for k in range(count - 1):
@@ -237,7 +237,7 @@ def taylor_coefficients(field: VectorField, start: Sequence[Any], count: int) ->
     return coefficients
 
 
-def evaluate(coefficients: Sequence[Any], t: Any) -> Any:
+def evaluate(coefficients: Sequence[Number | Matrix], t: Number) -> Any:
     """A polynomial by Horner's rule."""
     total = coefficients[-1]
     for c in reversed(coefficients[:-1]):
@@ -245,18 +245,18 @@ def evaluate(coefficients: Sequence[Any], t: Any) -> Any:
     return total
 
 
-def derivative(coefficients: Sequence[Any]) -> list[Any]:
+def derivative(coefficients: Sequence[Number]) -> list[Number]:
     """Coefficients of the derivative of a polynomial."""
     return [k * c for k, c in enumerate(coefficients)][1:]
 
 
-def _matrices(field: VectorField, motion: list[list[Any]]) -> list[Any]:
+def _matrices(field: VectorField, motion: list[list[Number]]) -> list[Matrix]:
     """Taylor coefficients of the Jacobian DF along a motion."""
     n, entries = field.n, _compose(field.jacobian, motion)
     return [matrix(n, [entries[i + n * j][k] for i in range(n) for j in range(n)]) for k in range(len(entries[0]))]
 
 
-def _variations(slopes: list[Any], order: int) -> list[Any]:
+def _variations(slopes: list[Matrix], order: int) -> list[Matrix]:
     """Taylor coefficients 0 to ``order`` of Phi' = A Phi, Phi(0) = 1, from those of A."""
     n = hull(slopes[0]).nrows()
     phi = [matrix(n, [int(i == j) for i in range(n) for j in range(n)])]
@@ -268,11 +268,11 @@ def _variations(slopes: list[Any], order: int) -> list[Any]:
     return phi
 
 
-def _compose(function: BallFunction, motion: list[list[Any]]) -> list[list[Any]]:
+def _compose(function: BallFunction, motion: list[list[Number]]) -> list[list[Number]]:
     """Taylor coefficients of the outputs of a function along a motion, as many as the motion has."""
     count = ctx.cap = len(motion[0])
 
-    def coefficients(value: Any) -> list[arb]:
+    def coefficients(value: Number) -> list[arb]:
         known = value.coeffs()[:count] if isinstance(value, arb_series) else [arb(value)]
         return [*known, *[arb(0)] * (count - len(known))]
 
