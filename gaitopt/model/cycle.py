@@ -1,4 +1,4 @@
-"""Mode sequences: the phases of a step with the impact that ends it, and the steps after which a gait repeats."""
+"""Mode sequences: the phases of a step with its final impact, and the steps after which a gait repeats."""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,11 +13,11 @@ T = TypeVar("T")
 
 
 def mode_words(phases: Iterable[Mode]) -> str:
-    """Modes in order; stops are named where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
+    """Modes in order, with stops where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
     words, stops = list[str](), Mode.STICK.stops
     for mode in phases:
-        named = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
-        words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({named})")
+        states = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
+        words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({states})")
         stops = mode.stops
     return ", ".join(words)
 
@@ -29,7 +29,7 @@ class ModeSequence:
     Raises
     ------
     ValueError
-        If there is no phase, or if two neighbours are equal.
+        If there is no phase, if two neighbours are equal, or if a flight is not the last phase.
     """
 
     phases: tuple[Mode, ...]
@@ -50,7 +50,7 @@ class ModeSequence:
 
 @dataclass(frozen=True)
 class Cycle:
-    """The steps after which a gait repeats itself; phases are counted through all of them.
+    """The steps after which a gait repeats; phases are counted through all of them.
 
     Raises
     ------
@@ -73,12 +73,12 @@ class Cycle:
 
     @classmethod
     def of_one_step(cls, phases: tuple[Mode, ...], impact: Mode) -> "Cycle":
-        """The cycle of a gait that repeats itself after every step."""
+        """The cycle of a gait that repeats after every step."""
         return cls((ModeSequence(phases, impact),))
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Cycle":
-        """The cycle of a gait's record, or of one side of a change of modes, where a phase may stand as a word."""
+        """The cycle in the record of a gait, or of one side of a mode change; a phase may be a mapping or a word."""
         steps = record.get("steps", (record,))
         return cls(
             tuple(ModeSequence(tuple(map(Mode.from_record, step["phases"])), Mode(step["impact"])) for step in steps)
@@ -91,7 +91,7 @@ class Cycle:
 
     @property
     def impacts(self) -> tuple[Mode, ...]:
-        """What the colliding foot does just after the impact of each step."""
+        """The mode just after the impact of each step."""
         return tuple(step.impact for step in self.steps)
 
     @property
@@ -105,47 +105,47 @@ class Cycle:
         return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
 
     def step_of(self, phase: int) -> int:
-        """Index of the step to which a phase belongs."""
+        """Index of the step of a phase."""
         return bisect_right(self.first_phases, phase) - 1
 
     def per_phase(self, per_step: Sequence[T]) -> tuple[T, ...]:
-        """What holds in each phase, from what holds in the steps of the cycle and repeats after the last entry."""
+        """One entry per phase from one entry per step; entries repeat if the cycle has more steps."""
         return tuple(per_step[self.step_of(phase) % len(per_step)] for phase in range(len(self.phases)))
 
     def after(self, phase: int) -> Mode | None:
-        """Mode of the phase that follows within the step; None where the step ends with its impact."""
+        """Mode of the next phase of the step; None where the step ends with its impact."""
         following = phase + 1
         return None if following == len(self.phases) or following in self.first_phases else self.phases[following]
 
     def reset_after(self, phase: int) -> Mode | None:
-        """The impact with which a phase ends: of the foot, or of a stop that locks; None where nothing jumps."""
+        """The impact that ends a phase, of the foot or of a stop that locks; None where the state is continuous."""
         after = self.after(phase)
         if after is None:
             return self.steps[self.step_of(phase)].impact
         return after if after.locked != self.phases[phase].locked else None
 
     def impact_before(self, phase: int) -> Mode | None:
-        """The impact with which a phase begins, that of the last step before the first; None where nothing jumps."""
+        """The impact before a phase, that of the last step before the first; None where the state is continuous."""
         return self.reset_after((phase - 1) % len(self.phases))
 
     @cached_property
     def resets(self) -> tuple[tuple[int, Mode], ...]:
-        """Every phase that an impact ends, with that impact."""
+        """The phases that end with an impact, each with its impact."""
         pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
         return tuple((phase, reset) for phase, reset in pairs if reset is not None)
 
     def phase_words(self, phase: int) -> str:
-        """Which phase this is: its number within its step, its mode, and in a cycle of several steps its step."""
+        """The number of a phase within its step, its mode and, in a cycle of several steps, its step."""
         step = self.step_of(phase)
         words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase]})"
         return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
 
     def onset_order(self, phase: int, *, jump: bool = False) -> int:
-        """Order of the zero that the slip velocity has where a slip phase starts.
+        """Order of the zero of the slip velocity at the start of a slip phase.
 
-        0 where the foot slips already, 1 where it leaves rest with an acceleration (just after a sticking impact, or
-        in a reversal), 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero;
-        1 there as well where friction drops at the onset of slip (``jump``).
+        0 if the foot slips already; 1 if it leaves rest with an acceleration, just after a sticking impact or in a
+        reversal; 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero, but 1 if
+        friction drops there at the onset of slip (``jump``).
         """
         impact = self.impact_before(phase)
         if impact is not None:
