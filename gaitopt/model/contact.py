@@ -1,52 +1,49 @@
-"""Contact of the stance foot: sticking and slipping, with Coulomb friction, and flight, without a force.
+"""Contact of the feet with the ground: motion with a sticking, slipping or lifted foot, and plastic impacts.
 
-Eliminating the shape accelerations from eq. (2) leaves, at the foot, with ddy = 0,
+**Motion.** With the shape accelerations eliminated from eq. (2), the force at the stance foot is, with ddy = 0,
 
     f = f_stick + C (ddx, 0)'         C = (W M^-1 W')^-1, the apparent mass of the foot
 
-so that f_stick is the force of eq. (3), which holds the foot still, and with f_t = -mu s f_n - d (eq. (5), s = sgn dx,
-mu the kinetic coefficient and d the drag of the friction law)
+where f_stick is the force of eq. (3) that holds the foot. A slip has f_t = -mu s f_n - d (eq. (5)), s = sgn dx, with
+the kinetic coefficient mu and the drag d of the friction law, and therefore
 
     ddx = -((f_t + mu s f_n)_stick + d) / (C_tt + mu s C_nt)
 
-An s strictly between -1 and 1 is the friction of a foot at rest, so that one formula holds for every mode of a foot
-whose mode is unknown. The denominator is det(C) w_n' M^-1 Gamma of eq. (6): where it loses its sign, the slip has no
-unique solution (the paradox of Painleve).  Gamus & Or (2013), eqs (2)-(6).
+The same formula with an s between -1 and 1 gives the motion of a foot whose mode is unknown. The denominator is
+det(C) w_n' M^-1 Gamma of eq. (6); where it is not positive, the slip has no unique solution (Painleve's paradox).
 
-Plastic impact of the swing foot, with or without slip of the colliding foot, and the swap of the feet.
+**Impact of the swing foot**, the former stance foot being free:
 
-    M (dq_plus - dq_minus) = W_swing' F                                    Gamus & Or (2013), eq. (8)
+    M (dq_plus - dq_minus) = W_swing' F                                    eq. (8)
 
     stick               v_plus = 0                                         eq. (9)
     slip, coulomb       F_t = -mu s F_n,  v_n_plus = 0,  s = sgn v_t_plus  eq. (11)
     slip, frictionless  F_t = 0,          v_n_plus = 0
 
-The former stance foot is free during the impact. Where the walker pushes off with it, an impulse P comes before that,
-
-    M (dq_minus - dq) = W' P
-
-by which dq_minus differs from the rates dq at touchdown. After the impact the feet swap roles: the colliding foot
-becomes the origin of the coordinates and the walker relabels its shape.
-
-With the velocity v of the colliding foot in place of that of the stance foot, the impulse acts on v alone, and
+A walker that pushes off does so just before, with the impulse P on its stance foot: M (dq_minus - dq) = W' P. After the
+impact the feet swap roles: the colliding foot becomes the origin of the coordinates and the shape is relabelled. In
+coordinates with the velocity v of the colliding foot in place of that of the stance foot, the impulse acts on v alone,
 
     F = C (v_plus - v_minus)        C = (W_swing M^-1 W_swing')^-1, the apparent mass of the colliding foot
 
-without an inverse of M, which is singular for walkers whose mass sits in a single point. The mass matrix in these
-coordinates is summed up from positions relative to the colliding foot: a transformation of M would lose the inertia
-of a light leg in the rounding of a heavy hip.
+which needs no inverse of M: M is singular for walkers with a single point mass. The mass matrix in these coordinates is
+a sum over positions relative to the colliding foot, because a transformation of M would lose the inertia of a light leg
+in the rounding of a heavy hip.
 
-Plastic impact of a joint stop: it locks, while the stance foot sticks or slips by the rule of impacts.
+**Impact of a joint stop**, after which it is locked and the stance foot sticks or slips, the swing foot in the air:
 
     M (dq_plus - dq_minus) = J' L + W' F,      J dq_plus = 0,      v_n_plus = 0
 
     stick    v_t_plus = 0
     slip     F_t = -mu s F_n,  s = sgn v_t_plus
 
-with J the derivative of the gaps of all stops that are locked from now on, and L their impulses. As the gaps do not
-depend on where the foot is, what the stops do to a foot that is held is an impulse F_0, and with the apparent mass C of
-the foot of a walker with locked stops F = F_0 + C (v_t_plus - v_t_minus, 0)'. The swing foot is in the air. With F = 0
-the stance foot leaves the ground.
+J is the derivative of the gaps of all stops that are locked afterwards, L are their impulses. Gaps do not depend on the
+position of the foot. The stops therefore act on a held foot with an impulse F_0, and with the apparent mass C of the
+foot while the stops are locked F = F_0 + C (v_t_plus - v_t_minus, 0)'. A foot that takes off has F = 0.
+
+References
+----------
+Gamus & Or (2013), eqs (2)-(11).
 """
 
 from dataclasses import dataclass
@@ -67,7 +64,7 @@ class Motion:
     ----------
     dz : SX, shape (n_z,) - rate of the state.
     force : SX, shape (2,) - contact force (f_t, f_n) [N].
-    painleve : SX - C_tt + mu s C_nt, the apparent mass of the slipping foot [kg]; of the foot itself in stick.
+    painleve : SX - C_tt + mu s C_nt, the apparent mass of the slipping foot [kg]; C_tt in stick; NaN in flight.
     """
 
     dz: SX
@@ -76,7 +73,7 @@ class Motion:
 
 
 def solve_spd(A: SX, b: SX) -> SX:
-    """A^-1 b for symmetric positive definite A = L D L' by its factors written out in symbols, free of roots."""
+    """A^-1 b for symmetric positive definite A, by symbolic factors A = L D L' without square roots."""
     n = A.shape[0]
     L, D = SX.eye(n), SX.zeros(n)
     for j in range(n):
@@ -93,7 +90,7 @@ def solve_spd(A: SX, b: SX) -> SX:
 
 
 def solve_locked(A: SX, b: SX, J: SX) -> SX:
-    """x with A x - b = J' l and J x = 0: what ``solve_spd`` gives, as far as locked stops let it."""
+    """x with A x - b = J' l for some l, and J x = 0: the solution under the constraints of locked stops."""
     x = solve_spd(A, b)
     if not J.shape[0]:
         return x
@@ -104,7 +101,7 @@ def solve_locked(A: SX, b: SX, J: SX) -> SX:
 def motion(
     eom: EquationsOfMotion, slip: SX | None, *, kinetic: SX, drag: SX, springs: SX, torque: SX, locked: SX
 ) -> Motion:
-    """Motion of the walker while its stance foot slips, or is held at rest.
+    """Motion of the walker while its stance foot slips, or is held.
 
     Parameters
     ----------
@@ -139,7 +136,7 @@ def motion(
 def flight(eom: EquationsOfMotion, *, springs: SX, torque: SX, locked: SX) -> Motion:
     """Motion of the walker while no foot touches the ground; parameters as for ``motion``.
 
-    A massless foot has no motion of its own: the bodies fall as they would without it, and it stays where it was.
+    A massless foot has no equation of motion: it keeps its position, and the bodies fall without it.
     """
     n = len(eom.walker.shape)
     bias = eom.B + eom.G + springs - eom.E @ torque
@@ -161,9 +158,10 @@ class Impact:
     z_plus : SX, shape (n_z,) - state just after the impact, feet swapped.
     impulse : SX, shape (2,) - contact impulse (F_t, F_n) at the colliding foot [N s].
     slip_velocity : SX - tangential velocity of the colliding foot just after the impact [m/s].
-    lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s]; nan where it stays on
-        the ground (at a stop), or has been in the air.
-    painleve : SX - det(C) w_n' M^-1 Gamma, the apparent mass of the slipping foot [kg]; it must be positive.
+    lift_velocity : SX - normal velocity of the former stance foot just after the impact [m/s]; NaN if it stays on the
+        ground (impact of a stop) or was in the air.
+    painleve : SX - det(C) w_n' M^-1 Gamma, the apparent mass of the slipping foot [kg], which must be positive; NaN
+        without an impulse.
     """
 
     z_plus: SX
@@ -190,7 +188,7 @@ class Push:
 
 
 def push_off(eom: EquationsOfMotion, locked: SX) -> Push:
-    """The push of a walker; of one that does not push off nothing changes. ``locked`` as for ``impact``."""
+    """The push of a walker; zero if it does not push off. ``locked`` as for ``impact``."""
     impulse = eom.mechanism.push
     if impulse is None:
         return Push(impulse=SX.zeros(2), rates=eom.dq, work=SX(0))
@@ -201,12 +199,12 @@ def push_off(eom: EquationsOfMotion, locked: SX) -> Push:
 
 
 def impact(eom: EquationsOfMotion, slip: SX | None, law: ImpactLaw, kinetic: SX, locked: SX) -> Impact:
-    """The impact after which the colliding foot slips or is at rest; whether that is consistent is not decided here.
+    """The impact after which the colliding foot slips or is at rest; it may be inconsistent.
 
     Parameters
     ----------
     slip : SX - sign s of the slip, or an unknown between -1 and 1; None stops the foot.
-    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked until after the impact.
+    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that stay locked during the impact.
     """
     n = len(eom.walker.shape)
     reach = eom.W_swing[:, :n]  # the swing foot is the stance foot plus a function of the shape
@@ -251,7 +249,7 @@ def landing(eom: EquationsOfMotion) -> Impact:
 
 
 def _masses(eom: EquationsOfMotion) -> tuple[SX, SX, SX]:
-    """Blocks of the mass matrix in the velocity of the swing foot and the shape rates: foot, foot by shape, shape."""
+    """Blocks of the mass matrix in the velocity of the swing foot and the shape rates: foot, coupling, shape."""
     n = len(eom.walker.shape)
     shape = eom.q[:n]
     coupling, shape_mass = SX.zeros(2, n), SX.zeros(n, n)
@@ -269,7 +267,7 @@ def strike(eom: EquationsOfMotion, slip: SX | None, kinetic: SX, locked: SX) -> 
     Parameters
     ----------
     slip : SX - sign s of the slip; None stops the foot.
-    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked from now on.
+    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked afterwards.
     """
     n = len(eom.walker.shape)
     A, coupling = eom.M[:n, :n], eom.M[n:, :n]
@@ -295,7 +293,7 @@ def take_off(eom: EquationsOfMotion, locked: SX) -> Impact:
 
     Parameters
     ----------
-    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked from now on.
+    locked : SX, shape (m, n_shape) - derivative of the gaps of the stops that are locked afterwards.
     """
     n = len(eom.walker.shape)
     J = horzcat(locked, SX.zeros(locked.shape[0], 2))

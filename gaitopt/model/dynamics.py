@@ -1,15 +1,15 @@
-"""A hybrid system at fixed parameters: its friction, natural units and margins as numbers.
+"""A hybrid system at fixed parameters: flow, margins, friction and natural units as numbers.
 
-A ``Dynamics`` holds while one leg stands. Where the legs differ their parameters swap places at touchdown, so that a
-motion has one ``Dynamics`` per step, ``Dynamics.steps``, and every arc refers to its own. Which leg stands is said
-nowhere else.
+A ``Dynamics`` applies to one step, because the parameters of legs that differ swap places at touchdown. The steps of a
+motion take the entries of ``Dynamics.steps`` in turn, and every arc refers to the one of its step. No other object
+knows which leg is the stance leg.
 
-How a small deviation passes an event: saltation of the variational equations.
+``saltation`` maps a small deviation across an event with reset R and guard g,
 
     S = R_z + (f_plus - R_z f_minus) grad g' / (dg/dt)
 
-with R the reset and g the guard. At the last event of a step the deviation is only projected along the flow onto
-the guard and reset, because the return map compares states on the section and not at equal times.
+At the last event of a step a deviation is projected along the flow onto the guard and then reset, because the return
+map compares states on the section and not at equal times.
 """
 
 from collections.abc import Mapping
@@ -54,7 +54,7 @@ class Dynamics(ReadOnlyArrays):
 
     @cached_property
     def steps(self) -> tuple["Dynamics", ...]:
-        """The dynamics of this step and those that follow: one if the legs are alike, else one per stance leg.
+        """The dynamics of the steps of a motion, this one first: one if the legs are alike, else one per stance leg.
 
         They repeat: step k of a motion has ``steps[k % len(steps)]``, a phase ``cycle.per_phase(steps)[phase]``.
         """
@@ -103,7 +103,7 @@ class Dynamics(ReadOnlyArrays):
         return buffered(self.system.lift)(full, self.p)[0].copy()
 
     def after_impact(self, mode: Mode, z: Array) -> Array:
-        """State just after an impact, shape (n_z,), with x counted from the stance foot if that has changed."""
+        """State just after an impact, shape (n_z,); at touchdown x starts from zero at the new stance foot."""
         z_plus = buffered(self.system.impact(mode))(z, self.p)[0].copy()
         if not mode.locked:
             z_plus[self.system.n_shape] = 0.0
@@ -123,14 +123,14 @@ class Dynamics(ReadOnlyArrays):
 def saltation(
     f_minus: Array, f_plus: Array, guard_gradient: Array, guard_rate: float, reset: Array | None = None
 ) -> Array:
-    """Saltation matrix of a transition in mid-step; shape (n_z, n_z).
+    """Saltation matrix of a transition within a step; shape (n_z, n_z).
 
     Parameters
     ----------
     f_minus, f_plus : ndarray, shape (n_z,) - flow just before and just after the switch.
     guard_gradient : ndarray, shape (n_z,) - gradient of the guard in the state.
     guard_rate : total time derivative of the guard along ``f_minus``.
-    reset : ndarray, shape (n_z, n_z) - derivative of the reset; the identity unless given.
+    reset : ndarray, shape (n_z, n_z) - derivative of the reset; the identity by default.
     """
     R_z = np.eye(f_minus.size) if reset is None else reset
     return np.asarray(R_z + np.outer(f_plus - R_z @ f_minus, guard_gradient) / guard_rate)

@@ -1,13 +1,13 @@
-"""Equations of motion of a walker, derived from the positions of its masses.
+"""Equations of motion of a walker, from the positions of its masses.
 
     M(q) ddq + B(q, dq) + G(q) = E u + W' f                                Gamus & Or (2013), eq. (2)
 
-with W the Jacobian of the stance foot and, of bodies whose positions and angles r have the Jacobians J = dr/dq,
+W is the Jacobian of the stance foot. With the Jacobians J = dr/dq of the positions and angles r of the bodies,
 
     M = sum m J' J        B = sum m J' (dJ/dt dq)
 
-which takes half the operations of derivatives of the kinetic energy. As (x, y) are coordinates, W' f only adds
-(f_t, f_n) to the rows of x and y. For a walker whose foot stays on the ground all is stated there: y = dy = 0.
+These sums take half as many operations as derivatives of the kinetic energy. Because (x, y) are coordinates, W' f only
+adds (f_t, f_n) to the rows of x and y. Walkers that do not fly have y = dy = 0 in all expressions.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,16 +32,16 @@ class EquationsOfMotion:
     z : SX, shape (n_z,) - integrated state: coordinates, then rates, in the order of ``Walker.coordinates``.
     q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are no states.
     M : SX, shape (n_q, n_q) - mass matrix.
-    B, G : SX, shape (n_q,) - velocity terms (and dampers) and gravity (and springs, as far as they always act).
+    B, G : SX, shape (n_q,) - velocity terms with dampers, and gravity with the springs that act in all modes.
     switches : SX by name - margins of the switches.
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
     energy : SX - kinetic plus potential energy [J].
-    dissipation : SX - power that the dampers take [W].
+    dissipation : SX - power that the dampers dissipate [W].
     mass : SX - total mass [kg].
     gravity : SX - acceleration of gravity [m/s^2].
     length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
-    mechanism : the walker's mechanism, on the ground.
+    mechanism : the walker's mechanism, with y = dy = 0 if it does not fly.
     """
 
     walker: type[Walker]
@@ -70,7 +70,7 @@ class EquationsOfMotion:
         """Gradient of a potential energy, shape (n_q,)."""
         n = len(self.walker.shape)
         gradients = jacobian(potential, self.q[:n]).T
-        return vertcat(gradients, SX.zeros(2))  # springs do not pull at the ground
+        return vertcat(gradients, SX.zeros(2))  # springs do not act on the ground
 
 
 def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
@@ -85,7 +85,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     Raises
     ------
     ProblemError
-        If the walker contradicts itself; the message says where.
+        If the class is not well formed; the message says where.
     """
     check_class(walker)
     p = SX.sym("p", len(walker.model_fields))
@@ -133,7 +133,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
 
 def _inertia(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX, SX]:
-    """Mass matrix, velocity terms and kinetic energy, summed up over the positions and angles of the bodies."""
+    """Mass matrix, velocity terms and kinetic energy: sums over the positions and angles of the bodies."""
     M, B, kinetic = SX.zeros(q.numel(), q.numel()), SX.zeros(q.numel()), SX(0)
     for body in mechanism.bodies:
         for inertia, place in ((body.mass, body.position), (body.inertia, SX(body.angle))):
@@ -146,7 +146,7 @@ def _inertia(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX, SX]:
 
 
 def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
-    """The mechanism with a function applied to what the modes are stated by."""
+    """The mechanism with a function applied to the expressions that modes, guards and resets use."""
     return replace(
         mechanism,
         swing_foot=function(mechanism.swing_foot),

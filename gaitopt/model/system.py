@@ -1,13 +1,12 @@
 """The hybrid system: a walker, its control and the ground as compiled CasADi functions.
 
     dz/dt = flow_mode(t, z, p, r)         t time since the last impact, z state, p parameters, r segment data
-    margins_mode(t, z, p, r) > 0          what the mode assumes; it ends where a margin falls to zero
+    margins_mode(t, z, p, r) > 0          while the mode holds; it ends where a margin falls to zero
     z_plus = impact_mode(z, p)            reset at touchdown
 
-Every number of walker, friction and control is an entry of ``p``, named by its dotted key, so that any of them
-can be varied, freed or continued without rebuilding anything. The NLP and the simulator both use these functions.
-
-The expressions that the functions of a hybrid system compile: motions, impacts and margins of its modes.
+Every number of walker, friction and control is an entry of ``p``, named by its dotted key. Any of them can therefore be
+varied, freed or continued without building a function again. ``Expressions`` puts the symbols of a walker, its control
+and the ground together; ``HybridSystem`` compiles them. The NLP and the simulator share these functions.
 """
 
 import pickle
@@ -40,6 +39,7 @@ class Expressions:
     ----------
     t, z, p, r : time since the last impact, state, parameters and segment data, the arguments of all expressions.
     eom : equations of motion of the walker.
+    transitions : the table of the walker.
     """
 
     def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
@@ -71,17 +71,17 @@ class Expressions:
         return self._motions[mode]
 
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
-        """Motion with a given sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
+        """Motion with a sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
         drag = SX(self._viscous) * self.eom.z[-1]
         return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
 
     def _acting(self, mode: Mode) -> dict[str, SX]:
-        """What acts in a mode besides contact forces and gravity."""
+        """Springs, torques and locked stops of a mode."""
         springs = self.eom.force_of(self.potential_of(mode))
         return {"springs": springs, "torque": self.torque, "locked": self._locked(mode.locked)}
 
     def potential_of(self, mode: Mode) -> SX:
-        """Potential energy that acts in this mode and not in all."""
+        """Potential energy that acts only in this mode and some others."""
         energies = self.eom.mechanism.potential_while.items()
         return sum((energy for state, energy in energies if mode.has(state)), SX(0))
 
@@ -93,25 +93,25 @@ class Expressions:
     def impact(self, mode: Mode) -> Impact:
         """The impact after which the walker is in a mode: of the foot, or of the stops that are locked in it."""
         if mode not in self._impacts:
-            self._impacts[mode] = BUILT.watch(self._new_impact(mode))
+            walker, locked = self.walker, self._locked(mode.locked)
+            if not mode.touching:
+                result = take_off(self.eom, locked)
+            elif mode.locked:
+                result = strike(self.eom, _slip(mode), self._kinetic, locked)
+            elif walker.massless_feet:
+                result = landing(self.eom)
+            else:
+                held = self._locked(tuple(stop for stop in walker.stops if stop not in walker.open_in_impact))
+                result = impact(self.eom, _slip(mode), self._law, self._kinetic, held)
+            self._impacts[mode] = BUILT.watch(result)
         return self._impacts[mode]
 
-    def _new_impact(self, mode: Mode) -> Impact:
-        if not mode.touching:
-            return take_off(self.eom, self._locked(mode.locked))
-        if mode.locked:
-            return strike(self.eom, _slip(mode), self._kinetic, self._locked(mode.locked))
-        if self.walker.massless_feet:
-            return landing(self.eom)
-        held = tuple(stop for stop in self.walker.stops if stop not in self.walker.open_in_impact)
-        return impact(self.eom, _slip(mode), self._law, self._kinetic, self._locked(held))
-
     def open_impact(self, slip: SX) -> Impact:
-        """The impact of the foot with a sign of the slip that is an unknown between -1 and 1."""
+        """The impact of the foot where the sign of the slip is an unknown between -1 and 1."""
         return impact(self.eom, slip, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
 
     def margins(self, mode: Mode) -> SX:
-        """What a mode assumes, in the order of ``Transitions.margin_names``."""
+        """Margins of a mode, in the order of ``Transitions.margin_names``."""
         state, mu = self.motion(mode), self._static
         f_t, f_n = state.force[0], state.force[1]
         lands = not (mode.touching and self.walker.flies)  # a walker that flies lands out of flight alone
@@ -140,7 +140,7 @@ class Expressions:
         return (self.eom.W_swing @ self.push.rates)[1]
 
     def impact_margins(self, mode: Mode) -> dict[str, SX]:
-        """What an impact assumes, by name."""
+        """Margins of an impact by name."""
         result, stick = self.impact(mode), self.impact(mode.with_contact(Mode.STICK))
         mu = self._static
         f_t, f_n = result.impulse[0], result.impulse[1]
@@ -161,32 +161,32 @@ class Expressions:
 
 
 def _slip(mode: Mode) -> SX | None:
-    """Sign of the slip in a mode, None where the foot sticks."""
+    """Sign of the slip in a mode; None if the foot sticks."""
     return None if mode.sticks else SX(mode.direction)
 
 
 KEPT = 16
-"""Unpickled systems that are kept with their compiled functions, some megabytes each."""
+"""Number of unpickled systems that are kept with their compiled functions, some megabytes each."""
 
 
 class HybridSystem:
     """Functions of one walker under one control law; all are built on first use and kept.
 
-    A copy is the system itself, as nothing changes it. A pickle holds what it is made of; where it is read, equal
-    systems are one object, whose functions are compiled once.
+    A system never changes, so that a copy is the system itself. A pickle holds walker, control and laws; equal systems
+    that are unpickled are one object, whose functions are compiled once.
 
     Parameters
     ----------
     walker : the walker's class.
-    control : the control law; its current scalars do not matter here, only its structure and segment data.
+    control : the control law, of which the structure and the segment data matter here, but not the scalars.
     law : tangential law of slipping impacts.
     friction : friction law of the feet; its numbers are entries of ``p``.
 
     Attributes
     ----------
     parameters : dotted keys of ``p`` in order: walker, friction, control.
-    friction : as given.
-    transitions : the table of modes, margins, events and what may follow.
+    walker, control, law, friction : as given.
+    transitions : the table of modes, margins and events.
     state_names : names of ``z`` in order.
     n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
     """
@@ -269,7 +269,7 @@ class HybridSystem:
     def observation(self, mode: Mode) -> Function:
         """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
 
-        The loss is the power that the dampers take.
+        The loss is the power that the dampers dissipate.
         """
 
         def outputs() -> dict[str, SX]:
@@ -288,7 +288,7 @@ class HybridSystem:
         return self._build(f"observation_{mode.key}", outputs)
 
     def impact(self, mode: Mode) -> Function:
-        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``mechanics.impact``."""
+        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``contact.Impact``."""
 
         def outputs() -> dict[str, SX]:
             result = self._symbols.impact(mode)
@@ -297,10 +297,7 @@ class HybridSystem:
         return self._build(f"impact_{mode.key}", outputs, "zp")
 
     def impacts(self, modes: Sequence[Mode]) -> Function:
-        """(z, p) -> what ``impact`` gives for each of several modes, one column per mode; and the approach.
-
-        The approach is the normal velocity of the swing foot as it lands [m/s], negative where it comes down.
-        """
+        """(z, p) -> outputs of ``impact`` in one column per mode; normal velocity of the swing foot before it [m/s]."""
         z, p = self._eom.z, self._p
 
         def outputs() -> dict[str, SX]:
@@ -329,9 +326,9 @@ class HybridSystem:
     @cached_property
     @building
     def open_flow(self) -> Function:
-        """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, the mode being open.
+        """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, of a foot whose mode is unknown.
 
-        Friction is -mu s f_n with s in [-1, 1], and kinetic friction bounds a foot at rest too.
+        Friction is -mu s f_n with s in [-1, 1]; kinetic friction bounds a foot at rest too.
         """
 
         def outputs() -> dict[str, SX]:
@@ -401,9 +398,9 @@ class HybridSystem:
         return np.array([self.state_names.index(name) for name in names])
 
     def values(self, parameters: Mapping[str, float]) -> Array:
-        """The vector ``p`` from values by dotted key, those of the control law itself where none is given; (n_p,)."""
-        known = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
-        return np.array([float(known[name]) for name in self.parameters])
+        """The vector ``p`` from values by dotted key, shape (n_p,); those of the control law are its own by default."""
+        values = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
+        return np.array([float(values[name]) for name in self.parameters])
 
     def data(self, segment: int) -> Array:
         """Segment data of the control, shape (n_r,); not to be written to."""
@@ -432,8 +429,8 @@ class HybridSystem:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Parts:
-    """What a system is made of; control laws are equal where their pickles are."""
+class _Definition:
+    """What defines a system; control laws are equal if their pickles are."""
 
     walker: type[Walker]
     law: ImpactLaw
@@ -443,10 +440,10 @@ class _Parts:
 
 
 def _unpickled(walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> HybridSystem:
-    parts = _Parts(walker=walker, law=law, friction=friction, control_pickle=pickle.dumps(control), control=control)
-    return _system(parts)
+    pickled = pickle.dumps(control)
+    return _system(_Definition(walker=walker, law=law, friction=friction, control_pickle=pickled, control=control))
 
 
 @built_once(maxsize=KEPT)
-def _system(parts: _Parts) -> HybridSystem:
-    return HybridSystem(parts.walker, parts.control, parts.law, parts.friction)
+def _system(definition: _Definition) -> HybridSystem:
+    return HybridSystem(definition.walker, definition.control, definition.law, definition.friction)

@@ -1,12 +1,10 @@
-"""What a walker is: its parameters, and its mechanism stated in CasADi symbols.
+"""The definition of a walker: its parameters, and its mechanism in CasADi symbols.
 
-A walker is a frozen pydantic model: its fields are the physical parameters, with units, ranges and
-messages; its class attributes name the coordinates; ``mechanism`` states where the masses are. Everything
-else (M, B, G, W, E, contact, impact, multipliers) is derived from that by gaitopt.
+A walker is a frozen pydantic model. Its fields are the physical parameters, with units and ranges; its class attributes
+name the coordinates; ``mechanism`` defines bodies, springs, dampers and guards. M, B, G, W, E, contact forces, impacts
+and multipliers are derived from these.
 
 Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
-
-What a walker consists of, in CasADi symbols: bodies, springs, dampers, guards; and points and lines to state it.
 """
 
 import copyreg
@@ -50,7 +48,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Damper:
-    """A viscous damper, which resists with ``coefficient`` times the rate of what it is mounted across.
+    """A viscous damper: its force is ``coefficient`` times the rate of ``across``.
 
     Attributes
     ----------
@@ -72,19 +70,19 @@ class Mechanism:
     gravity : SX, shape (2,) - acceleration of gravity in (x, y) [m/s^2].
     swing_foot : SX, shape (2,) - the foot that will collide [m].
     touchdown : SX - guard; the swing foot lands when it crosses zero from below.
-    upright : SX - positive while the walker is walking; zero is a fall.
+    upright : SX - positive while the walker is upright; zero is a fall.
     relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
-    stops : gaps of the joint stops by name, affine in the shape: positive while free, held at zero while locked; an
-        angle [rad], or a length by the length of a leg.
-    switches : margins of the switches by name, without unit: positive while off; functions of the coordinates' rates,
-        which they are given by name (``dq.theta``).
+    stops : gaps of the joint stops by name, affine in the shape: positive while free, zero while locked; an angle
+        [rad], or a length divided by that of a leg.
+    switches : margins of the switches by name, dimensionless, positive while off; functions of the rates, which are
+        given by name (``dq.theta``).
     motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
     potential : SX - potential energy besides gravity, of springs for instance [J].
-    potential_while : further potential energy, which acts only in a state: ``contact`` (the foot is on the ground), or
-        that of a stop or switch, such as ``thrust on`` [J].
+    potential_while : potential energy that acts only in a state: ``contact`` (the foot is on the ground), or that of a
+        stop or switch, such as ``thrust on`` [J].
     dampers : the viscous dampers.
-    push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands, of a walker that
-        pushes off [N s].
+    push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands; None if the
+        walker does not push off [N s].
     """
 
     bodies: tuple[Body, ...]
@@ -113,7 +111,7 @@ def inclined(gravity: Any, slope: Any) -> SX:
 
 
 def coil(start: SX, end: SX, width: Any, turns: int = 5) -> tuple[SX, ...]:
-    """Points of a zigzag line from ``start`` to ``end`` [m] that draws a spring with turns of some ``width`` [m]."""
+    """Points of a zigzag line from ``start`` to ``end`` [m] that draws a spring of this ``width`` [m]."""
     along = end - start
     aside = width / 2 * vertcat(-along[1], along[0]) / norm_2(along)
     zigzag = (start + (k + 0.5) / (2 * turns) * along + (-1) ** k * aside for k in range(2 * turns))
@@ -127,31 +125,31 @@ else:
 
 
 class WalkerClass(ModelMetaclass):
-    """The class of walker classes, by which pickles name a walker: by the module and the name of its class."""
+    """The class of walker classes: pickles name a walker by the module and the name of its class."""
 
 
 class Walker(BaseModel, ABC, metaclass=WalkerClass):
-    """Base of every walker; derive from it, declare the parameters as fields, and state the mechanism.
+    """Base of every walker; derive from it, declare the parameters as fields, and define the mechanism.
 
     Class attributes
     ----------------
     model : the name used in problem files.
     shape : names of the shape coordinates.
-    section : those shape coordinates that are free just after an impact.
-    section_rates : those shape coordinates whose rates are free just after an impact; all unless given.
-    exchanged : parameters of the stance leg, each with that of the swing leg with which it changes places when the
-        feet swap roles; of legs that are alike none. A cycle then has an even number of steps.
-    stops : names of the joint stops; a stop locks where its gap closes, and all are released by the impact of the foot.
-    open_in_impact : those stops that are released before the impulse of the foot's impact rather than after it.
-    switches : names of the switches; one is thrown where its margin falls to zero, and all are off after an impact.
-    flies : whether the walker leaves the ground; its steps then end out of flight.
-    massless_feet : whether feet (and what connects them with the bodies) have no mass. They land without an impulse, as
-        ``landing`` says, cannot slip, and in flight count as staying where they were.
-    lengths : those shape coordinates that are lengths [m] rather than angles [rad].
+    section : the shape coordinates that are free just after an impact.
+    section_rates : the shape coordinates whose rates are free just after an impact; all by default.
+    exchanged : for legs that differ, each parameter of the stance leg with the corresponding one of the swing leg; the
+        two swap places at touchdown. A cycle then has an even number of steps.
+    stops : names of the joint stops; a stop locks where its gap closes, and the impact of the foot releases all stops.
+    open_in_impact : the stops that are released before the impulse of the foot's impact rather than after it.
+    switches : names of the switches; a switch triggers where its margin falls to zero, and all are off after an impact.
+    flies : whether the walker leaves the ground; its steps then end with a flight.
+    massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse, as
+        ``landing`` defines, cannot slip, and keep their position in flight.
+    lengths : the shape coordinates that are lengths [m] rather than angles [rad].
     pushes : whether the walker pushes off with its stance foot just before the swing foot lands.
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
-    largest_angle : size of the shape coordinates beyond which the walker does not walk [rad].
+    largest_angle : largest size of the shape coordinates in walking [rad].
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
@@ -180,24 +178,24 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     @classmethod
     @abstractmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """All shape coordinates just after an impact, from the free ones of ``section``."""
+        """All shape coordinates just after an impact, from those of ``section``."""
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
-        """Lines that draw the walker, each a sequence of points [m], with arguments as for ``mechanism``.
+        """Lines that draw the walker, each a sequence of points [m]; arguments as for ``mechanism``.
 
-        It concerns pictures alone. Without any, the walker is drawn from its bodies and feet.
+        Only pictures use them. Without lines a picture joins the bodies and feet.
         """
         return ()
 
     @classmethod
     def contact(cls, q: SimpleNamespace, p: SimpleNamespace) -> SX:
-        """Where the stance foot touches the ground in pictures, shape (2,) [m]; (x, y) unless the walker says more."""
+        """Point at which the stance foot touches the ground in pictures, shape (2,) [m]; by default (x, y)."""
         return vertcat(q.x, q.y)
 
     @classmethod
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """All shape rates just after an impact, from the free ones of ``section_rates`` (``free.dtheta`` and so on)."""
+        """All shape rates just after an impact, from those of ``section_rates`` (``free.dtheta`` and so on)."""
         return tuple(getattr(free, f"d{name}") for name in cls.shape)
 
     @classmethod
@@ -205,19 +203,19 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         cls, q: SimpleNamespace, dq: SimpleNamespace, p: SimpleNamespace
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Shape coordinates, and their rates, just after a massless foot has landed, from those just before."""
-        raise NotImplementedError(f"{cls.__name__} has massless feet, but does not say how they land")
+        raise NotImplementedError
 
     @classmethod
     def contacts(cls) -> tuple[Mode, ...]:
-        """What the foot can do."""
+        """States of the foot, as modes without stops."""
         ground = CONTACTS[:1] if cls.massless_feet else CONTACTS
         return (*ground, Mode.FLIGHT) if cls.flies else ground
 
     @classmethod
     def modes(cls) -> tuple[Mode, ...]:
-        """Every mode: what the foot can do, with every state of the stops and switches."""
-        choices = [*([STOP_STATES] * len(cls.stops)), *([SWITCH_STATES] * len(cls.switches))]
-        states = [dict(zip((*cls.stops, *cls.switches), each, strict=True)) for each in product(*choices)]
+        """All modes: every state of the foot with every state of the stops and switches."""
+        choices = {**dict.fromkeys(cls.stops, STOP_STATES), **dict.fromkeys(cls.switches, SWITCH_STATES)}
+        states = [dict(zip(choices, choice, strict=True)) for choice in product(*choices.values())]
         return tuple(Mode.of(contact, stops) for stops in states for contact in cls.contacts())
 
     @classmethod
@@ -242,7 +240,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def released(cls, contact: Mode) -> Mode:
-        """What the foot does, with all stops free and all switches off, as just after its impact."""
+        """A state of the foot with all stops free and all switches off, as just after its impact."""
         return Mode.of(contact, dict.fromkeys(cls.stops, "free") | dict.fromkeys(cls.switches, "off"))
 
     @classmethod
@@ -258,25 +256,25 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def section_names(cls, *, slipping: bool) -> tuple[str, ...]:
-        """Names of the section coordinates: those that are free just after a sticking or slipping impact."""
+        """Names of the section coordinates, which are free just after a sticking or slipping impact."""
         rates = cls.shape if cls.section_rates is None else cls.section_rates
         return (*cls.section, *(f"d{name}" for name in rates), *(("dx",) if slipping else ()))
 
 
 def _pickled(walker: WalkerClass) -> tuple[Any, ...]:
-    """What a pickle holds of a walker's class; cloudpickle, which Dask uses, sends classes of no module by value.
+    """Reduce a walker's class to its names; cloudpickle, which Dask uses, sends classes without a module by value.
 
     Raises
     ------
     PicklingError
-        If no import finds it.
+        If an import would not find the class.
     """
     module, name, model = walker.__module__, walker.__qualname__, getattr(walker, "model", "?")
     try:
-        found = attrgetter(name)(sys.modules[module])
+        importable = attrgetter(name)(sys.modules[module])
     except (KeyError, AttributeError):
-        found = None
-    if found is not walker:
+        importable = None
+    if importable is not walker:
         raise PicklingError(
             f"walker {model}: another process cannot import its class {name} from the module {module}; "
             "define the class at the top level of a module, under its own name"
