@@ -1,12 +1,12 @@
-"""The hybrid automaton of a walker as a table: what each mode assumes, the events that end it, and what may follow.
+"""The hybrid automaton of a walker as a table: the margins of each mode, the events that end it, and the next modes.
 
     mode  --  margin falls to zero  --  reset  -->  one of the candidates, or the motion ends
 
-Every margin of a mode is positive while the mode holds and is the guard of one transition. The same holds for an
-impact: each of its margins says which other impact, or which ending, replaces it. The table holds facts alone. The
-expressions of the margins are in ``gaitopt.model.system``, and every method decides for itself which candidate is
-consistent: the simulator from forces and impulses, the NLP by obeying a cycle, a branch by trying them in turn.
-Drake's compass gait (``examples/compass_gait``) keeps a witness function beside its reset in the same way.
+Every margin is positive while its mode holds and is the guard of one transition. A margin of an impact likewise leads
+to the impact, or the ending, that replaces it where the margin falls. The table contains facts only: the expressions of
+the margins are in ``gaitopt.model.system``, and each method decides by itself which candidate is consistent: the
+simulator from forces and impulses, the NLP by following a cycle, a branch by trying the candidates in turn. In the
+same way a witness function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
 
-from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt.model.cycle import Cycle
 from gaitopt.model.friction import COULOMB, Friction
 from gaitopt.model.modes import FOOT, NEXT_STATE, Mode
 from gaitopt.model.units import UNITS, Scales
@@ -41,16 +41,16 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margin:
-    """What is known of a margin, whatever the walker.
+    """Unit and words of a margin, the same for all walkers.
 
     Attributes
     ----------
-    unit : its natural unit, a key of ``gaitopt.model.units.UNITS``.
-    violated : words for a negative value, which replaces ``{value}``; empty where it is judged together with others.
-    lost : words for its fall to zero, in a motion or along a branch.
-    absent : words for a phase that it should end, but in which it does not fall.
-    ending : how a motion ends where it falls; None where a mode or an impact follows.
-    rises : whether it is zero at the start of a step, so that it may fall only after it has been positive.
+    unit : natural unit, a key of ``gaitopt.model.units.UNITS``.
+    violated : message about a negative value, which replaces ``{value}``; empty if it is judged together with others.
+    lost : message about its fall to zero, in a motion or along a branch.
+    absent : message about a phase that it should end, but in which it does not fall to zero.
+    ending : how a motion ends where it falls to zero; None if a mode or an impact follows.
+    rises : whether it is zero at the start of a step, so that only a fall after it has been positive counts.
     """
 
     unit: str
@@ -68,7 +68,7 @@ class Reset:
     Attributes
     ----------
     of : the contact that lands, or the stop that locks.
-    ends_step : whether the feet swap roles: the step ends, and time and x are counted anew.
+    ends_step : whether the feet swap roles: the step ends, and time and x start from zero.
     """
 
     of: str
@@ -84,12 +84,12 @@ class Transition:
     guard : name of the margin whose fall to zero triggers the transition.
     margin : unit and words of the guard.
     ending : how the motion ends; None where a mode follows.
-    reason : the same in words.
-    reset : the jump of the state; None where it is continuous.
-    at_rest : contacts whose slip velocity is zero afterwards; forces then decide between the candidates.
-    candidates : modes that may follow. A single one follows in any case; of several, impulses decide at a reset.
+    reason : message about that.
+    reset : the jump of the state; None if it is continuous.
+    at_rest : contacts whose slip velocity is zero afterwards; their forces select the candidate.
+    candidates : the modes that may follow; at a reset with several candidates the impulses select one.
     zeros : margins of the ended mode that are zero at the event.
-    zeros_after : margins of the mode that follows which are zero just after the event.
+    zeros_after : margins of the next mode that are zero just after the event.
     """
 
     guard: str
@@ -108,7 +108,7 @@ class Transition:
         return self.reset is not None and self.reset.ends_step
 
 
-NO_SLIP = "sticking needs no more friction than there is before touchdown, so that no slip sets in"
+NO_SLIP = "until touchdown sticking needs less friction than is available, so that no slip begins"
 
 PUSH_SLIPS = "the foot that pushes off slips: its push is {value:.4g} N s outside of the friction cone"
 PUSH = ("push_cone_forward", "push_cone_backward", "push_landing")
@@ -164,8 +164,8 @@ PHASE_MARGINS: Mapping[str, Margin] = {
     ),
 }
 """Margins of phases. ``touchdown`` is minus the walker's guard; ``cone_forward`` is mu f_n + f_t, ``cone_backward``
-mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction; ``onset`` the force beyond the static cone where a
-slip starts from rest, needed only where friction has two coefficients."""
+mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction; ``onset`` is the force beyond the static cone
+where a slip starts from rest, needed only if friction has two coefficients."""
 
 IMPACT_MARGINS: Mapping[str, Margin] = {
     "impulse": Margin(
@@ -203,7 +203,7 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
     "impact_slip_velocity": Margin(
         unit="speed",
         violated="slip velocity after impact is {value:.4g} m/s in the direction of the mode",
-        lost="the slip after the impact fades",
+        lost="the slip velocity after the impact falls to zero",
     ),
     "impact_painleve": Margin(
         unit="mass",
@@ -222,25 +222,26 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
 MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
 STOP = Margin(
     unit="one",
-    lost="the stop locks, or the switch is thrown, earlier in the step",
-    absent="the stop does not lock, or the switch is not thrown",
+    lost="the stop locks, or the switch triggers, earlier in the step",
+    absent="the stop does not lock, or the switch does not trigger",
     rises=True,
 )
-"""The gap of a joint stop, or the margin of a switch, under any name."""
+"""The gap of any joint stop, and the margin of any switch."""
 CONE: Mapping[Mode, str] = {Mode.SLIP_FORWARD: "cone_forward", Mode.SLIP_BACKWARD: "cone_backward"}
-"""The margin of a sticking foot that falls where each slip begins; that of an impact has ``impulse_`` before it."""
+"""The margin of a sticking foot that falls to zero where each slip begins; for impacts ``impulse_`` precedes it."""
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
-"""Forces of the ground; on a foot without mass all are zero where it lands and where it leaves the ground."""
-CANNOT_SLIP = "a foot without mass cannot slip, and friction does not hold it"
+"""Margins from the force of the ground; for a massless foot all are zero where it lands and where it takes off."""
+ONE_AT_A_TIME = "a step begins with all stops free and all switches off, and they change one at a time"
+CANNOT_SLIP = "a massless foot cannot slip, and friction does not hold it"
 
 
 def margin(name: str) -> Margin:
-    """What is known of a margin; any name that is not in the tables is that of a stop or a switch."""
+    """Unit and words of a margin; names that are not in ``MARGINS`` belong to stops and switches."""
     return MARGINS.get(name, STOP)
 
 
 def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
-    """Those of some candidates in which the walker touches the ground."""
+    """The candidates in which the walker touches the ground."""
     return tuple(mode for mode in candidates if mode.touching)
 
 
@@ -250,7 +251,7 @@ def margin_unit(name: str, scales: Scales) -> float:
 
 
 class Transitions:
-    """The table of one walker; use ``transitions``, which keeps it.
+    """The table of one walker; ``transitions`` builds it once.
 
     Parameters
     ----------
@@ -260,15 +261,14 @@ class Transitions:
     Attributes
     ----------
     modes : all modes of the walker.
-    landed : candidates after the impact of the foot that ends a step, with all stops free and all switches off.
-    unloaded : margins that are zero where a foot lands and where it leaves the ground: those of a foot without mass.
+    landed : candidates after the impact that ends a step, with all stops free and all switches off.
+    unloaded : margins that are zero where a foot lands and where it takes off: ``GROUND_FORCES`` of massless feet.
     """
 
     def __init__(self, walker: type[Walker], friction: Friction) -> None:
         self.walker, self._friction = walker, friction
         self.modes = walker.modes()
-        self._ground = tuple(contact for contact in walker.contacts() if contact.touching)
-        self.landed = tuple(walker.released(contact) for contact in self._ground)
+        self.landed = tuple(walker.released(contact) for contact in grounded(walker.contacts()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[Mode, Mapping[str, Transition]] = {}
@@ -280,11 +280,11 @@ class Transitions:
         return self._phases[mode]
 
     def of_impact(self, mode: Mode) -> Mapping[str, Transition]:
-        """What replaces an impact where one of its margins falls, in the order of ``HybridSystem.impact_margins``.
+        """Transitions to what replaces an impact, by its margins in the order of ``HybridSystem.impact_margins``.
 
         Parameters
         ----------
-        mode : the walker just after it: a contact for the impact of the foot, a mode with a locked stop for its impact.
+        mode : just after the impact; without stops for the impact of the foot, with a locked stop for that of a stop.
         """
         if mode not in self._impacts:
             self._impacts[mode] = {row.guard: row for row in self._of_impact(mode)}
@@ -299,7 +299,7 @@ class Transitions:
         return tuple(self.of_impact(mode))
 
     def between(self, mode: Mode, after: Mode | None) -> Transition:
-        """The transition that ends a phase in ``mode`` which is followed by ``after`` (None: the end of the step).
+        """The transition from ``mode`` to the next mode ``after`` of the step; None stands for the end of the step.
 
         Raises
         ------
@@ -311,81 +311,100 @@ class Transitions:
             leading = [row for row in leading if after in row.candidates]
         if not leading:
             raise ValueError(f"no event of the {self.walker.model} leads from {mode} to {after}")
-        return min(leading, key=lambda row: len(row.candidates))  # the event that leads to little else
+        return min(leading, key=lambda row: len(row.candidates))  # the event that distinguishes ``after`` best
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
-        """Candidates where the foot is at rest on the ground, with stops and switches as in ``mode``; stick first."""
+        """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""
         return tuple(mode.with_contact(contact) for contact in self.walker.contacts())
 
     def onset(self, mode: Mode) -> Transition:
-        """What follows where static friction holds the foot after all at the start of a slip from rest."""
+        """The transition where static friction holds the foot at the start of a slip from rest."""
         return self._row("onset", at_rest=(FOOT,), candidates=self.at_rest(mode))
 
     def check(self, cycle: Cycle) -> None:
-        """Check that the walker can go through the phases of a cycle.
+        """Check that events of the table lead through the phases of a cycle.
 
         Raises
         ------
         ValueError
             If not; the message says what the walker can do.
         """
+        model, contacts = self.walker.model, self.walker.contacts()
+        start = self.walker.released(Mode.STICK).stops
         for step in cycle.steps:
-            self._check_contacts(step)
-            self._check_stops(step)
+            for mode in (*step.phases, step.impact):
+                if mode.contact not in contacts:
+                    raise ValueError(f"the {model} has no {mode.contact}; its foot can {', '.join(contacts)}")
+            for mode in step.phases:
+                if [*mode.stops] != [*start] or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
+                    form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
+                    raise ValueError(
+                        f"{mode} does not fit the stops of the {model}: write {form if start else mode.contact}"
+                    )
+            if not step.impact.touching:
+                raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
+            if step.impact.stops:
+                raise ValueError(f"write the impact {step.impact.contact}: the impact of the foot frees all stops")
+            if self.walker.flies and step.phases[-1].touching:
+                raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
+            if step.phases[0].stops != start:
+                raise ValueError(ONE_AT_A_TIME)
+            for mode, after in pairwise(step.phases):
+                changed = [name for name in start if after.stops[name] != mode.stops[name]]
+                if len(changed) > 1 or any(after.stops[name] == start[name] for name in changed):
+                    raise ValueError(ONE_AT_A_TIME)
+                self.between(mode, after)
+            if not any(row.ends_step for row in self.of(step.phases[-1]).values()):
+                raise ValueError("all stops must lock before the foot comes down")
 
     def _of_phase(self, mode: Mode) -> list[Transition]:
-        takes_off = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()
+        flight = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()
         lands = Reset(of=FOOT, ends_step=True)
         touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self.unloaded)
-        upright = self._row("upright")
-        states = [*(self._locks(mode, stop) for stop in mode.free), *(self._switches(mode, name) for name in mode.off)]
-        if not mode.touching:
-            return [touchdown, upright, *states]
-        force = self._row("normal_force", candidates=takes_off, zeros=self.unloaded)
+        rows = [self._row("clearance") if mode.touching and mode.free else touchdown, self._row("upright")]
+        if mode.touching:
+            rows.append(self._row("normal_force", candidates=flight, zeros=self.unloaded))
         if mode.sticks:
-            contact = [self._slips(name, mode.with_contact(slip)) for slip, name in CONE.items()]
-        else:
-            rest = self._row("slip_velocity", at_rest=(FOOT,), candidates=self.at_rest(mode))
-            contact = [rest, self._row("painleve")]
-        return [self._row("clearance") if mode.free else touchdown, upright, force, *contact, *states]
+            rows += [self._slips(name, mode.with_contact(slip)) for slip, name in CONE.items()]
+        if mode.slips:
+            rows += [self._row("slip_velocity", at_rest=(FOOT,), candidates=self.at_rest(mode)), self._row("painleve")]
+        for stop in mode.free:  # the foot may stick, slip or leave the ground after the impact of the stop
+            locked = mode.with_next(stop)
+            candidates = self.at_rest(locked) if mode.touching else (locked,)
+            rows.append(self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=candidates))
+        for switch in mode.off:  # forces may jump, so that a foot at rest may change its mode
+            on, rests = mode.with_next(switch), (FOOT,) if mode.sticks else ()
+            rows.append(self._row(switch, at_rest=rests, candidates=self.at_rest(on) if rests else (on,)))
+        return rows
 
     def _of_impact(self, mode: Mode) -> list[Transition]:
-        walker, of_stop = self.walker, bool(mode.locked)
+        walker, of_stop, stick = self.walker, bool(mode.locked), mode.with_contact(Mode.STICK)
         if not mode.touching:
             return [self._row("lift_velocity")]
-        if walker.massless_feet:
-            rows = [self._row("touchdown_rate")]
-        else:
-            lifts = () if walker.flies else (self._row("lift_velocity"),)
-            rows = [self._row("impulse"), *(() if of_stop else (*lifts, self._row("touchdown_rate")))]
-            if mode.sticks:
-                rows += [self._slips(f"impulse_{name}", mode.with_contact(slip)) for slip, name in CONE.items()]
-            else:
-                stick = mode.with_contact(Mode.STICK)
-                faded = [
-                    self._row(name, at_rest=(FOOT,), candidates=(stick,))
-                    for name in ("impact_slip_velocity", "impact_onset")
-                ]
-                rows += [faded[0], self._row("impact_painleve"), *(faded[1:] if self._friction.may_drop else [])]
-        return [*rows, *(self._row(name) for name in PUSH if walker.pushes and not of_stop)]
+        rows = []
+        if not walker.massless_feet:
+            rows.append(self._row("impulse"))
+        if not (of_stop or walker.flies or walker.massless_feet):
+            rows.append(self._row("lift_velocity"))
+        if not of_stop:
+            rows.append(self._row("touchdown_rate"))
+        if mode.sticks and not walker.massless_feet:
+            rows += [self._slips(f"impulse_{name}", mode.with_contact(slip)) for slip, name in CONE.items()]
+        if mode.slips:
+            rows += [
+                self._row("impact_slip_velocity", at_rest=(FOOT,), candidates=(stick,)),
+                self._row("impact_painleve"),
+            ]
+        if mode.slips and self._friction.may_drop:
+            rows.append(self._row("impact_onset", at_rest=(FOOT,), candidates=(stick,)))
+        if walker.pushes and not of_stop:
+            rows += map(self._row, PUSH)
+        return rows
 
     def _slips(self, name: str, slip: Mode) -> Transition:
         if self.walker.massless_feet:
             return self._row(name, ending=Ending.PAINLEVE, reason=CANNOT_SLIP)
         return self._row(name, candidates=(slip,), zeros_after=("slip_velocity",))
-
-    def _locks(self, mode: Mode, stop: str) -> Transition:
-        """A stop locks with an impact, which may also make the foot slip or lift it off the ground."""
-        locked = mode.with_next(stop)
-        candidates = self.at_rest(locked) if mode.touching else (locked,)
-        return self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=candidates)
-
-    def _switches(self, mode: Mode, switch: str) -> Transition:
-        """Forces may jump where a switch is thrown, so that the mode of a foot at rest is decided again."""
-        on = mode.with_next(switch)
-        if mode.sticks:
-            return self._row(switch, at_rest=(FOOT,), candidates=self.at_rest(on))
-        return self._row(switch, candidates=(on,))
 
     def _row(
         self,
@@ -399,7 +418,7 @@ class Transitions:
         zeros: tuple[str, ...] = (),
         zeros_after: tuple[str, ...] = (),
     ) -> Transition:
-        """A row with the ending and the words of its margin, unless a mode follows or others are given."""
+        """A row; by default the motion ends, as the margin states, unless there are candidates."""
         known = margin(guard)
         return Transition(
             guard=guard,
@@ -412,42 +431,6 @@ class Transitions:
             zeros=(guard, *(name for name in zeros if name != guard)),
             zeros_after=zeros_after,
         )
-
-    def _check_contacts(self, step: ModeSequence) -> None:
-        """Check what the foot does; the step of a walker that flies ends out of flight."""
-        model, allowed = self.walker.model, self.walker.contacts()
-        for mode in (*step.phases, step.impact):
-            if mode.contact not in allowed:
-                raise ValueError(f"the {model} has no {mode.contact}: its foot can {', '.join(allowed)}")
-        if not step.impact.touching:
-            raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
-        if self.walker.flies and step.phases[-1].touching:
-            raise ValueError(f"the {model} lands out of flight: the last phase of a step must be flight")
-
-    def _check_stops(self, step: ModeSequence) -> None:
-        """Check that stops lock and switches are thrown one after the other, by events of the table."""
-        start = self.walker.released(Mode.STICK).stops
-        stops = tuple(start)
-        for mode in step.phases:
-            if tuple(mode.stops) != stops or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
-                form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
-                raise ValueError(
-                    f"{mode} must be written {form if stops else mode.contact}, as the walker has its stops"
-                )
-        if step.phases[0].stops != start:
-            raise ValueError(ONE_AT_A_TIME)
-        for mode, after in pairwise(step.phases):
-            changed = [name for name in stops if after.stops[name] != mode.stops[name]]
-            if len(changed) > 1 or any(after.stops[name] == start[name] for name in changed):
-                raise ValueError(ONE_AT_A_TIME)
-            self.between(mode, after)
-        if not any(row.ends_step for row in self.of(step.phases[-1]).values()):
-            raise ValueError("all stops lock before the foot comes down")
-        if step.impact.stops:
-            raise ValueError(f"the impact is written {step.impact.contact}: that of the foot frees all stops")
-
-
-ONE_AT_A_TIME = "a step begins with all stops free and all switches off, and they change one at a time"
 
 
 @lru_cache(maxsize=64)

@@ -203,7 +203,7 @@ def test_a_family_over_a_short_range_passes_the_slip_at_landing_too() -> None:
         ("slip-run", ["stick"], "last phase of a step must be flight"),
         ("slip-run", ["stick", "slip_forward", "flight"], "has no slip_forward"),
         ("slip-run", ["stick", "flight", "stick"], "is a flight"),
-        ("hopper", ["stick", "flight"], "must be written {mode: stick, leg: free, thrust: off}"),
+        ("hopper", ["stick", "flight"], "write {mode: stick, leg: free, thrust: off}"),
     ],
 )
 def test_what_a_walker_cannot_do_is_refused_in_words(name: str, phases: list[str], words: str) -> None:
