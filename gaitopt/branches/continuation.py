@@ -7,11 +7,10 @@ step length, IPOPT looks for a gait a little further on.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
@@ -54,12 +54,9 @@ FADING = 1e-2
 VANISHING = "the gait vanishes: its strides shrink to nothing, both feet come down in the same place"
 HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
 
-Stored = Mapping[str, Any]
-"""The JSON record of a point or a special point."""
-
 
 def follow_family(
-    start: Gait | SpecialPoint, request: Request, *, done: Sequence[Stored] = (), should_stop: Stop = None
+    start: Gait | SpecialPoint, request: Request, *, done: Sequence[BranchRecord] = (), should_stop: Stop = None
 ) -> Iterator[BranchPoint | SpecialPoint]:
     """The points and special points of a family, one by one, as ``gaitopt.continuation`` describes them.
 
@@ -79,7 +76,9 @@ def follow_family(
     """
     gait = request.first_gait(start)
     value = gait.dynamics.parameter(request.parameter)
-    numbers = count(1 + max((n for record in done for n in (record["branch"], *record.get("next", ()))), default=-1))
+    taken = [record["branch"] for record in done]
+    taken += [number for record in done if record["record"] == "special" for number in record["next"]]
+    numbers = count(1 + max(taken, default=-1))
     towards = partial(Continuation, gait, numbers=numbers, should_stop=should_stop)
     continuations = list[Continuation]()
     if isinstance(start, SpecialPoint):
@@ -99,7 +98,8 @@ def follow_family(
         records = stored.get(number, [])
         continuation.resume(records)
         continuations += [branch for record in records for branch in continuation.restored_branches(record)]
-        if records and records[-1].get("type") in TERMINAL:
+        last = records[-1] if records else None
+        if last is not None and last["record"] == "special" and last["type"] in TERMINAL:
             continue
         for record in continuation:
             if isinstance(record, SpecialPoint):
@@ -110,7 +110,7 @@ def follow_family(
             return
 
 
-def resumable(records: Sequence[Stored], request: Request) -> list[Stored]:
+def resumable(records: Sequence[BranchRecord], request: Request) -> list[BranchRecord]:
     """The records from which an unfinished family goes on.
 
     Special points after the last point of a continuation are dropped and located again, and so is its end at a limit of
@@ -120,8 +120,9 @@ def resumable(records: Sequence[Stored], request: Request) -> list[Stored]:
     for stored in _records_by_continuation(records)[0].values():
         points = sum(record["record"] == "point" for record in stored)
         for record in reversed(stored):
-            closed = record.get("type") in TERMINAL and not (record.get("open") and request.exhausted(points) is None)
-            if record["record"] == "point" or closed:
+            if record["record"] == "point":
+                break
+            if record["type"] in TERMINAL and not (record.get("open") and request.exhausted(points) is None):
                 break
             again.add(id(record))
     return [record for record in records if id(record) not in again]
@@ -165,9 +166,9 @@ class Continuation:
         self.gait, self.request, self.metric, self.number = gait, request, metric, number
         self.index, self.length, self.count = 0, FIRST_LENGTH, 0
         self._begin, self._numbers, self._should_stop = begin, numbers, should_stop
-        self._stored: list[Stored] = []
+        self._stored: list[PointRecord] = []
 
-    def resume(self, records: Sequence[Stored]) -> None:
+    def resume(self, records: Sequence[BranchRecord]) -> None:
         """Go on after the stored records of this continuation, if there are any, as without the interruption.
 
         Raises
@@ -177,12 +178,14 @@ class Continuation:
         """
         self._stored = [record for record in records if record["record"] == "point"]
         self.count = len(self._stored)
-        first = next((record for record in records if record.get("walk")), None)
-        if first is not None:
-            try:
-                self.metric = Metric.from_array(ContinuationState.from_record(first["walk"]).metric)
-            except ValueError as error:
-                raise _unusable(first, error) from error
+        for point in self._stored:
+            state = point.get("walk")
+            if state is not None:
+                try:
+                    self.metric = Metric.from_array(ContinuationState.from_record(state).metric)
+                except ValueError as error:
+                    raise _unusable(point, error) from error
+                break
 
     def __iter__(self) -> Iterator[BranchPoint | SpecialPoint]:
         if self._stored:
@@ -224,20 +227,20 @@ class Continuation:
         branches = [self._branch(kind, number, point) for number, point in zip(numbers, points, strict=True)]
         return replace(special, next=special.next + numbers), branches
 
-    def restored_branches(self, record: Stored) -> list["Continuation"]:
+    def restored_branches(self, record: BranchRecord) -> list["Continuation"]:
         """The continuations along the other branches of a stored special point."""
-        kind = FOLLOWS.get(record.get("type", ""))
-        if kind is None:
+        if record["record"] == "point" or record["type"] not in FOLLOWS:
             return []
+        kind = FOLLOWS[record["type"]]
         numbers = record["next"][1:] if "to" in record else record["next"]  # at a change of modes the first is this one
         return [
             self._branch(kind, number, partial(self._beginning, record, index)) for index, number in enumerate(numbers)
         ]
 
-    def _beginning(self, record: Stored, index: int) -> CurvePoint:
+    def _beginning(self, record: SpecialRecord, index: int) -> CurvePoint:
         return self._beginnings(record)[index]
 
-    def _beginnings(self, record: Stored) -> list[CurvePoint]:
+    def _beginnings(self, record: SpecialRecord) -> list[CurvePoint]:
         """The first gaits of the other branches through a special point that lie within the bounds.
 
         They are found from its record, so that a resumed continuation finds the same.
@@ -465,7 +468,7 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
     return None
 
 
-def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[Stored]) -> CurvePoint:
+def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[PointRecord]) -> CurvePoint:
     """The last of the stored points of a continuation, with every bit.
 
     A record of an earlier version does not hold all that this needs; its gait is then solved again.
@@ -487,12 +490,13 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
         value, steps = record["value"], record.get("steps", (record,))
         states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
         problem = gait.problem.replace({parameter: value}).with_modes(Cycle.from_record(record), steps[0]["state"])
-        if record.get("walk"):
-            needed = points[-1 - ContinuationState.from_record(record["walk"]).earlier :]
-            known = [ContinuationState.from_record(point["walk"]) for point in needed if point.get("walk")]
+        state = record.get("walk")
+        if state is not None:
+            needed = (point.get("walk") for point in points[-1 - ContinuationState.from_record(state).earlier :])
+            known = [ContinuationState.from_record(stored) for stored in needed if stored is not None]
             if known[-1].unknowns[-1] != value:
                 raise ValueError(f"value {value} is not the last of walk.unknowns, {known[-1].unknowns[-1]}")
-            return resumed_point(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"]))
+            return resumed_point(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"] or 0))
         dynamics = gait.dynamics.at({parameter: value})
         durations = np.array([phase["duration"] for phase in record["phases"]])
         rolled = roll_out(dynamics, problem.cycle, states, durations)
@@ -505,19 +509,20 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
         raise _unusable(record, error) from error
 
 
-def _unusable(record: Stored, error: Exception) -> StorageError:
+def _unusable(record: PointRecord, error: Exception) -> StorageError:
     words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
-    return StorageError(f"the walk cannot go on from point {record.get('index')} of branch {record['branch']}: {words}")
+    return StorageError(f"the walk cannot go on from point {record['index']} of branch {record['branch']}: {words}")
 
 
-def _records_by_continuation(records: Sequence[Stored]) -> tuple[dict[int, list[Stored]], set[int]]:
+def _records_by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[BranchRecord]], set[int]]:
     """The records of each continuation by the number of its first branch, and the numbers given by special points."""
-    first, continuations, given = dict[int, int](), dict[int, list[Stored]](), set[int]()
+    first, continuations, given = dict[int, int](), dict[int, list[BranchRecord]](), set[int]()
     for record in records:
         number = first.setdefault(record["branch"], record["branch"])
         continuations.setdefault(number, []).append(record)
-        following = list(record.get("next", ()))
-        if following and "to" in record:  # the continuation itself goes on with the first of them
-            first[following.pop(0)] = number
-        given.update(following)
+        if record["record"] == "special":
+            following = list(record["next"])
+            if following and "to" in record:  # the continuation itself goes on with the first of them
+                first[following.pop(0)] = number
+            given.update(following)
     return continuations, given

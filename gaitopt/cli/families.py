@@ -148,6 +148,7 @@ def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint
 
 def _walk(plan: "BranchPlan", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
     """Walk along the family and show each record; True if the simulator refutes a gait at an end."""
+    from gaitopt.gait.records import special_gait
     from gaitopt.show.tables import print_branch, sequence
 
     refuted, summary = False, list[dict[str, Any]]()
@@ -156,12 +157,13 @@ def _walk(plan: "BranchPlan", start: "Gait | SpecialPoint", terminal: Terminal) 
         if done:
             terminal.say(f"resumed from {plan.folder} after {len(done)} records")
         for record in chain(done, to_come):
-            shown = {key: record[key] for key in SHOWN if key in record}
+            shown = {key: value for key, value in record.items() if key in SHOWN}
             if record["record"] == "point":
                 shown["sequence"] = sequence(record)
             else:
-                verification = record["gait"].get("verification")
-                refuted |= record["type"] == "end" and bool(verification) and not verification["passed"]
+                gait = special_gait(record)
+                verification = None if gait is None else gait["verification"]
+                refuted |= record["type"] == "end" and verification is not None and not verification["passed"]
             summary.append(shown)
             if len(summary) > len(done):
                 show(shown)
@@ -211,6 +213,7 @@ def front(
     """
     from gaitopt.api import verbs
     from gaitopt.api.pictures import save_figures
+    from gaitopt.gait.records import is_gait
     from gaitopt.show.tables import print_front
     from gaitopt.store.run import Run
 
@@ -224,10 +227,10 @@ def front(
         figures += save_figures(designs, run.place)
     record = {**designs.to_record(), "file": str(designs.file), "figures": [str(figure) for figure in figures]}
     terminal.show(record, print_front, "file")
-    verifications = [point.gait["verification"] for point in designs if point.converged]
-    if not verifications:
+    gaits = [point.gait for point in designs if is_gait(point.gait)]
+    if not gaits:
         return NOT_A_GAIT
-    return 0 if all(entry["passed"] for entry in verifications) else NOT_VERIFIED
+    return 0 if all(gait["verification"] and gait["verification"]["passed"] for gait in gaits) else NOT_VERIFIED
 
 
 WarmOption = Annotated[

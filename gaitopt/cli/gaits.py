@@ -159,13 +159,13 @@ def _branch_point(start: str) -> "Gait":
 
     run, _, place = start.rpartition("@")
     problem, parameter, records = stored_branch(run, f"--start {start}: ")
-    points = {f"{r['branch']}.{r['index']}": r for r in records if r.get("record") == "point"}
+    points = {f"{r['branch']}.{r['index']}": r for r in records if r["record"] == "point"}
     if place not in points:
         raise StorageError(
             f"--start {start}: the branch has no point {place}; its points are {next(iter(points))} to "
             f"{list(points)[-1]}, in columns branch and index of branch.csv"
         )
-    return branch_gait(family_of(problem, parameter), parameter, points[place])
+    return branch_gait(family_of(problem, parameter), parameter, points[place]["value"], points[place])
 
 
 StateOption = Annotated[

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from gaitopt.gait.gait import Gait
+    from gaitopt.gait.records import BranchRecord, SpecialRecord
     from gaitopt.problem.problem import Problem
 
 
@@ -165,7 +166,7 @@ def shown_result(show: "Callable[[Any], object]") -> Iterator[None]:
         raise
 
 
-def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
+def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[BranchRecord]]":
     """Problem, parameter and records of the branch in a run folder; error messages begin with ``label``."""
     from gaitopt.runs import branch
     from gaitopt.runs.results import kind_of
@@ -175,7 +176,7 @@ def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[dict[s
     return branch.stored_branch(Path(run))
 
 
-def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[dict[str, Any]]]":
+def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[SpecialRecord]]":
     """Problem and parameter of a branch, and the records of its special points in the order of its table."""
     problem, parameter, records = stored_branch(run, label)
-    return problem, parameter, [record for record in records if record.get("record") == "special"]
+    return problem, parameter, [record for record in records if record["record"] == "special"]

@@ -10,7 +10,7 @@ M. J. Feigenbaum (1978), Quantitative universality for a class of nonlinear tran
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import BranchRecord, ContinuationStateRecord, PointRecord, SpecialRecord, special_gait
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import unit_of
@@ -56,7 +57,7 @@ class ContinuationState(ReadOnlyArrays):
     earlier: int
 
     @staticmethod
-    def from_record(record: Mapping[str, Any]) -> "ContinuationState":
+    def from_record(record: ContinuationStateRecord) -> "ContinuationState":
         """The state that ``to_record`` has written, to the last bit.
 
         Raises
@@ -82,12 +83,12 @@ class ContinuationState(ReadOnlyArrays):
             raise ValueError("walk: origin must be finite, and earlier 0 or 1")
         return state
 
-    def to_record(self) -> dict[str, Any]:
+    def to_record(self) -> ContinuationStateRecord:
         """One JSON object; decimal digits keep every bit."""
         return {
             "unknowns": self.unknowns.tolist(),
             "direction": self.direction.tolist(),
-            "arcs": [list(arc) for arc in self.arcs],
+            "arcs": list(self.arcs),
             "origin": self.origin,
             "metric": self.metric.tolist(),
             "earlier": self.earlier,
@@ -120,18 +121,19 @@ class BranchPoint(ReadOnlyArrays):
     def __repr__(self) -> str:
         return f"<BranchPoint {self.branch}.{self.index} at {self.value:.9g}: {self.gait!r}>"
 
-    def to_record(self) -> dict[str, Any]:
+    def to_record(self) -> PointRecord:
         """One JSON object: the keys of a gait, and its place on the branch."""
-        return {
+        record = {
             "record": "point",
             "branch": self.branch,
             "index": self.index,
             "value": self.value,
             **self.gait.to_record(),
-            "tangent": [float(entry) for entry in self.tangent],
+            "tangent": self.tangent.tolist(),
             "length": self.length,
             "walk": None if self.walk is None else self.walk.to_record(),
         }
+        return cast(PointRecord, record)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,17 +174,24 @@ class SpecialPoint(ReadOnlyArrays):
         words = f": {self.reason}" if self.reason else ""
         return f"<SpecialPoint {self.type} at {self.value:.9g} (branch {self.branch}, {self.status}){words}>"
 
-    def to_record(self) -> dict[str, Any]:
+    def to_record(self) -> SpecialRecord:
         """One JSON object with the keys of the command line."""
-        gait = {} if self.gait is None else self.gait.to_record()
-        record = {"record": "special", "branch": self.branch, "type": self.type, "value": self.value}
-        record |= {"status": self.status, "reason": self.reason, "next": list(self.next)}
+        record: dict[str, Any] = {
+            "record": "special",
+            "branch": self.branch,
+            "type": self.type,
+            "value": self.value,
+            "status": self.status,
+            "reason": self.reason,
+            "next": list(self.next),
+        }
         record |= {name: True for name, holds in (("bound", self.bound), ("open", self.open)) if holds}
         for key, cycle in (("from", self.before), ("to", self.after)):
             if cycle is not None:
                 record[key] = cycle_data(cycle)
-        tangent = None if self.tangent is None else [float(entry) for entry in self.tangent]
-        return record | {"tangent": tangent, "gait": gait}
+        record["tangent"] = None if self.tangent is None else self.tangent.tolist()
+        record["gait"] = {} if self.gait is None else self.gait.to_record()
+        return cast(SpecialRecord, record)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -255,10 +264,9 @@ class Branch(Reported):
         """All special points of one type."""
         return tuple(special for special in self.specials if special.type == kind)
 
-    def to_records(self) -> list[dict[str, Any]]:
+    def to_records(self) -> list[BranchRecord]:
         """The JSON objects of all points, then of all special points."""
-        points = [point.to_record() for point in self.points]
-        return points + [special.to_record() for special in self.specials]
+        return [*(point.to_record() for point in self.points), *(special.to_record() for special in self.specials)]
 
     def to_frame(self) -> "DataFrame":
         """Points and special points as a pandas data frame: the columns of ``branch.csv``.
@@ -319,7 +327,7 @@ def ends_by_request(record: Mapping[str, Any]) -> bool:
     return bool(record.get("bound") or record.get("open"))
 
 
-def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:
+def branch_header(records: Sequence[BranchRecord]) -> list[str]:
     """Columns of the table of a branch, from its JSON records."""
     first = next(record for record in records if record["record"] == "point")
     scalars = [key for key, value in first.items() if isinstance(value, int | float) and key not in _PLACE]
@@ -327,17 +335,16 @@ def branch_header(records: Sequence[Mapping[str, Any]]) -> list[str]:
     return [*_PLACE, "type", "phases", "impact", *states, *scalars]
 
 
-def branch_rows(records: Iterable[Mapping[str, Any]], header: Sequence[str]) -> Iterator[list[Any]]:
+def branch_rows(records: Iterable[BranchRecord], header: Sequence[str]) -> Iterator[list[Any]]:
     """Rows of that table: points and special points in the order of the continuation."""
     for record in records:
-        gait = record if record["record"] == "point" else {**record["gait"], **record}
-        phases = " ".join(Mode.from_record(phase) for phase in gait.get("phases", ()))
-        states = {f"state.{name}": value for name, value in (gait.get("state") or {}).items()}
-        row = {**gait, **states, "type": record.get("type", "point"), "phases": phases}
+        gait = record if record["record"] == "point" else special_gait(record)
+        row: dict[str, Any] = {**(gait or {}), **record, "phases": ""}
+        row["type"] = "point" if record["record"] == "point" else record["type"]
+        if gait is not None:
+            row |= {f"state.{name}": value for name, value in gait["state"].items()}
+            row["phases"] = " ".join(Mode.from_record(phase) for phase in gait["phases"])
         yield [row.get(column) for column in header]
-
-
-Record = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -365,34 +372,41 @@ class Cascade:
         return ", ".join(places) + (f"; ratios of the distances {', '.join(ratios)}" if ratios else "")
 
 
-def cascades(records: Sequence[Record]) -> list[Cascade]:
-    """All chains of two or more doublings, along the first doubling of every family."""
-    doublings = [record for record in records if record.get("type") == "period_doubling"]
-    begun = {branch for doubling in doublings for branch in _family(records, doubling["next"])}
-    chains = [list(_chain(records, doubling)) for doubling in doublings if doubling["branch"] not in begun]
-    steps = {record["branch"]: record["n_steps"] for record in records if record["record"] == "point"}
+def cascades(records: Iterable[Mapping[str, Any]]) -> list[Cascade]:
+    """All chains of two or more doublings, along the first doubling of every family.
+
+    Parameters
+    ----------
+    records : points and special points; of their records only the places, numbers of steps and types are needed.
+    """
+    steps, doublings, changes = dict[int, int](), list[Mapping[str, Any]](), dict[int, list[int]]()
+    for record in records:
+        if record["record"] == "point":
+            steps[record["branch"]] = record["n_steps"]
+        elif record["type"] == "period_doubling":
+            doublings.append(record)
+        elif record["type"] in ("mode_change", "impact_change"):
+            changes.setdefault(record["branch"], []).extend(record["next"])
+
+    def family(doubling: Mapping[str, Any]) -> list[int]:
+        """Branches that begin at a doubling, and those that continue them through changes of the mode sequence."""
+        branches = list(doubling["next"])
+        for branch in branches:  # the list grows during the loop
+            branches += [number for number in changes.get(branch, ()) if number not in branches]
+        return branches
+
+    def chain(doubling: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+        """A doubling, the first doubling of the family that begins there, and so on."""
+        following: Mapping[str, Any] | None = doubling
+        while following is not None:
+            yield following
+            branches = family(following)
+            following = next((later for later in doublings if later["branch"] in branches), None)
+
+    begun = {branch for doubling in doublings for branch in family(doubling)}
+    chains = [list(chain(doubling)) for doubling in doublings if doubling["branch"] not in begun]
     return [
-        Cascade(n_steps=tuple(steps[r["branch"]] for r in chain), values=tuple(r["value"] for r in chain))
-        for chain in chains
-        if len(chain) > 1
+        Cascade(n_steps=tuple(steps[d["branch"]] for d in doubled), values=tuple(d["value"] for d in doubled))
+        for doubled in chains
+        if len(doubled) > 1
     ]
-
-
-def _chain(records: Sequence[Record], doubling: Record) -> Iterator[Record]:
-    """A doubling, the first doubling of the family that begins there, and so on."""
-    following: Record | None = doubling
-    while following is not None:
-        yield following
-        family = _family(records, following["next"])
-        following = next((r for r in records if r.get("type") == "period_doubling" and r["branch"] in family), None)
-
-
-def _family(records: Sequence[Record], branches: Sequence[int]) -> list[int]:
-    """Branches, and those that continue them through changes of the mode sequence."""
-    family = list(branches)
-    for branch in family:  # the list grows during the loop
-        changes = (
-            r for r in records if r.get("branch") == branch and r.get("type") in ("mode_change", "impact_change")
-        )
-        family += [number for change in changes for number in change["next"] if number not in family]
-    return family

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from gaitopt.display import Moving
 from gaitopt.errors import SolveError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import observe
+from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_record
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -229,7 +230,7 @@ class Gait(WalkerMotion):
     measures: Mapping[str, float | None] = field(default_factory=dict)
     freed: Mapping[str, float] = field(default_factory=dict)
     solver: Mapping[str, float] = field(default_factory=dict)
-    verification: Mapping[str, Any] | None = None
+    verification: VerificationRecord | None = None
     causes: tuple[Cause, ...] = ()
 
     def __repr__(self) -> str:
@@ -322,17 +323,19 @@ class Gait(WalkerMotion):
         value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
         return float("nan") if value is None else value
 
-    def verified(self, verification: Mapping[str, Any]) -> "Gait":
+    def verified(self, verification: VerificationRecord) -> "Gait":
         """The same gait with the record of a verification."""
         return replace(self, verification=verification)
 
-    def to_record(self) -> dict[str, Any]:
-        """The result as one JSON object, with the keys of the command line."""
-        return {
+    def to_record(self) -> GaitRecord | AttemptRecord:
+        """The result as one JSON object, with the keys of the command line; the inverse is ``store.gaits``."""
+        values = self.dynamics.parameters
+        coefficients = {key.removeprefix("friction."): values[key] for key in self.system.friction.parameters}
+        record = {
             "problem": self.problem.name,
             "status": str(self.status),
             "message": self.message,
-            "friction": self._friction_record(),
+            "friction": coefficients.get("friction", coefficients),
             **self._motion_record(),
             **{name: self.measures.get(name) for name in MEASURES},
             "multipliers": [{"re": float(m.real), "im": float(m.imag)} for m in self.multipliers],
@@ -341,41 +344,31 @@ class Gait(WalkerMotion):
             "solver": dict(self.solver),
             "verification": self.verification,
         }
+        return cast("GaitRecord | AttemptRecord", record)
 
     def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
         return self.steps, {"problem": self.problem.name}
-
-    def _friction_record(self) -> float | Mapping[str, float]:
-        """The coefficient, or all numbers of the friction law by name where there are several."""
-        values = self.dynamics.parameters
-        numbers = {key.removeprefix("friction."): values[key] for key in self.system.friction.parameters}
-        return numbers.get("friction", numbers)
 
     def _motion_record(self) -> dict[str, Any]:
         if self.problem.is_open:  # no gait was found
             return {"n_steps": None, "phases": [], "impact": None, "state": None}
         cycle = self.problem.cycle
-        counted = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
+        record: dict[str, Any] = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
         if not self.steps:
-            return {
-                **counted,
-                "phases": [{**mode.record, "duration": None} for mode in cycle.phases],
-                "state": None,
-            }
-        record = {**counted, "phases": _phase_records(self.phases), "state": self._state_record(self.state)}
+            return record | {"phases": [{**mode.record, "duration": None} for mode in cycle.phases], "state": None}
+        record |= {"phases": [phase_record(*phase) for phase in self.phases], "state": self._state_record(self.state)}
         if len(self.steps) > 1:
-            starts = [step.arcs[0].states[0] for step in self.steps]
-            record["steps"] = [self._step_record(*pair) for pair in zip(self.steps, starts, strict=True)]
+            record["steps"] = [
+                StepRecord(
+                    phases=[phase_record(*phase) for phase in step.phases],
+                    impact=str(step.final_impact.mode),
+                    period=step.period,
+                    step_length=step.final_impact.step_length,
+                    state=self._state_record(step.arcs[0].states[0]),
+                )
+                for step in self.steps
+            ]
         return record
-
-    def _step_record(self, step: Step, state: Array) -> dict[str, Any]:
-        return {
-            "phases": _phase_records(step.phases),
-            "impact": str(step.final_impact.mode),
-            "period": step.period,
-            "step_length": step.final_impact.step_length,
-            "state": self._state_record(state),
-        }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -402,7 +395,3 @@ class Attractor(ReadOnlyArrays):
         sticks = [mode.sticks for mode in self.phases]
         kind = "sticking" if all(sticks) and self.impact.sticks else "stick-slip" if any(sticks) else "slipping"
         return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
-
-
-def _phase_records(phases: Iterable[tuple[Mode, float]]) -> list[dict[str, Any]]:
-    return [{**mode.record, "duration": duration} for mode, duration in phases]

@@ -1,15 +1,16 @@
-"""Types of the records of gaits, walks, branches and searches, and the identities that their numbers satisfy.
+"""Stored records: the type of each, shared by those who write, check and read it, and the identities of its numbers.
 
     period = sum of the durations        step_length = speed period        radius = max |multiplier|
 
-Every record that is read from a file is checked here. A number that is possible but wrong passes unless an identity
-relates it to others; `gaitopt verify` detects it.
+``GaitRecord``, ``PointRecord``, ... say what a record holds. A reader of a file checks a record against the type
+``CheckedGait``, ``CheckedPoint``, ..., which adds limits and identities; the rest of the package relies on them. A
+number that is possible but wrong passes unless an identity relates it to others; `gaitopt verify` detects it.
 """
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal, NotRequired
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NotRequired, cast
 
 from annotated_types import Ge, Gt, Len
 from pydantic import (
@@ -18,15 +19,15 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    SkipValidation,
     Tag,
     TypeAdapter,
     ValidationInfo,
     with_config,
 )
 from pydantic_core import PydanticCustomError
-from typing_extensions import TypedDict
+from typing_extensions import TypedDict, TypeIs
 
-from gaitopt.gait.gait import Status
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import SCALARS
@@ -83,13 +84,22 @@ State = Annotated[dict[Word, Number], AfterValidator(_named)]
 
 
 @with_config(ConfigDict(extra="allow"))
-class _Phase(TypedDict):
+class PhaseRecord(TypedDict):
+    """A phase; stops and switches of its mode have their states under their names."""
+
     mode: ModeText
     duration: Positive
 
 
+def phase_record(mode: Mode, duration: float) -> PhaseRecord:
+    """The record of a phase of some duration [s]."""
+    return cast(PhaseRecord, {**mode.record, "duration": duration})
+
+
 @with_config(ConfigDict(extra="allow"))
-class _Untimed(TypedDict):
+class UntimedPhaseRecord(TypedDict):
+    """A phase of a failed solve."""
+
     mode: ModeText
     duration: None
 
@@ -101,10 +111,12 @@ def _of_mode(phase: Mapping[str, Any]) -> Mapping[str, Any]:
     return phase
 
 
-Phases = Annotated[list[Annotated[_Phase, AfterValidator(_of_mode)]], Len(1, 1000)]
+Phases = Annotated[list[Annotated[PhaseRecord, AfterValidator(_of_mode)]], Len(1, 1000)]
 
 
-class _Step(TypedDict):
+class StepRecord(TypedDict):
+    """A step of a cycle of several steps; its state is that after the impact before it."""
+
     phases: Phases
     impact: ModeText
     period: Positive
@@ -112,48 +124,58 @@ class _Step(TypedDict):
     state: State
 
 
-class _Multiplier(TypedDict):
+class MultiplierRecord(TypedDict):
+    """Real and imaginary part of a Floquet multiplier."""
+
     re: Number
     im: Number
 
 
-class _Claim(TypedDict):
+class ClaimRecord(TypedDict):
+    """A claim about a gait: the figure of its check and the largest one that passes."""
+
     name: Word
     figure: Number | None
     tolerance: Number
     passed: Flag
     note: Text
+    outcome: NotRequired[Word]  # not in records of earlier versions
 
 
-class _Verification(TypedDict):
+class VerificationRecord(TypedDict):
+    """A verification by simulation."""
+
     passed: Flag
-    claims: Annotated[list[_Claim], Len(1, 1000)]
+    claims: Annotated[list[ClaimRecord], Len(1, 1000)]
     period_error: Number | None
     state_error: Number | None
     multiplier_error: Number | None
     mode_sequence_matches: Flag
 
 
-def _passed(record: Mapping[str, Any]) -> Mapping[str, Any]:
+def _passed(record: VerificationRecord) -> VerificationRecord:
     if record["passed"] != all(claim["passed"] for claim in record["claims"]):
         raise PydanticCustomError("passed", "Must be true where all claims have passed, and only there")
     for claim in record["claims"]:
         if claim["passed"] and (claim["figure"] is None or claim["figure"] > claim["tolerance"]):
             raise PydanticCustomError("claim", "A claim has passed with a figure beyond its tolerance")
     figures = {claim["name"]: claim["figure"] for claim in record["claims"]}
-    for name in ("period", "state", "multiplier"):
-        if record[f"{name}_error"] != figures.get("multipliers" if name == "multiplier" else name):
-            raise PydanticCustomError("error", "{name}_error is not the figure of its claim", {"name": name})
+    errors = {
+        "period": record["period_error"],
+        "state": record["state_error"],
+        "multipliers": record["multiplier_error"],
+    }
+    for name, error in errors.items():
+        if error != figures.get(name):
+            context = {"name": name.removesuffix("s")}
+            raise PydanticCustomError("error", "{name}_error is not the figure of its claim", context)
     sequence = [claim["passed"] for claim in record["claims"] if claim["name"] == "mode sequence"]
     if sequence != [record["mode_sequence_matches"]]:
         raise PydanticCustomError("sequence", "mode_sequence_matches is not what its claim says")
     return record
 
 
-Verification = Annotated[_Verification, AfterValidator(_passed)]
-
-
-class _Measures(TypedDict):
+class MeasureRecord(TypedDict):
     """Scalars of a gait."""
 
     period: Positive
@@ -172,58 +194,75 @@ class _Measures(TypedDict):
     min_normal_force: Number | None
 
 
-class _Gait(_Measures):
+class GaitRecord(MeasureRecord):
+    """A gait: state after the impact before its first step, modes with durations, scalars and multipliers."""
+
     problem: NotRequired[Word]
-    status: Literal[Status.CONVERGED, "converged"]
+    status: Literal["converged"]
     message: Text
     friction: Number | dict[Word, Number]
     n_steps: Annotated[Count, Ge(1), Field(le=MOST_STEPS)]
     impact: ModeText
     phases: Phases
     state: State
-    steps: NotRequired[Annotated[list[_Step], Len(1, MOST_STEPS)]]
-    multipliers: Annotated[list[_Multiplier], Len(max_length=MOST_MULTIPLIERS)]
-    spectral_radius: NotNegative
+    steps: NotRequired[Annotated[list[StepRecord], Len(1, MOST_STEPS)]]
+    multipliers: Annotated[list[MultiplierRecord], Len(max_length=MOST_MULTIPLIERS)]
+    spectral_radius: NotNegative | None
     parameters: dict[Word, Number]
     solver: dict[Word, Number | Flag | Text | None]
-    verification: Verification | None
+    verification: Annotated[VerificationRecord, AfterValidator(_passed)] | None
 
 
-class _Special(_Gait):
-    """A gait at a special point, where it may have no multipliers."""
+def _consistent(record: GaitRecord) -> GaitRecord:
+    """Check the identities between the numbers of a gait; at a special point it may have no multipliers."""
 
-    spectral_radius: NotNegative | None  # type: ignore[misc]  # wider than that of a gait
-
-
-def _consistent(record: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Check the identities between the numbers of a gait."""
-
-    def agree(key: str, value: float, words: str, size: float = 0.0) -> None:
-        if not math.isclose(record[key], value, rel_tol=SAME, abs_tol=SAME * size):
-            context = {"key": key, "stated": f"{record[key]:.12g}", "value": f"{value:.12g}", "words": words}
+    def agree(key: str, stated: float, value: float, words: str, size: float = 0.0) -> None:
+        if not math.isclose(stated, value, rel_tol=SAME, abs_tol=SAME * size):
+            context = {"key": key, "stated": f"{stated:.12g}", "value": f"{value:.12g}", "words": words}
             raise PydanticCustomError("identity", "{key} is {stated}, but {words} is {value}", context)
 
-    cycle = Cycle.from_record(record)
-    steps: Sequence[Mapping[str, Any]] = record.get("steps", (record,))
-    if record["n_steps"] != len(cycle.steps) or steps[-1]["impact"] != record["impact"]:
+    cycle, steps = Cycle.from_record(record), record.get("steps", [])
+    last_impact = steps[-1]["impact"] if steps else record["impact"]
+    if record["n_steps"] != len(cycle.steps) or last_impact != record["impact"]:
         raise PydanticCustomError("steps", "Its steps do not have the number or the impact that it states")
-    agree("period", sum(phase["duration"] for phase in record["phases"]), "the sum of the durations")
-    agree("step_length", record["speed"] * record["period"], "speed times period", 1.0)
-    for step in steps if "steps" in record else ():
+    durations = sum(phase["duration"] for phase in record["phases"])
+    agree("period", record["period"], durations, "the sum of the durations")
+    agree("step_length", record["step_length"], record["speed"] * record["period"], "speed times period", 1.0)
+    for step in steps:
         if not math.isclose(step["period"], sum(phase["duration"] for phase in step["phases"]), rel_tol=SAME):
             raise PydanticCustomError("identity", "The period of a step is not the sum of its durations")
-    moduli = [math.hypot(m["re"], m["im"]) for m in record["multipliers"]]
-    if (record["spectral_radius"] is None) != (not moduli):
+    moduli, radius = [math.hypot(m["re"], m["im"]) for m in record["multipliers"]], record["spectral_radius"]
+    if (radius is None) != (not moduli):
         raise PydanticCustomError("radius", "A spectral_radius without multipliers, or multipliers without one")
-    if moduli:
-        agree("spectral_radius", max(moduli), "the largest modulus of the multipliers", 1e-6)
+    if radius is not None:
+        agree("spectral_radius", radius, max(moduli), "the largest modulus of the multipliers", 1e-6)
     return record
 
 
-GaitRecord = Annotated[_Gait, AfterValidator(_consistent)]
+def _with_multipliers(record: GaitRecord) -> GaitRecord:
+    if record["spectral_radius"] is None:
+        raise PydanticCustomError("radius", "spectral_radius must be a number")
+    return record
 
 
-class _Point(_Gait):
+Complete = (AfterValidator(_consistent), AfterValidator(_with_multipliers))
+CheckedGait = Annotated[GaitRecord, *Complete]
+
+
+class ContinuationStateRecord(TypedDict):
+    """``ContinuationState``, which checks its entries itself."""
+
+    unknowns: list[float]
+    direction: list[float]
+    arcs: list[tuple[int, int, float | None, float | None, int]]
+    origin: float
+    metric: list[float]
+    earlier: int
+
+
+class PointRecord(GaitRecord):
+    """A point of a branch: its gait and its place; ``walk`` is missing in files of earlier versions."""
+
     record: Literal["point"]
     branch: Count
     index: Count
@@ -231,26 +270,27 @@ class _Point(_Gait):
     tangent: Numbers
     length: Number
     intervals: NotRequired[list[Count]]
+    walk: NotRequired[Annotated[ContinuationStateRecord | None, SkipValidation]]
 
 
-PointRecord = Annotated[_Point, AfterValidator(_consistent)]
+CheckedPoint = Annotated[PointRecord, *Complete]
 
 
 @with_config(ConfigDict(extra="allow"))
-class _Side(TypedDict):
-    """One side of a change of modes."""
+class CycleRecord(TypedDict):
+    """A cycle of modes: ``phases`` and ``impact``, or ``steps`` that have these."""
 
 
-def _cycle(side: Mapping[str, Any]) -> Mapping[str, Any]:
+def _of_cycle(record: Mapping[str, Any]) -> Mapping[str, Any]:
     try:
-        Cycle.from_record(side)
+        Cycle.from_record(record)
     except (AttributeError, KeyError, TypeError) as error:
         raise PydanticCustomError("cycle", "No mode sequence") from error
-    return side
+    return record
 
 
 @with_config(ConfigDict(extra="forbid"))
-class _Empty(TypedDict):
+class EmptyRecord(TypedDict):
     """In place of a gait that does not exist."""
 
 
@@ -265,16 +305,23 @@ SpecialRecord = TypedDict(
         "reason": Text,
         "next": Annotated[list[Count], Len(max_length=1000)],
         "bound": NotRequired[Flag],
-        "from": NotRequired[Annotated[_Side, AfterValidator(_cycle)]],
-        "to": NotRequired[Annotated[_Side, AfterValidator(_cycle)]],
+        "open": NotRequired[Flag],
+        "from": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
+        "to": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
         "tangent": NotRequired[Numbers | None],
-        "gait": _Empty | Annotated[_Special, AfterValidator(_consistent)],
+        "gait": EmptyRecord | Annotated[GaitRecord, AfterValidator(_consistent)],
     },
 )
+BranchRecord = PointRecord | SpecialRecord
 
 
-class ContinuationRecord(TypedDict):
-    """The first line of a branch."""
+def special_gait(record: SpecialRecord) -> GaitRecord | None:
+    """The gait at a special point, if there is one."""
+    return cast(GaitRecord, record["gait"]) if record["gait"] else None
+
+
+class RequestRecord(TypedDict):
+    """The first line of a branch: the request of its continuation."""
 
     record: Literal["continuation"]
     parameter: Word
@@ -284,13 +331,17 @@ class ContinuationRecord(TypedDict):
     start: NotRequired[Word]
 
 
-class _SectionPoint(TypedDict):
+class SectionRecord(TypedDict):
+    """A state of a walk after an impact; the first one is its start, without an impact."""
+
     time: NotNegative
     impact: ModeText | None
     state: State
 
 
-class _Axis(TypedDict):
+class AxisRecord(TypedDict):
+    """An axis of a grid."""
+
     key: Word
     lower: Number
     upper: Number
@@ -298,7 +349,7 @@ class _Axis(TypedDict):
     unit: NotRequired[Literal["", "deg"]]
 
 
-Axes = Annotated[list[_Axis], Len(1, 20)]
+Axes = Annotated[list[AxisRecord], Len(1, 20)]
 
 
 class SweepRecord(TypedDict):
@@ -321,23 +372,29 @@ class WalkRecord(TypedDict):
     status: Word
     message: Text
     steps: Count
-    section: Annotated[list[_SectionPoint], Len(1)]
+    section: Annotated[list[SectionRecord], Len(1)]
     gait_states: list[State]
     parameters: dict[Word, Number]
 
 
 @with_config(ConfigDict(extra="allow"))
-class _Attempt(TypedDict):
-    status: Literal["not_converged", "infeasible", "set_aside"]
+class AttemptRecord(TypedDict):
+    """A failed solve, or a job without a result; ``start`` as in ``SolvedRecord``."""
+
+    status: Literal["not_converged", "infeasible", "interrupted", "set_aside"]
     message: Text
+    job: NotRequired[Word]
     start: NotRequired[Word]
-    phases: NotRequired[list[Annotated[_Untimed, AfterValidator(_of_mode)]]]
+    phases: NotRequired[list[Annotated[UntimedPhaseRecord, AfterValidator(_of_mode)]]]
     impact: NotRequired[ModeText | None]
+    state: NotRequired[None]
     parameters: NotRequired[dict[Word, Number | None]]
     verification: NotRequired[None]
 
 
 def _without_scalars(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    if record["status"] == "interrupted":
+        raise PydanticCustomError("attempt", "An interrupted solve is not stored")
     stated = next((name for name in SCALARS if record.get(name) is not None), None)
     if stated is not None or (record.get("phases") and record.get("impact") is None):
         raise PydanticCustomError(
@@ -346,21 +403,31 @@ def _without_scalars(record: Mapping[str, Any]) -> Mapping[str, Any]:
     return record
 
 
-class _JobGait(_Gait):
+class SolvedRecord(GaitRecord):
+    """A gait in a file of jobs or of a front: with the key of its job, and whether its solve started warm or cold."""
+
     job: NotRequired[Word]
     start: NotRequired[Word]
 
 
+OutcomeRecord = SolvedRecord | AttemptRecord
+
+
+def is_gait(record: OutcomeRecord) -> TypeIs[SolvedRecord]:
+    """Whether a job has found a gait."""
+    return record["status"] == "converged"
+
+
 def _outcome(record: Any) -> str:
-    return "gait" if isinstance(record, Mapping) and record.get("status") == Status.CONVERGED else "attempt"
+    return "gait" if isinstance(record, Mapping) and record.get("status") == "converged" else "attempt"
 
 
-Solved = Annotated[
-    Annotated[_JobGait, AfterValidator(_consistent), Tag("gait")]
-    | Annotated[_Attempt, AfterValidator(_without_scalars), Tag("attempt")],
+CheckedOutcome = Annotated[
+    Annotated[SolvedRecord, *Complete, Tag("gait")]
+    | Annotated[AttemptRecord, AfterValidator(_without_scalars), Tag("attempt")],
     Discriminator(_outcome),
 ]
-"""A gait, or a failed attempt; in files of jobs and of fronts."""
+"""A gait or a failed attempt; in files of jobs and of fronts."""
 
 
 def _keyed(record: Any) -> Any:
@@ -369,53 +436,63 @@ def _keyed(record: Any) -> Any:
     return record
 
 
-JobRecord = Annotated[Solved, BeforeValidator(_keyed)]
+CheckedJob = Annotated[CheckedOutcome, BeforeValidator(_keyed)]
 
 
-class _Place(TypedDict):
+class PlaceRecord(TypedDict):
+    """Where a gait or an attempt lies on a front."""
+
     value: Number
     objective: Number | None
     pareto: Flag
 
 
+_PLACE = TypeAdapter(PlaceRecord)
+
+
 def _placed(record: Any) -> Any:
     place = _PLACE.validate_python(record)
-    converged = _outcome(record) == "gait"
-    solver = record.get("solver") if converged else None
+    solver = record.get("solver") if _outcome(record) == "gait" else None
     if place["objective"] != (solver.get("objective") if isinstance(solver, Mapping) else None):
         raise PydanticCustomError("objective", "The objective is not that of the solver")
     return record
 
 
-_PLACE = TypeAdapter(_Place)
-
-
 class FrontRecord(TypedDict):
-    """A front: at every point a gait or a failed attempt, with its objective."""
+    """A front: at every point a gait or a failed attempt, which also has the entries of ``PlaceRecord``."""
 
     over: Word
-    points: Annotated[list[Annotated[Solved, BeforeValidator(_placed)]], Len(1)]
+    points: Annotated[list[Annotated[CheckedOutcome, BeforeValidator(_placed)]], Len(1)]
 
 
-class _CandidateStep(TypedDict):
+class CandidateStepRecord(TypedDict):
+    """Modes and durations of a step of a candidate."""
+
     phases: Phases
     impact: ModeText
 
 
-class _Candidate(TypedDict):
-    steps: Annotated[list[_CandidateStep], Len(1, MOST_STEPS)]
+class CandidateRecord(TypedDict):
+    """A motion that may be a gait; ``start`` says which start led to it."""
+
+    steps: Annotated[list[CandidateStepRecord], Len(1, MOST_STEPS)]
     state: State
     parameters: dict[Word, Number]
     start: Text
 
 
-class PartRecord(TypedDict):
-    """A line of the file of a search: the candidates of one part, with its key."""
+class SearchRecord(TypedDict):
+    """The candidates of one part of a search, and the number of its starts."""
 
-    part: Word
     method: Word
     starts: Count
-    candidates: list[Annotated[_Candidate, AfterValidator(_cycle)]]
+    candidates: list[Annotated[CandidateRecord, AfterValidator(_of_cycle)]]
+
+
+class PartRecord(SearchRecord):
+    """A line of the file of a search: a part with its key."""
+
+    part: Word
 
 
 def differing(stated: Any, true: Any, rel: float = 1e-7, key: str = "") -> str:

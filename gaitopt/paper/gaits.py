@@ -31,7 +31,7 @@ from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.runs.branch import BranchPlan
 from gaitopt.store.run import GAIT_FILE, RESULTS, Run
 
-Records = list[dict[str, Any]]
+Records = Sequence[Mapping[str, Any]]
 """Points and special points of a family, as a run folder holds them."""
 
 FRICTIONLESS: Mapping[str, Any] = MappingProxyType({"impact_law": "frictionless"})

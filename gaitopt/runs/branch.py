@@ -8,7 +8,7 @@ bit by bit as without the interruption.
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,14 +21,12 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import StorageError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import ContinuationRecord, PointRecord, SpecialRecord
+from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, SpecialRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.store.files import lines_text
 from gaitopt.store.formats import Table, csv_text, damaged, validated
 from gaitopt.store.gaits import branch_point, special_point
 from gaitopt.store.run import Run
-
-Record = Mapping[str, Any]
 
 BRANCH_FILE, BRANCH_TABLE = "branch.jsonl", "branch.csv"
 CLOSED = 1e-6
@@ -84,7 +82,7 @@ class BranchPlan:
         """The run folder."""
         return self.run.folder
 
-    def stored(self) -> list[dict[str, Any]]:
+    def stored(self) -> list[BranchRecord]:
         """All records that are on the disk, without the request; empty if there are none.
 
         Raises
@@ -95,16 +93,20 @@ class BranchPlan:
         self.run.check(self.problem)
         if not self.run.path(BRANCH_FILE).is_file():
             return []
-        known, records = read_branch(self.run, self.problem)
-        before, now = ({k: v for k, v in head.items() if k not in EFFORT} for head in (known, self.head))
-        if known and before != now:
+        request, records = read_branch(self.run, self.problem)
+        if request is None:
+            return []
+        before, now = ({k: v for k, v in head.items() if k not in EFFORT} for head in (request, self.head))
+        if before != now:
             words = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
             raise StorageError(
                 f"{self.folder} holds another branch ({words}); it was left alone: delete it, or name another folder"
             ).concerning("output")
         return records
 
-    def walk(self, start: Gait | SpecialPoint, *, should_stop: Stop = None) -> tuple[list[Record], Iterator[Record]]:
+    def walk(
+        self, start: Gait | SpecialPoint, *, should_stop: Stop = None
+    ) -> tuple[list[BranchRecord], Iterator[BranchRecord]]:
         """The stored records, and the new ones, each of which is on the disk when it is yielded.
 
         The caller has locked the folder.
@@ -114,7 +116,7 @@ class BranchPlan:
             self.run.write({BRANCH_FILE: lines_text((self.head, *done))})
         return done, self._new(start, done, should_stop)
 
-    def _new(self, start: Gait | SpecialPoint, done: list[Record], should_stop: Stop) -> Iterator[Record]:
+    def _new(self, start: Gait | SpecialPoint, done: list[BranchRecord], should_stop: Stop) -> Iterator[BranchRecord]:
         with self.run.appending(BRANCH_FILE) as lines:
             points = follow_family(start, self.request, done=done, should_stop=should_stop)
             while True:
@@ -135,7 +137,7 @@ class BranchPlan:
         self.run.write({BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=branch_rows(records, header)))})
 
 
-def stored_branch(folder: Path) -> tuple[Problem, str, list[dict[str, Any]]]:
+def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
     """Problem, parameter and records of the branch in a run folder, without the request.
 
     Raises
@@ -146,85 +148,71 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[dict[str, Any]]]:
     run = Run(folder)
     problem = run.problem()
     request, records = read_branch(run, problem)
-    if "parameter" not in request or not any(record.get("record") == "point" for record in records):
+    if request is None or not any(record["record"] == "point" for record in records):
         raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
     return problem, request["parameter"], records
 
 
 def restore_branch(folder: Path) -> Branch:
-    """The branch that a run folder holds."""
+    """The branch in a run folder; raises as ``stored_branch``, and if the motion of a point is not periodic."""
     problem, parameter, records = stored_branch(folder)
-    family = family_of(problem, parameter)
+    family, path = family_of(problem, parameter), folder / BRANCH_FILE
+    points, specials = list[BranchPoint](), list[SpecialPoint]()
     try:
-        points = tuple(branch_point(family, parameter, record) for record in records if record["record"] == "point")
-        for point in points:
-            _check_closes(point, folder / BRANCH_FILE)
-        specials = (special_point(family, parameter, r) for r in records if r["record"] == "special")
-        return Branch(parameter=parameter, points=points, specials=tuple(specials))
+        for record in records:
+            if record["record"] == "special":
+                specials.append(special_point(family, parameter, record))
+                continue
+            point = branch_point(family, parameter, record)
+            gait = point.gait
+            gap = float(np.abs((gait.steps[-1].final_impact.state - gait.state) / gait.dynamics.state_units).max())
+            if not gap < CLOSED * max(1.0, gait.spectral_radius or 0.0):
+                raise damaged(path, f"point {point.branch}.{point.index}: its motion is not periodic")
+            points.append(point)
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise StorageError(f"{folder / BRANCH_FILE} does not hold a branch ({error!r})") from error
+        raise StorageError(f"{path} does not hold a branch ({error!r})") from error
+    return Branch(parameter=parameter, points=tuple(points), specials=tuple(specials))
 
 
-def _check_closes(point: BranchPoint, path: Path) -> None:
-    """Refuse a point whose state and durations are no periodic motion."""
-    gait = point.gait
-    gap = float(np.abs((gait.steps[-1].final_impact.state - gait.state) / gait.dynamics.state_units).max())
-    if not gap < CLOSED * max(1.0, gait.spectral_radius or 0.0):
-        raise damaged(path, f"point {point.branch}.{point.index}: its motion is not periodic")
-
-
-def read_branch(run: Run, problem: Problem) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """The request of the branch of a problem in a run, and its records; both empty if there is none.
+def read_branch(run: Run, problem: Problem) -> tuple[RequestRecord | None, list[BranchRecord]]:
+    """The request of the branch of a problem in a run, and its records; None and no records if there is none.
 
     An end at a bound of the request has ``bound``, one at a limit of points or time ``open``, also where an earlier
     version has written it without.
     """
-    request, *records = _lines(run) or [{}]
-    if request:
-        validated(ContinuationRecord, request, run.path(BRANCH_FILE), 1)
-    for line, record in enumerate(records, start=2):
-        _check(record, problem, request["parameter"], run.path(BRANCH_FILE), line)
-    bounds = _bounds(request, records)
+    path, lines = run.path(BRANCH_FILE), run.lines(BRANCH_FILE)
+    if not lines:
+        return None, []
+    request = validated(RequestRecord, lines[0], path, 1)
+    records = [
+        _record(line, problem, request["parameter"], path, number) for number, line in enumerate(lines[1:], start=2)
+    ]
+    first = next((record["value"] for record in records if record["record"] == "point"), None)
+    bounds = list[float]()
+    if first is not None:  # bounds that the request does not state are as far from the first gait as the targets
+        span, lower, upper = max(abs(to - first) for to in request["to"]), request.get("lower"), request.get("upper")
+        bounds = [*request["to"], first - span if lower is None else lower, first + span if upper is None else upper]
     for record in records:
-        if record.get("type") == "end" and any(math.isclose(record["value"], at, rel_tol=AT_BOUND) for at in bounds):
-            record["bound"] = True
-        if record.get("type") == "end" and OLDER_LIMIT.fullmatch(record["reason"]):
-            record["open"] = True
+        if record["record"] == "special" and record["type"] == "end":
+            if any(math.isclose(record["value"], bound, rel_tol=AT_BOUND) for bound in bounds):
+                record["bound"] = True
+            if OLDER_LIMIT.fullmatch(record["reason"]):
+                record["open"] = True
     return request, records
 
 
-def _check(record: Mapping[str, Any], problem: Problem, parameter: str, path: Path, line: int) -> None:
-    """Refuse a line that is neither a point nor a special point of a problem's gaits."""
-    model: Any = SpecialRecord if record.get("record") == "special" else PointRecord
-    validated(model, record, path, line, states=problem.walker.state_names())
-    objection = problem.objection(parameter, record["value"]) if parameter in problem.parameters else None
+def _record(line: Mapping[str, Any], problem: Problem, parameter: str, path: Path, number: int) -> BranchRecord:
+    """The record of a line, which must be a point or special point of a problem's gaits."""
+    model: Any = SpecialRecord if line.get("record") == "special" else CheckedPoint
+    record: BranchRecord = validated(model, line, path, number, states=problem.walker.state_names())
+    value = record["value"]
+    objection = problem.objection(parameter, value) if parameter in problem.parameters else None
     if objection:
-        raise damaged(path, f"value: {objection}", line)
-    stated = record.get("parameters", {}).get(parameter, record["value"])
-    if not math.isclose(stated, record["value"], rel_tol=AT_BOUND):
-        raise damaged(path, f"{parameter} is {stated:g}, but value is {record['value']:g}", line)
-    friction = record.get("friction") if parameter == "friction" else None
-    if isinstance(friction, float) and not math.isclose(friction, record["value"], rel_tol=AT_BOUND):
-        raise damaged(path, f"friction is {friction:g}, but value is {record['value']:g}", line)
-
-
-def _lines(run: Run) -> list[dict[str, Any]]:
-    """All lines of the file; read again where a writer has replaced it in the meantime."""
-    while True:
-        known = run.manifest().files.get(BRANCH_FILE)
-        try:
-            return list(run.lines(BRANCH_FILE))
-        except StorageError:
-            if known == run.manifest().files.get(BRANCH_FILE):
-                raise
-
-
-def _bounds(request: Mapping[str, Any], records: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Targets and bounds of a request; those that it does not state are as far from the first gait as the targets."""
-    first = next((record["value"] for record in records if record.get("record") == "point"), None)
-    targets = request.get("to", ())
-    if first is None or not targets:
-        return []
-    span = max(abs(to - first) for to in targets)
-    stated = {"lower": first - span, "upper": first + span}
-    return [*targets, *(value if request.get(key) is None else request[key] for key, value in stated.items())]
+        raise damaged(path, f"value: {objection}", number)
+    if record["record"] == "point":
+        stated = {**record["parameters"]}
+        if parameter == "friction" and isinstance(record["friction"], float):
+            stated[parameter] = record["friction"]
+        if not math.isclose(stated.get(parameter, value), value, rel_tol=AT_BOUND):
+            raise damaged(path, f"{parameter} is {stated[parameter]:g}, but value is {value:g}", number)
+    return record

@@ -4,17 +4,16 @@ The chain is followed in both directions, because a design is a local optimum th
 for the same value the better one is kept. The Pareto front consists of the points that no other beats in both aims.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.frames import data_frame
-from gaitopt.gait.gait import Status
-from gaitopt.gait.records import FrontRecord
+from gaitopt.gait.records import FrontRecord, OutcomeRecord, PlaceRecord, SolvedRecord, is_gait
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-Record = dict[str, Any]
 TIE = 1e-9
 """Relative difference below which two objectives are equal."""
 
@@ -45,17 +43,17 @@ class FrontPoint:
     """
 
     value: float
-    gait: Record
+    gait: OutcomeRecord
     pareto: bool
 
     @property
     def converged(self) -> bool:
         """Whether there is a gait."""
-        return bool(self.gait["status"] == Status.CONVERGED)
+        return is_gait(self.gait)
 
-    def to_record(self) -> Record:
+    def to_record(self) -> dict[str, Any]:
         """The gait's record with ``value``, ``objective`` and ``pareto``."""
-        objective = _objective(self.gait) if self.converged else None
+        objective = _objective(self.gait) if is_gait(self.gait) else None
         return {"value": self.value, "objective": objective, "pareto": self.pareto, **self.gait}
 
 
@@ -92,11 +90,11 @@ class Front(Plotted, Sequence[FrontPoint]):
     def __getitem__(self, key: int | slice) -> FrontPoint | tuple[FrontPoint, ...]:
         return self.points[key]
 
-    def to_records(self) -> list[Record]:
+    def to_records(self) -> list[dict[str, Any]]:
         """The JSON objects of all points."""
         return [point.to_record() for point in self.points]
 
-    def to_record(self) -> Record:
+    def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
         lower, upper = (float(self.points[k].value) for k in (0, -1))
         over = Axis(key=self.key, lower=lower, upper=upper, count=len(self))
@@ -148,7 +146,7 @@ class FrontPlan(Plan[Front]):
         """The better design of both directions for every value."""
         key = self.axis.key
         problems = {value: at_point(self.problem, {key: value}) for value in self.axis.numbers(self.problem)}
-        walk, best = [*problems, *reversed(problems)], dict[float, Record]()
+        walk, best = [*problems, *reversed(problems)], dict[float, OutcomeRecord]()
 
         def chain() -> Iterator[Job]:
             """Each design starts from the best gait of its neighbour, or from the guess where there is none."""
@@ -158,7 +156,7 @@ class FrontPlan(Plan[Front]):
                 yield job
                 gait = jobs.results[job.key]
                 best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
-                neighbour = best[value]["job"] if best[value]["status"] == Status.CONVERGED else neighbour
+                neighbour = best[value]["job"] if is_gait(best[value]) else neighbour
 
         here = replace(jobs, workers=Workers(count=1))  # each design needs the one before
         solve_all(here, chain(), len(walk))
@@ -179,36 +177,33 @@ def read_fronts(folder: Path) -> list[Front]:
     run, fronts = Run(folder), list[Front]()
     problem = run.problem()
     for path in sorted(folder.glob(front_file("*"))):
-        record = run.read_object(path.name)
-        validated(FrontRecord, record, path, states=problem.walker.state_names())
-        points = [FrontPoint(value=r["value"], gait=r, pareto=r["pareto"]) for r in record["points"]]
-        front = Front(problem=problem, key=record["over"].partition("=")[0], points=tuple(points), file=path)
-        gaits = {point.value: point.gait for point in points}
-        best = all(point.pareto is _undominated(point.value, gaits, front.key) for point in points)
-        axis = Axis(key=front.key, lower=points[0].value, upper=points[-1].value, count=len(points))
-        if not best or path.name != front_file(front.key) or record["over"] != str(axis):
+        record = validated(FrontRecord, run.read_object(path.name), path, states=problem.walker.state_names())
+        key, places = record["over"].partition("=")[0], cast(list[PlaceRecord], record["points"])
+        gaits = {place["value"]: gait for place, gait in zip(places, record["points"], strict=True)}
+        pareto = {value: _undominated(value, gaits, key) for value in gaits}
+        axis = Axis(key=key, lower=places[0]["value"], upper=places[-1]["value"], count=len(gaits))
+        same_pareto = all(place["pareto"] is pareto[place["value"]] for place in places)
+        if not same_pareto or record["over"] != str(axis) or path.name != front_file(key):
             raise damaged(path, "over, or pareto of a point, is not what its points give")
-        fronts.append(front)
+        points = (FrontPoint(value=v, gait=gait, pareto=pareto[v]) for v, gait in gaits.items())
+        fronts.append(Front(problem=problem, key=key, points=tuple(points), file=path))
     return fronts
 
 
-def _objective(gait: Record) -> float:
-    return float(gait["solver"]["objective"])
+def _objective(gait: SolvedRecord) -> float:
+    return float(cast(float, gait["solver"]["objective"]))
 
 
-def _beats(gait: Record, other: Record) -> bool:
-    if not gait["status"] == other["status"] == Status.CONVERGED:
-        return bool(gait["status"] == Status.CONVERGED)
-    return _objective(gait) < _objective(other) - TIE * abs(_objective(other))
+def _beats(gait: OutcomeRecord, other: OutcomeRecord) -> bool:
+    if is_gait(gait) and is_gait(other):
+        return _objective(gait) < _objective(other) - TIE * abs(_objective(other))
+    return is_gait(gait)
 
 
-def _undominated(value: float, gaits: dict[float, Record], key: str) -> bool:
-    """Whether no other gait is stricter in the varied number at no higher cost."""
-    if gaits[value]["status"] != Status.CONVERGED:
-        return False
+def _undominated(value: float, gaits: Mapping[float, OutcomeRecord], key: str) -> bool:
+    """Whether there is a gait, and no other gait is stricter in the varied number at no higher cost."""
+    costs = {other: _objective(gait) for other, gait in gaits.items() if is_gait(gait)}
     strictness = -1.0 if key.endswith(".max") else 1.0
-    rivals: Iterable[tuple[float, Record]] = (
-        (v, g) for v, g in gaits.items() if v != value and g["status"] == Status.CONVERGED
+    return value in costs and not any(
+        cost <= costs[value] and strictness * other > strictness * value for other, cost in costs.items()
     )
-    cost = _objective(gaits[value])
-    return not any(_objective(g) <= cost and strictness * v > strictness * value for v, g in rivals)

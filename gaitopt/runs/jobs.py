@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar, cast
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
 from gaitopt.gait.gait import Status
-from gaitopt.gait.records import JobRecord, PartRecord
+from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartRecord, is_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.search.find import Gaits, SearchPlan, search
 from gaitopt.search.solve import solve
@@ -31,7 +31,7 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
 Result = TypeVar("Result", covariant=True)
 Stored = tuple[dict[str, Any], Callable[[str, Any], Any]]
 """Results that are on the disk by the keys of their jobs, and the function that stores another one."""
-SET_ASIDE = "set_aside"
+SET_ASIDE: Literal["set_aside"] = "set_aside"
 """Status of a job that has no result."""
 
 
@@ -125,7 +125,7 @@ class ResultFile:
             yield results, store
 
 
-SOLVED = ResultFile(name="jobs.jsonl", key="job", model=JobRecord)
+SOLVED = ResultFile(name="jobs.jsonl", key="job", model=CheckedJob)
 SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 """A part that an earlier version has stored under another key is searched again."""
 
@@ -136,18 +136,18 @@ def problem_job(problem: Problem, parent: str | None = None) -> Job:
     return Job(key=key, argument=problem, parent=parent)
 
 
-def solve_all(jobs: ResumableJobs, problems: Iterable[Job], total: int) -> list[dict[str, Any]]:
-    """Solve and verify the problems of ``problem_job``; records of their gaits in the same order."""
+def solve_all(jobs: ResumableJobs, problems: Iterable[Job], total: int) -> list[OutcomeRecord]:
+    """Solve and verify the problems of ``problem_job``; records of their gaits or attempts in the same order."""
     return [
-        {"status": SET_ASIDE, "message": result.reason} if isinstance(result, FailedJob) else result
+        AttemptRecord(status=SET_ASIDE, message=result.reason) if isinstance(result, FailedJob) else result
         for result in jobs.complete(solve_job, problems, total)
     ]
 
 
-def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, should_stop: Stop = None) -> dict[str, Any]:
+def solve_job(problem: Problem, neighbour: OutcomeRecord | None = None, should_stop: Stop = None) -> OutcomeRecord:
     """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
     starts = {"cold": problem}
-    if neighbour is not None and neighbour["status"] == Status.CONVERGED:
+    if neighbour is not None and is_gait(neighbour):
         starts = {"warm": problem.with_guess(neighbour)} | starts
     for start, candidate in starts.items():
         try:
@@ -155,13 +155,13 @@ def solve_job(problem: Problem, neighbour: Mapping[str, Any] | None = None, shou
         except SolveError as error:
             if should_stop is not None and should_stop():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None
-            return {"status": str(Status.NOT_CONVERGED), "message": str(error), "start": start}
+            return AttemptRecord(status="not_converged", message=str(error), start=start)
         if gait.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if gait.converged:
             gait = gait.verified(verify(gait).to_record())
             break
-    return {**gait.to_record(), "start": start}
+    return cast(OutcomeRecord, {**gait.to_record(), "start": start})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from gaitopt.gait.gait import Status
+from gaitopt.gait.records import SolvedRecord, is_gait
 from gaitopt.model.control import BezierTracking
 from gaitopt.problem.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
@@ -40,7 +40,7 @@ class Optimum:
     starts : numbers of the starts that led to it; start 0 is the problem's own guess.
     """
 
-    record: dict[str, Any]
+    record: SolvedRecord
     problem: Problem
     starts: tuple[int, ...]
 
@@ -51,17 +51,18 @@ class Optimum:
     @property
     def objective(self) -> float:
         """Its objective; 0 where nothing is minimised."""
-        return float(self.record["solver"].get("objective", 0.0))
+        return _objective(self.record)
 
     @property
     def verified(self) -> bool:
         """Whether the simulation confirms it."""
-        return bool(self.record["verification"]["passed"])
+        verification = self.record["verification"]
+        return verification is not None and verification["passed"]
 
     @property
     def radius(self) -> float:
         """Spectral radius; below one the gait is stable."""
-        return float(self.record["spectral_radius"])
+        return float(cast(float, self.record["spectral_radius"]))
 
     @property
     def rank(self) -> tuple[bool, float, bool, float]:
@@ -71,14 +72,15 @@ class Optimum:
 
     def to_record(self) -> dict[str, Any]:
         """The numbers that distinguish it from the other solutions."""
-        kept = {key: self.record[key] for key in ("state", "parameters", "period", "spectral_radius")}
-        kkt = self.record["solver"].get("kkt")
         return {
             "objective": self.objective,
-            "kkt": kkt,
+            "kkt": self.record["solver"].get("kkt"),
             "verified": self.verified,
             "starts": list(self.starts),
-            **kept,
+            "state": self.record["state"],
+            "parameters": self.record["parameters"],
+            "period": self.record["period"],
+            "spectral_radius": self.record["spectral_radius"],
         }
 
 
@@ -111,11 +113,11 @@ class StartsPlan(Plan[list[Optimum]]):
     def result(self, jobs: ResumableJobs) -> list[Optimum]:
         """The distinct solutions, the best first."""
         records = solve_all(jobs, map(problem_job, self.sampled()), self.starts)
-        converged = [k for k, record in enumerate(records) if record["status"] == Status.CONVERGED]
-        groups = {group[0]: group for group in grouped(converged, lambda a, b: _same(records[a], records[b]))}
+        gaits = {k: record for k, record in enumerate(records) if is_gait(record)}
+        groups = {group[0]: group for group in grouped(gaits, lambda a, b: _same(gaits[a], gaits[b]))}
         guessed = enumerate(islice(self.sampled(), max(groups, default=-1) + 1))
         optima = [
-            Optimum(record=records[k], problem=start, starts=tuple(groups[k])) for k, start in guessed if k in groups
+            Optimum(record=gaits[k], problem=start, starts=tuple(groups[k])) for k, start in guessed if k in groups
         ]
         return sorted(optima, key=lambda optimum: optimum.rank)
 
@@ -142,8 +144,12 @@ class StartsPlan(Plan[list[Optimum]]):
             yield problem.replace(changes)
 
 
-def _same(first: dict[str, Any], second: dict[str, Any]) -> bool:
+def _objective(record: SolvedRecord) -> float:
+    return float(cast(float, record["solver"].get("objective", 0.0)))
+
+
+def _same(first: SolvedRecord, second: SolvedRecord) -> bool:
     values = [np.array([*record["state"].values(), *record["parameters"].values()]) for record in (first, second)]
-    objectives = [record["solver"].get("objective", 0.0) for record in (first, second)]
+    objectives = [_objective(record) for record in (first, second)]
     near = bool(np.all(np.abs(values[0] - values[1]) <= SAME_PLACE * (1 + np.abs(values[0]))))
     return near and abs(objectives[0] - objectives[1]) <= SAME_OBJECTIVE * abs(objectives[0])

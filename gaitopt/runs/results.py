@@ -16,7 +16,7 @@ from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
 from gaitopt.gait.measures import measure
-from gaitopt.gait.records import GaitRecord, WalkRecord, differing
+from gaitopt.gait.records import CheckedGait, WalkRecord, differing
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
@@ -43,16 +43,16 @@ def restore_gait(folder: Path) -> Gait:
         If the run holds a failed attempt.
     """
     run = Run(folder)
-    (record, table), problem = run.read_result(), run.problem()
-    if record.get("status") in [status for status in Status if status is not Status.CONVERGED]:
-        raise SolveError(f"{folder} holds no gait: {record.get('status')}, {record.get('message')}")
+    (stored, table), problem = run.read_result(), run.problem()
+    if stored.get("status") in [status for status in Status if status is not Status.CONVERGED]:
+        raise SolveError(f"{folder} holds no gait: {stored.get('status')}, {stored.get('message')}")
     path = folder / GAIT_FILE
-    validated(GaitRecord, record, path, states=problem.walker.state_names())
+    record = validated(CheckedGait, stored, path, states=problem.walker.state_names())
     if problem.is_open:
         problem = replace(problem.with_gait(record), origin=problem)
     try:
         dynamics = problem_dynamics(problem).at(freed_values(record))
-        periods = [float(step["period"]) for step in record.get("steps", (record,))]
+        periods = [float(step["period"]) for step in record.get("steps", [record])]
         starts = list(accumulate(periods[:-1], initial=0.0))
         steps = tabulated_steps(dynamics, table, starts, problem.cycle.impacts)
         gait = gait_from_record(problem, dynamics, record, steps, measure(steps))

@@ -13,7 +13,6 @@ Three searches propose them:
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.records import CandidateRecord, SearchRecord, phase_record
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
@@ -38,7 +38,6 @@ from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import step_map
 
-Record = dict[str, Any]
 Phases = tuple[tuple[Mode, float], ...]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
@@ -97,7 +96,7 @@ class SearchJob:
     n_steps: int = 1
 
 
-def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
+def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
     """Candidates of one job of a search, and the number of its starts."""
     stop = should_stop or (lambda: False)
     step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
@@ -123,7 +122,7 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[f
 
 def _walks(
     job: SearchJob, dynamics: Dynamics, box: StartBox, rng: np.random.Generator, should_stop: Callable[[], bool]
-) -> tuple[list[Record], int]:
+) -> tuple[list[CandidateRecord], int]:
     """Fixed points of the return map and of its powers next to the walks from sampled states."""
     system = dynamics.system
     xi, shortest = _samples(dynamics, box, rng), SHORTEST_STEP * dynamics.scales.time
@@ -132,7 +131,7 @@ def _walks(
     engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
     history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
     simulator = Simulator(dynamics, stepper_class(engine))
-    candidates = []
+    candidates = list[CandidateRecord]()
     least = system.walker.steps_per_cycle()
     for n_returns in range(1, job.n_steps // least + 1):
         maps = {mode: ReturnMap(simulator, mode, n_returns * least) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
@@ -198,7 +197,7 @@ def _near_returns(history: Array, n_steps: int, box: StartBox) -> Iterator[tuple
 
 def _guesses(
     job: SearchJob, dynamics: Dynamics, box: StartBox, rng: np.random.Generator, should_stop: Callable[[], bool]
-) -> tuple[list[Record], int]:
+) -> tuple[list[CandidateRecord], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     walker = dynamics.system.walker
     if walker.steps_per_cycle() > 1 or walker.modes() != CONTACTS or walker.pushes:
@@ -209,7 +208,7 @@ def _guesses(
         for name, span in job.problem.constraints.items()
         if name.startswith("state.")
     }
-    free, candidates = free_parameters(job.problem, dynamics.system), list[Record]()
+    free, candidates = free_parameters(job.problem, dynamics.system), list[CandidateRecord]()
     for n_steps in range(1, job.n_steps + 1):
         program = Complementarity(
             dynamics, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
@@ -232,7 +231,7 @@ def _guesses(
     return candidates, GUESSES * job.n_steps
 
 
-def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> Record:
+def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> CandidateRecord:
     """The candidate of a simulated cycle."""
     sequences = [(step.phases, step.impact.mode) for step in steps if step.impact is not None]
     return _record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
@@ -244,14 +243,14 @@ def _record(
     states: Sequence[Array],
     freed: Mapping[str, float],
     start: str,
-) -> Record:
+) -> CandidateRecord:
     """The candidate of a cycle without repetitions, starting at its smallest state in lexical order."""
     least = system.walker.steps_per_cycle()
     n = next(k for k in range(least, len(steps) + 1, least) if len(steps) % k == 0 and _repeats(states, k))
     first = min(range(0, n, least), key=lambda k: tuple(states[k]))
     return {
         "steps": [
-            {"phases": [{**mode.record, "duration": t} for mode, t in phases], "impact": str(impact)}
+            {"phases": [phase_record(mode, t) for mode, t in phases], "impact": str(impact)}
             for phases, impact in (*steps[first:n], *steps[:first])
         ],
         "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),
@@ -272,10 +271,10 @@ def varied(problem: Problem) -> list[str]:
     return [key for key in keys if problem.parameters[key]]
 
 
-def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> Record:
+def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
     """Candidates on the family of the gait of the job's problem, followed in the job's parameter."""
     gait = solve_sequence(job.problem, should_stop=should_stop)
-    candidates = list[Record]()
+    candidates = list[CandidateRecord]()
     if gait.converged:
         value, start = job.problem.parameters[job.parameter], f"{job.method} {job.number}, {job.parameter}"
         for side in (-1, 1):

@@ -13,9 +13,10 @@ from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidates import GUESSES, SAME, WALKS, Record, SearchJob, search_family, search_part, varied
+from gaitopt.search.candidates import GUESSES, SAME, WALKS, SearchJob, search_family, search_part, varied
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
@@ -78,7 +79,7 @@ class Gaits(Reported, Sequence[Gait]):
 
 def gaits_of(
     problem: Problem,
-    parts: Sequence[Record | FailedJob],
+    parts: Sequence[SearchRecord | FailedJob],
     *,
     known: Sequence[Gait] = (),
     progress: Valued = None,
@@ -94,7 +95,7 @@ def gaits_of(
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
-        if not gait.converged or not (gait.verification or {}).get("passed"):
+        if not gait.converged or gait.verification is None or not gait.verification["passed"]:
             words = gait.message if not gait.converged else "the simulator does not confirm it"
             rejected.append({"sequence": str(gait.problem.cycle), "reason": words, "starts": starts})
             continue
@@ -121,14 +122,14 @@ def gaits_of(
     )
 
 
-def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, should_stop: Stop) -> Gait:
+def _solved(problem: Problem, candidates: Sequence[CandidateRecord], progress: Valued, should_stop: Stop) -> Gait:
     """The verified gait of the first candidate that converges, or the last failed solve."""
     for candidate in candidates:
         gait = solve_sequence(problem.with_gait(candidate), progress=progress, should_stop=should_stop)
         if gait.repeats_after < len(gait.steps):  # a shorter cycle, which is counted once
-            record = gait.to_record()
-            shorter = record | {"steps": record["steps"][: gait.repeats_after]}
-            gait = solve_sequence(problem.with_gait(shorter), progress=progress, should_stop=should_stop)
+            record: dict[str, Any] = {**gait.to_record()}
+            record["steps"] = record["steps"][: gait.repeats_after]
+            gait = solve_sequence(problem.with_gait(record), progress=progress, should_stop=should_stop)
         if gait.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if gait.converged:
@@ -136,7 +137,7 @@ def _solved(problem: Problem, candidates: Sequence[Record], progress: Valued, sh
     return gait
 
 
-def _fits(problem: Problem, candidate: Record) -> bool:
+def _fits(problem: Problem, candidate: CandidateRecord) -> bool:
     """Whether a candidate has no more steps than the problem allows, and the impact that the problem requires."""
     impact = getattr(problem.modes, "impact", None)
     short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)

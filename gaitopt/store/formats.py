@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -32,7 +32,7 @@ LONGEST_KEY = 200
 def validated(
     model: type[Model], record: Any, path: Path, line: int | None = None, *, states: Sequence[str] | None = None
 ) -> Model:
-    """The record of a file as a ``model``, a dataclass or a type of ``gait.records``; unknown entries are dropped.
+    """The record of a file as a ``model``: a dataclass, or a type of ``gait.records``, which the record is itself.
 
     Parameters
     ----------
@@ -44,11 +44,12 @@ def validated(
         If it does not match the type; the message names file, line and key.
     """
     try:
-        return _adapter(model).validate_python(record, context={STATES: states})  # type: ignore[arg-type]
+        value = _adapter(model).validate_python(record, context={STATES: states})  # type: ignore[arg-type]
     except ValidationError as error:
         first = error.errors(include_input=False, include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"])[:LONGEST_KEY]
         raise damaged(path, f"{key}: {first['msg']}" if key else first["msg"], line) from error
+    return cast(Model, record if isinstance(value, dict) else value)  # with every digit, and entries of later versions
 
 
 def damaged(path: Path, words: str, line: int | None = None) -> StorageError:

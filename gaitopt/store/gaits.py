@@ -8,7 +8,7 @@ every digit of a fresh gait but not the solver's own nodes.
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from itertools import cycle, groupby, pairwise
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gaitopt.gait import curves
 from gaitopt.gait.branch import BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.records import GaitRecord, PointRecord, SpecialRecord, StepRecord, special_gait
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -25,8 +26,6 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.store.formats import Table
 
-Record = Mapping[str, Any]
-
 POINTS = 33
 """Chebyshev points of a phase; they resolve a phase of walking."""
 SAME_TIME = 1e-14
@@ -35,12 +34,12 @@ OLDER = {"damping_loss": 0.0}
 """Scalars that are missing in records written before there were dampers."""
 
 
-def multipliers_of(record: Record) -> NDArray[np.complex128]:
+def multipliers_of(record: Mapping[str, Any]) -> NDArray[np.complex128]:
     """Floquet multipliers of a gait's record; shape (n,)."""
     return np.array([complex(m["re"], m["im"]) for m in record["multipliers"]], dtype=complex)
 
 
-def freed_values(record: Record) -> dict[str, float]:
+def freed_values(record: GaitRecord) -> dict[str, float]:
     """Values of the freed parameters in a gait's record, by dotted key."""
     return {name: float(value) for name, value in record["parameters"].items()}
 
@@ -48,7 +47,7 @@ def freed_values(record: Record) -> dict[str, float]:
 def gait_from_record(
     problem: Problem,
     dynamics: Dynamics,
-    record: Record,
+    record: GaitRecord,
     steps: tuple[Step, ...],
     measures: Mapping[str, float | None] | None = None,
 ) -> Gait:
@@ -67,37 +66,42 @@ def gait_from_record(
         message=str(record["message"]),
         steps=steps,
         multipliers=multipliers_of(record),
-        measures={name: {**OLDER, **record}[name] for name in MEASURES} if measures is None else measures,
+        measures=_measures(record) if measures is None else measures,
         freed=freed_values(record),
-        solver=dict(record["solver"]),
+        solver=cast(Mapping[str, float], record["solver"]),  # earlier versions may have written words
         verification=record["verification"],
     )
 
 
-def branch_gait(family: Gait, parameter: str, record: Record) -> Gait:
-    """The gait of a point, or of a special point that has one; ``family`` is any gait of the family."""
-    value, record = record["value"], record.get("gait") or record
+def _measures(record: GaitRecord) -> dict[str, float | None]:
+    stated: Mapping[str, Any] = {**OLDER, **record}
+    return {name: stated[name] for name in MEASURES}
+
+
+def branch_gait(family: Gait, parameter: str, value: float, record: GaitRecord) -> Gait:
+    """The gait of a point or special point, from its record; ``family`` is any gait of the family."""
     dynamics = family.dynamics.at({**freed_values(record), parameter: value})
     problem = family.problem.replace({parameter: value}).with_modes(Cycle.from_record(record), record["state"])
     return gait_from_record(problem, dynamics, record, integrated_steps(dynamics, record))
 
 
-def branch_point(family: Gait, parameter: str, record: Record) -> BranchPoint:
-    """The point of a branch that a record holds."""
+def branch_point(family: Gait, parameter: str, record: PointRecord) -> BranchPoint:
+    """The point of a branch from its record."""
+    state = record.get("walk")
     return BranchPoint(
         branch=record["branch"],
         index=record["index"],
         value=record["value"],
-        gait=branch_gait(family, parameter, record),
+        gait=branch_gait(family, parameter, record["value"], record),
         tangent=np.array(record["tangent"], dtype=float),
         length=float(record["length"]),
-        walk=ContinuationState.from_record(record["walk"]) if record.get("walk") else None,
+        walk=None if state is None else ContinuationState.from_record(state),
     )
 
 
-def special_point(family: Gait, parameter: str, record: Record) -> SpecialPoint:
-    """The special point that a record holds."""
-    tangent = record.get("tangent")
+def special_point(family: Gait, parameter: str, record: SpecialRecord) -> SpecialPoint:
+    """The special point of a branch from its record."""
+    tangent, gait = record.get("tangent"), special_gait(record)
     return SpecialPoint(
         branch=record["branch"],
         type=record["type"],
@@ -109,12 +113,12 @@ def special_point(family: Gait, parameter: str, record: Record) -> SpecialPoint:
         next=tuple(record["next"]),
         bound=record.get("bound", False),
         open=record.get("open", False),
-        gait=branch_gait(family, parameter, record) if record["gait"] else None,
+        gait=None if gait is None else branch_gait(family, parameter, record["value"], gait),
         tangent=None if tangent is None else np.array(tangent),
     )
 
 
-def integrated_steps(dynamics: Dynamics, record: Record, points: int = POINTS) -> tuple[Step, ...]:
+def integrated_steps(dynamics: Dynamics, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
     """The steps of a gait, integrated from its states after the impacts.
 
     Parameters
@@ -124,10 +128,10 @@ def integrated_steps(dynamics: Dynamics, record: Record, points: int = POINTS) -
     points : Chebyshev points of every phase.
     """
     pairs = zip(cycle(dynamics.steps), record.get("steps", (record,)), strict=False)
-    return tuple(_integrated(own, step, points) for own, step in pairs)
+    return tuple(_integrated(of_step, step, points) for of_step, step in pairs)
 
 
-def _integrated(dynamics: Dynamics, record: Record, points: int) -> Step:
+def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int) -> Step:
     system, p = dynamics.system, dynamics.p
     breakpoints = system.control.breakpoints
     z = np.array([record["state"][name] for name in system.state_names])

@@ -385,8 +385,12 @@ class Run:
         record, table = self.read(*files)
         return parsed(parse_object, record, self.path(files[0])), parsed(parse_csv, table, self.path(files[1]))
 
-    def lines(self, name: str) -> Iterator[dict[str, Any]]:
-        """The records of a file in order; none if there is no such file."""
-        known = self.manifest().files.get(self._key(name))
-        if known is not None or self.path(name).exists():
-            yield from read_lines(self.path(name), known)
+    def lines(self, name: str) -> list[dict[str, Any]]:
+        """The records of a file in order, all as the same writer left them; none if there is no such file."""
+        while True:
+            (known,) = self._checksums([self._key(name)])
+            try:
+                return list(read_lines(self.path(name), known)) if known or self.path(name).exists() else []
+            except StorageError:
+                if [known] == self._checksums([self._key(name)]):  # no writer has replaced it in the meantime
+                    raise

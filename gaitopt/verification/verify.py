@@ -15,9 +15,8 @@ errors in the natural units of the walker.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -28,6 +27,7 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
 from gaitopt.gait.measures import friction_ratio, measure, measure_scales, observe
+from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import ModeSequence
 from gaitopt.model.transitions import Ending
@@ -118,8 +118,8 @@ class Verification(Tabulated):
         """Figure of one claim, or None if it could not be examined."""
         return next((claim.figure for claim in self.claims if claim.name == name and np.isfinite(claim.figure)), None)
 
-    def to_record(self) -> dict[str, Any]:
-        """JSON-able record with the keys of the command line."""
+    def to_record(self) -> VerificationRecord:
+        """One JSON object with the keys of the command line."""
         sequence = next(claim for claim in self.claims if claim.name == "mode sequence")
         return {
             "passed": self.passed,
@@ -128,8 +128,15 @@ class Verification(Tabulated):
             "multiplier_error": self.figure("multipliers"),
             "mode_sequence_matches": sequence.passed,
             "claims": [
-                {**asdict(c), "figure": c.figure if np.isfinite(c.figure) else None, "outcome": str(c.outcome)}
-                for c in self.claims
+                {
+                    "name": claim.name,
+                    "figure": claim.figure if np.isfinite(claim.figure) else None,
+                    "tolerance": claim.tolerance,
+                    "passed": claim.passed,
+                    "note": claim.note,
+                    "outcome": str(claim.outcome),
+                }
+                for claim in self.claims
             ],
         }
 
