@@ -5,8 +5,8 @@ In a notebook ``plot`` displays its figure as PNG without any magic command, and
 
 import sys
 from base64 import b64encode
-from collections.abc import Sequence
-from functools import singledispatch
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -16,37 +16,24 @@ from matplotlib.figure import Figure
 
 from gaitopt.api.stored import save
 from gaitopt.display import Page
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
-from gaitopt.runs.basin import Basin, read_basin
 from gaitopt.runs.branch import stored_branch
-from gaitopt.runs.front import Front, read_fronts
 from gaitopt.runs.results import kind_of, restore_walk
-from gaitopt.runs.sweep import Sweep, read_sweep
-from gaitopt.show.catalogue import (
-    Figures,
-    basin_figures,
-    branch_figures,
-    front_figures,
-    gait_figures,
-    sweep_figures,
-    walk_figures,
-)
+from gaitopt.show.catalogue import Figures, figures_of
 from gaitopt.show.pages import branch_report, comparison_report, walk_report
 from gaitopt.show.style import drawn
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
-from gaitopt.store.files import make_folder, write_whole
-from gaitopt.store.run import MANIFEST_FILE
+from gaitopt.store.files import clear_leftovers, make_folder, write_whole
+from gaitopt.store.run import MANIFEST_FILE, Run
 from gaitopt.verification.walk import Walk
 
-__all__ = ["animate", "draw", "figures_in", "html", "page_in", "plot", "report", "save", "save_figures", "write_page"]
+__all__ = ["animate", "draw", "html", "page_in", "plot", "report", "save", "save_figures", "write_page"]
 
 ANIMATION = "animation"
 """Name of the page of the moving walker, beside the names of figures."""
-DRAWN_AXES = 2
-"""Maps are drawn over one or two keys."""
 SMALL = 60
 """Resolution of the picture beside a table [dots per inch]; figures are six inches wide."""
 
@@ -56,10 +43,13 @@ def plot(result: Any, what: str | None = None) -> Axes:
 
     Parameters
     ----------
-    result : a gait, several gaits, a walk, a branch, a sweep, a front or a basin.
-    what : of gaits ``portrait`` (if not given), ``force``, ``slip``, ``torques``, ``multipliers`` or ``roads``; of a
-        walk ``section`` or any of these but the last two; of a branch ``multipliers``, or a scalar of the result; of a
-        sweep a scalar. A scalar that is not given is ``spectral_radius``.
+    result : a gait, several gaits, a walk, a branch, a sweep, a front or a basin. Or gaits by their names in the
+        legend; or branches over one parameter by their names, each as a ``Branch`` or as the records that
+        ``load_records`` and ``continuation_records`` return.
+    what : of gaits ``portrait`` (if not given), ``force``, ``force_over_COORDINATE``, ``slip``, ``torques``,
+        ``multipliers`` or ``roads``; of a walk ``section``, ``portrait``, ``force``, ``slip`` or ``torques``; of a
+        branch ``multipliers``, or a scalar of the result; of a sweep or of several branches a scalar. A scalar that is
+        not given is ``spectral_radius``.
 
     Returns
     -------
@@ -83,37 +73,16 @@ def draw(result: Any, what: str | None = None) -> Figure:
     return figures.draw(what or figures.usual[0])
 
 
-@singledispatch
-def figures_of(result: Any) -> Figures:
-    """The figures of a result."""
-    gaits = list(result) if isinstance(result, Sequence) else []
-    if not gaits or not all(isinstance(gait, Gait) for gait in gaits):
-        raise TypeError(f"a {type(result).__name__} has no figures")
-    return gait_figures([_converged(gait) for gait in gaits])
-
-
-@figures_of.register
-def _(result: Branch) -> Figures:
-    if not result.points:
-        raise ValueError("a branch without points has no figures")
-    return branch_figures(result.points[0].gait.problem, result.parameter, result.to_records())
-
-
-figures_of.register(Gait, lambda gait: gait_figures([_converged(gait)]))
-figures_of.register(Walk, walk_figures)
-figures_of.register(Sweep, sweep_figures)
-figures_of.register(Basin, basin_figures)
-figures_of.register(Front, front_figures)
-
-
 def save_figures(
     result: Any, folder: str | Path, what: Sequence[str] = (), formats: Sequence[str] = ("svg", "png")
 ) -> list[Path]:
     """Draw figures of a result into a folder.
 
+    The same figure gives the same bytes. In a run folder the files get their checksums in the manifest.
+
     Parameters
     ----------
-    result : as for ``plot``, or what ``figures_in`` returns.
+    result : as for ``plot``. Or a Matplotlib figure, whose name is then the only entry of ``what``.
     folder : made if it is missing.
     what : names of figures as for ``plot``, and ``animation`` of a gait or a walk; by default all that show something.
     formats : of ``svg``, ``png``, ``pdf``.
@@ -126,53 +95,53 @@ def save_figures(
     ------
     UnknownNameError
         If there is no such figure.
+    StorageError
+        If the folder cannot be written.
     """
-    figures, place = result if isinstance(result, Figures) else figures_of(result), Path(folder)
+    place = Path(folder)
+    if isinstance(result, Figure):
+        (name,) = what
+        with adding(place) as written:
+            written += save_figure(result, place / name, formats)
+        return written
+    figures = result if isinstance(result, Figures) else figures_of(result)
     moving = [] if figures.animation is None else [ANIMATION]
-    known, written = (*figures.names, *moving), list[Path]()
+    known = (*figures.names, *moving)
     unknown = [word for word in what if word not in known]
     if unknown:
         raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").concerning("what")
-    make_folder(place)
-    for word in what or (*figures.usual, *moving):
-        if word == ANIMATION and figures.animation is not None:
-            written.append(write_page(figures.animation(), place / f"{ANIMATION}.html"))
-        else:
-            written += save_figure(figures.draw(word), place / (figures.stem or word), formats)
+    with adding(place) as written:
+        for word in what or (*figures.usual, *moving):
+            if word == ANIMATION and figures.animation is not None:
+                write_whole(place / f"{ANIMATION}.html", figures.animation())
+                written.append(place / f"{ANIMATION}.html")
+            else:
+                written += save_figure(figures.draw(word), place / (figures.stem or word), formats)
     return written
 
 
-def figures_in(folder: Path) -> list[Figures]:
-    """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; empty where it holds a gait.
+@contextmanager
+def adding(place: Path) -> Iterator[list[Path]]:
+    """Write figures or pages into a folder, made if necessary; those in a run folder get their checksums.
 
-    Those of a branch are drawn from its records, without restoring the gaits of its points.
-
-    Raises
-    ------
-    StorageError
-        If the folder is broken or unfinished.
-    UnknownNameError
-        If a sweep or basin is over more than two keys.
+    The block collects the files in the list.
     """
-    kind = map_kind(folder) or kind_of(folder)
-    if kind in ("basin", "sweep"):
-        result = read_basin(folder) if kind == "basin" else read_sweep(folder)
-        if len(result.grid.axes) > DRAWN_AXES:
-            words = f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two"
-            raise UnknownNameError(words)
-        return [figures_of(result)]
-    if kind == "branch":
-        return [branch_figures(*stored_branch(folder))]
-    if kind == "walk":
-        return [walk_figures(restore_walk(folder))]
-    return [front_figures(front) for front in read_fronts(folder)] if kind == "front" else []
+    for folder in (place, *place.resolve().parents):
+        if _is_run(folder):
+            with Run(folder).adding(place) as written:
+                yield written
+            return
+    make_folder(place)
+    clear_leftovers(place)
+    yield []
 
 
-def map_kind(folder: Path) -> str:
-    """``basin`` or ``sweep`` if the folder is that of one, finished or not, within a run folder; else empty."""
-    kind = folder.name.partition("-")[0]
-    is_map = kind in ("basin", "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
-    return kind if is_map else ""
+def _is_run(folder: Path) -> bool:
+    """Whether a folder is a run that can be read; other programs write files of the name ``manifest.json`` too."""
+    try:
+        return (folder / MANIFEST_FILE).is_file() and bool(Run(folder).manifest())
+    except StorageError:
+        return False
 
 
 def animate(result: Gait | Walk) -> Page:
@@ -219,14 +188,10 @@ def html(result: Any) -> str:
 
 def write_page(text: str, path: Path) -> Path:
     """Write a page; it appears whole or not at all."""
-    write_whole(path, text)
+    with adding(path.parent) as written:
+        write_whole(path, text)
+        written.append(path)
     return path
-
-
-def _converged(gait: Gait) -> Gait:
-    if not gait.steps:
-        raise ValueError(f"{gait.problem.name} is {gait.status}: there is no gait to draw")
-    return gait
 
 
 def _show(figure: Figure) -> None:

@@ -1,16 +1,22 @@
-"""Results in run folders: saved, and loaded again."""
+"""Results in run folders: saved, and loaded again, whole or in part."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from gaitopt.errors import GaitoptError
-from gaitopt.gait.gait import Gait
-from gaitopt.store.run import GAIT_FILES, Run
+from gaitopt.errors import GaitoptError, StorageError
+from gaitopt.gait.branch import BranchPoint, SpecialPoint
+from gaitopt.gait.gait import Attractor, Gait
+from gaitopt.problem.problem import Problem
+from gaitopt.store.run import GAIT_FILE, GAIT_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
 
 if TYPE_CHECKING:
+    from gaitopt.gait.records import BranchRecord, SpecialRecord
     from gaitopt.runs.results import Result
+
+SPECIAL, ATTRACTOR = "@special.", "@attractor."
+"""What separates a run folder from the number of a special point of its branch, or of an attractor of its basin."""
 
 
 def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
@@ -38,6 +44,34 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
     return run.folder
 
 
+def stored_gait(problem: Problem, path: str | Path | None = None) -> Gait | None:
+    """The gait in the run folder of a problem, None if it has not been solved yet.
+
+    Raises
+    ------
+    StorageError
+        If the folder belongs to something else, or is broken.
+    """
+    from gaitopt.runs.results import restore_gait
+
+    run = Run.of(problem, path)
+    run.check(problem)
+    return restore_gait(run.folder) if run.holds(*GAIT_FILES) else None
+
+
+def stored_gait_record(problem: Problem) -> dict[str, Any]:
+    """The JSON object of the gait in the default run folder of a problem; empty where there is none that can be read.
+
+    A broken run is reported by the functions that need it.
+    """
+    run = Run.of(problem)
+    try:
+        run.check(problem)
+        return run.read_object(GAIT_FILE) if run.path(GAIT_FILE).is_file() else {}
+    except StorageError:
+        return {}
+
+
 def compared(walk: Walk) -> Walk:
     """The walk of a problem with the gait in the problem's default run folder, if there is one, to compare with."""
     from gaitopt.runs.results import restore_gait
@@ -48,14 +82,106 @@ def compared(walk: Walk) -> Walk:
     return replace(walk, gait_states=states_after_impacts(restore_gait(run.folder)))
 
 
-def load_run(path: str | Path) -> "Result":
+def load_run(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attractor":
     """Load the result in a run folder: a branch, gait, walk or front, or the sweep or basin in a folder of its own.
+
+    Parameters
+    ----------
+    path : the folder. Or a part of the result in it: ``RUN@BRANCH.INDEX`` is a point of a branch, ``RUN@special.K`` its
+        K-th special point and ``RUN@attractor.K`` the K-th attractor of a basin, both from 0; the rest of the branch is
+        not restored.
 
     Raises
     ------
     StorageError
-        If the folder is not a run, or is broken, unfinished or newer.
+        If the folder is not a run, or is broken, unfinished or newer, or has no such part.
     """
     from gaitopt.runs.results import read_result
 
-    return read_result(Path(path))
+    if "@" not in str(path) or Path(path).exists():
+        return read_result(Path(path))
+    if SPECIAL in str(path):
+        return load_special_point(str(path))[0]
+    if ATTRACTOR in str(path):
+        return load_attractor(str(path))
+    return load_branch_point(str(path))
+
+
+def load_records(path: str | Path) -> list[dict[str, Any]]:
+    """The JSON objects of the result in a run folder, with the keys of the command line; no motion is restored.
+
+    Returns
+    -------
+    records : of a branch its request (``record: "continuation"``, with ``parameter`` and targets ``to``), and then its
+        points and special points in the order of the continuation; one object of everything else.
+
+    Raises
+    ------
+    StorageError
+        As ``load_run``.
+    """
+    from gaitopt.runs.branch import read_branch
+    from gaitopt.runs.results import KINDS, kind_of, refuse_other_results
+
+    folder = Path(path)
+    kind = kind_of(folder)
+    if kind == "branch":
+        request, records = read_branch(Run(folder), Run(folder).problem())
+        return [dict(record) for record in (request, *records) if record is not None]
+    if not kind:
+        refuse_other_results(folder)
+        raise StorageError(f"{folder} holds no result of gaitopt")
+    return [Run.at(folder).read_object(file.name) for file in sorted(folder.glob(KINDS[kind][0]))]
+
+
+def branch_records(run: str | Path, label: str = "") -> tuple[Problem, str, "list[BranchRecord]"]:
+    """Problem, parameter and records of the branch in a run folder; error messages begin with ``label``."""
+    from gaitopt.runs.branch import stored_branch
+    from gaitopt.runs.results import kind_of
+
+    if kind_of(Path(run)) != "branch":
+        raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
+    return stored_branch(Path(run))
+
+
+def special_records(run: str | Path, label: str = "") -> tuple[Problem, str, "list[SpecialRecord]"]:
+    """Problem and parameter of a branch, and the records of its special points in the order of its table."""
+    problem, parameter, records = branch_records(run, label)
+    return problem, parameter, [record for record in records if record["record"] == "special"]
+
+
+def load_special_point(place: str) -> tuple[SpecialPoint, str]:
+    """The special point ``RUN@special.K``, and the parameter of its branch."""
+    from gaitopt.branches.request import family_of
+    from gaitopt.store.gaits import special_point
+
+    run, _, index = place.rpartition(SPECIAL)
+    problem, parameter, records = special_records(run, f"{place}: ")
+    if not index.isdecimal() or int(index) >= len(records):
+        known = f"0 to {len(records) - 1}" if records else "none"
+        raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
+    return special_point(family_of(problem, parameter), parameter, records[int(index)]), parameter
+
+
+def load_branch_point(place: str, label: str = "") -> BranchPoint:
+    """The point ``RUN@BRANCH.INDEX`` of a branch; error messages begin with ``label``."""
+    from gaitopt.branches.request import family_of
+    from gaitopt.store.gaits import branch_point
+
+    run, _, number = place.rpartition("@")
+    problem, parameter, records = branch_records(run, f"{label}{place}: ")
+    points = {f"{r['branch']}.{r['index']}": r for r in records if r["record"] == "point"}
+    if number not in points:
+        raise StorageError(
+            f"{label}{place}: the branch has no point {number}; its points are {next(iter(points))} to "
+            f"{list(points)[-1]}, in columns branch and index of branch.csv"
+        )
+    return branch_point(family_of(problem, parameter), parameter, points[number])
+
+
+def load_attractor(place: str) -> Attractor:
+    """The attractor ``RUN@attractor.K`` of a basin."""
+    from gaitopt.runs.basin import stored_attractor
+
+    run, _, index = place.rpartition(ATTRACTOR)
+    return stored_attractor(Path(run), index)

@@ -1,16 +1,19 @@
-"""The verbs of the library: what ``gaitopt`` can compute, each once, with progress and with what is kept.
+"""Everything that gaitopt computes, each as one function, with progress and with the run folder that keeps the result.
 
 Three arguments mean the same everywhere. ``problem`` may be a name or a path, which ``load_problem`` reads.
 ``progress`` is True (a bar on a terminal or in a notebook), False, or a function that is called instead. ``output`` is
-the run folder in which the result is kept; a call that was interrupted resumes from what is in its folder.
+the run folder in which the result is kept; a call that was interrupted resumes from the contents of its folder.
 
-Two functions of the library have no command: ``return_map``, for maps of many states at once, and ``check_walker``.
+The library alone has what takes functions or arrays: ``events`` of ``continuation``, ``run_parallel``, ``return_map``,
+``check_walker`` and ``equations_of_motion``.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from gaitopt.api.progress import (
     Counter,
@@ -22,7 +25,7 @@ from gaitopt.api.progress import (
     value_progress,
     word_progress,
 )
-from gaitopt.api.stored import compared, save
+from gaitopt.api.stored import compared, save, stored_gait
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
@@ -35,9 +38,10 @@ from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify as verify  # a verb as it is
 from gaitopt.verification.walk import Walk
 from gaitopt.verification.walk import simulate as simulate_walk
-from gaitopt.workers.jobs import ResumableJobs, make_workers
+from gaitopt.workers.jobs import Job, ResumableJobs, make_workers, run_jobs
 
 if TYPE_CHECKING:
+    from gaitopt.branches.request import Request
     from gaitopt.design.neighbourhood import Neighbourhood
     from gaitopt.proof.check import Proof
     from gaitopt.runs.basin import Basin
@@ -63,6 +67,7 @@ def solve(
     *,
     start: Gait | None = None,
     output: Output = False,
+    reuse: bool = False,
     progress: Follower = True,
     should_stop: Stop = None,
 ) -> Gait:
@@ -85,6 +90,7 @@ def solve(
         becomes a gait.
     start : gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
     output : run folder; the gait is verified and saved in it. True for ``results/NAME-HASH``.
+    reuse : take the gait from the run folder if it is there already, as the command line does for RUN.
     progress : whether to show it, or a function of the iteration's number and the largest violation of a constraint.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -96,12 +102,20 @@ def solve(
     ------
     SolveError
         If the reference of a PD law is not a gait.
+    ProblemError
+        If a gait is to be taken from a run folder, but no folder or an attractor is given.
     StorageError
         If the folder belongs to something else or cannot be written.
     """
     question = problem if isinstance(problem, Attractor) else _stated(problem)
     stated = question.problem if isinstance(question, Attractor) else question
     folder = None if isinstance(question, Attractor) else _folder(question, output)
+    if reuse:
+        if folder is None:
+            raise ProblemError("reuse: takes the gait of a problem from its run folder; give output=True or a folder")
+        known = stored_gait(stated, folder)
+        if known is not None:
+            return known
     with nullcontext() if folder is None else Run(folder).writing(stated):
         with shown(progress, solver_progress, f"solving {stated.name}") as show:
             gait = single.solve(question, start=start, progress=show, should_stop=should_stop)
@@ -183,6 +197,7 @@ def neighbourhood(gait: Gait, *, progress: Counter = True) -> "Neighbourhood":
 def find(
     problem: Problem | str | Path,
     *,
+    steps: int | None = None,
     starts: int = STARTS,
     seed: int = 0,
     within: Mapping[str, tuple[float, float]] | None = None,
@@ -198,6 +213,7 @@ def find(
     ----------
     problem : its phases are ignored if it has some; a guess is one of the starts. If parameters are free, the best
         gait of every mode sequence is listed.
+    steps : maximum number of steps of a cycle; None for that of the problem.
     starts : number of start states of the search by simulation.
     seed : of the samples.
     within : range of the start states by name of a section coordinate, in place of the walker's default.
@@ -219,7 +235,9 @@ def find(
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    plan = SearchPlan(problem=opened(_stated(problem)), starts=starts, seed=seed, within=within or {})
+    unknown = opened(_stated(problem))
+    unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
+    plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=within or {})
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
     with shown(progress, job_progress, "parts of the search") as show:
         if folder is None:
@@ -321,7 +339,7 @@ def continuation(
 
     request = Request(
         parameter=parameter,
-        to=(float(to),) if isinstance(to, int | float) else tuple(map(float, to)),
+        to=_targets(to),
         lower=lower,
         upper=upper,
         events=events or {},
@@ -332,26 +350,96 @@ def continuation(
     )
     with shown(progress, value_progress, "continuing", parameter) as show:
         if not output:
-            records = list[BranchPoint | SpecialPoint]()
-            for record in follow_family(start, request, should_stop=should_stop):
-                records.append(record)
-                show(len(records), record.value)
-            return collected(parameter, records)
-        from gaitopt.runs.branch import BranchPlan, restore_branch
+            points = list[BranchPoint | SpecialPoint]()
+            for point in follow_family(start, request, should_stop=should_stop):
+                points.append(point)
+                show(len(points), point.value)
+            return collected(parameter, points)
+        from gaitopt.runs.branch import restore_branch
 
-        if events:
-            raise ProblemError("events are functions, which no folder can keep; leave out events or output")
-        request.first_gait(start)  # raises what is wrong before a folder is written
-        gait = start if isinstance(start, Gait) else start.gait
-        assert gait is not None
-        kind = start.type if isinstance(start, SpecialPoint) else ""
-        folder = None if output is True else Path(output)
-        plan = BranchPlan(problem=gait.problem, request=request, start_type=kind, output=folder)
+        records = _kept_records(start, request, None if output is True else output, should_stop)
+        head = next(records)
+        for number, record in enumerate(records, start=1):
+            if number > head["stored"]:
+                show(number, record["value"])
+        return restore_branch(Path(head["folder"]))
+
+
+def continuation_records(
+    start: Gait | SpecialPoint,
+    parameter: str,
+    to: float | Sequence[float],
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    max_points: int = 2000,
+    max_seconds: float | None = None,
+    verify_every: int = 10,
+    doublings: int = 0,
+    branch_points: int = 0,
+    mode_changes: int = 0,
+    output: str | Path | None = None,
+    should_stop: Stop = None,
+) -> Iterator[dict[str, Any]]:
+    """Continue a gait as ``continuation``, and yield every point as a JSON object as soon as it is on the disk.
+
+    No gait is held in memory, nor restored from an earlier call.
+
+    Parameters
+    ----------
+    output : run folder that keeps the points, by default that of ``continuation`` with ``output=True``.
+
+    Returns
+    -------
+    records : first the request (``record: "continuation"``), with the run folder as ``folder`` and the number of
+        ``stored`` records of earlier calls; then these records and the new ones, with the keys of the command line.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError, StorageError, KeyboardInterrupt
+        As ``continuation``.
+    """
+    from gaitopt.branches.request import Request
+
+    request = Request(
+        parameter=parameter,
+        to=_targets(to),
+        lower=lower,
+        upper=upper,
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+        follow={"doublings": doublings, "branch_points": branch_points, "mode_changes": mode_changes},
+    )
+    return _kept_records(start, request, output, should_stop)
+
+
+def _targets(to: float | Sequence[float]) -> tuple[float, ...]:
+    return (float(to),) if isinstance(to, int | float) else tuple(map(float, to))
+
+
+def _kept_records(
+    start: Gait | SpecialPoint, request: "Request", output: str | Path | None, should_stop: Stop
+) -> Iterator[dict[str, Any]]:
+    from gaitopt.runs.branch import BranchPlan
+
+    if request.events:
+        raise ProblemError("events are functions, which no folder can keep; leave out events or output")
+    request.first_gait(start)  # raises what is wrong before a folder is written
+    gait = start if isinstance(start, Gait) else start.gait
+    assert gait is not None
+    kind = start.type if isinstance(start, SpecialPoint) else ""
+    folder = None if output is None else Path(output)
+    plan = BranchPlan(problem=gait.problem, request=request, start_type=kind, output=folder)
+
+    def records() -> Iterator[dict[str, Any]]:
         with plan.run.writing(plan.problem):
             stored, new = plan.walk(start, should_stop=should_stop)
-            for number, point in enumerate(new, start=len(stored) + 1):
-                show(number, point["value"])
-            return restore_branch(plan.folder)
+            yield {**plan.head, "folder": str(plan.folder), "stored": len(stored)}
+            yield from map(dict, stored)
+            yield from map(dict, new)
+
+    return records()
 
 
 def prove(
@@ -599,6 +687,45 @@ def multistart(
     plan = StartsPlan(problem=stated, starts=starts, seed=seed, spread=spread, folder=_run_folder(stated, output))
     with shown(progress, job_progress, "starts") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
+
+
+def run_parallel(
+    task: Callable[[Any], Any],
+    arguments: Iterable[Any],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    should_stop: Stop = None,
+) -> Iterator[tuple[int, Any]]:
+    """Call a function for many arguments in several processes.
+
+    Parameters
+    ----------
+    task : function of a module that the processes can import, of one argument.
+    arguments : of the calls; arguments and results are pickled.
+    workers, scheduler : as for ``sweep``; with one worker the calls are made in this process.
+    should_stop : polled; True drops the calls that are not finished.
+
+    Yields
+    ------
+    number, result : index of an argument and result of its call, as calls finish. Instead of the result of a call that
+        failed in another process there is a ``FailedJob``, whose ``reason`` names the error.
+
+    Raises
+    ------
+    UnknownNameError
+        If the scheduler does not answer.
+    """
+    run = uuid4().hex  # no two runs on one scheduler have a key in common
+    jobs = (Job(key=f"{run}-{number}", argument=argument) for number, argument in enumerate(arguments))
+    processes = make_workers(workers, scheduler)
+    for key, result in run_jobs(partial(_call, task), jobs, processes, should_stop=should_stop):
+        yield int(key.rpartition("-")[2]), result
+
+
+def _call(task: Callable[[Any], Any], argument: Any, *_: Any) -> Any:
+    """Perform a job that has no parent."""
+    return task(argument)
 
 
 def _stated(problem: Problem | str | Path) -> Problem:

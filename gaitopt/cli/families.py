@@ -6,8 +6,6 @@ Results are kept as soon as they are computed; the same command resumes where it
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,17 +24,14 @@ from gaitopt.cli.options import (
     grid,
     number,
 )
-from gaitopt.cli.runs import SPECIAL, gait_of, load, report, special_records
-from gaitopt.cli.signals import interruptible
-from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
-from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
+from gaitopt.cli.runs import gait_of, load, report
+from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
+from gaitopt.errors import ProblemError, UnknownNameError
 
 if TYPE_CHECKING:
     from gaitopt.gait.branch import SpecialPoint
     from gaitopt.gait.gait import Gait
-    from gaitopt.problem.problem import Problem
     from gaitopt.runs.basin import Basin
-    from gaitopt.runs.branch import BranchPlan
     from gaitopt.runs.sweep import Sweep
 
 
@@ -98,81 +93,51 @@ def continue_(
     steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
     Every point is kept at once; the same command resumes a branch that was interrupted.
     """
-    from gaitopt.branches.request import Request
-    from gaitopt.runs.branch import BranchPlan
-
-    request = Request(
-        parameter=param,
-        to=tuple(number(value, "--to") for value in to),
-        lower=None if lower is None else number(lower, "--lower"),
-        upper=None if upper is None else number(upper, "--upper"),
-        max_points=max_points,
-        max_seconds=max_seconds,
-        verify_every=verify_every,
-        follow=counts(follow),
-    )
-    if SPECIAL in problem:
-        start, gait = _special_point(problem, changes)
-    else:
-        start, gait = None, gait_of(problem, changes, None, terminal)[0]
-    if not gait.converged:
-        report(gait, None, terminal)
-        return NOT_A_GAIT
-    request.first_gait(start or gait)
-    plan = BranchPlan(problem=gait.problem, request=request, start_type=start.type if start else "", output=output)
-    with plan.run.writing(plan.problem):
-        refuted = _walk(plan, start or gait, terminal)
-    return NOT_VERIFIED if refuted else 0
-
-
-def _special_point(place: str, changes: list[str] | None) -> "tuple[SpecialPoint, Gait]":
-    """The special point RUN@special.K and its gait; K counts from 0 in the order of the table."""
-    from gaitopt.branches.request import family_of
-    from gaitopt.store.gaits import special_point
-
-    if changes:
-        raise typer.BadParameter(f"--set changes a problem, but {place} is a point of a finished run")
-    run, _, index = place.rpartition(SPECIAL)
-    problem, parameter, records = special_records(run, f"{place}: ")
-    if not index.isdecimal() or int(index) >= len(records):
-        known = f"0 to {len(records) - 1}" if records else "none"
-        raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
-    if problem.free:  # whose values a point of the branch does not hold
-        words = "has free parameters: fix them at the values of the design, and continue that"
-        raise ProblemError(f"{problem.name} {words}")
-    special = special_point(family_of(problem, parameter), parameter, records[int(index)])
-    if special.gait is None:
-        raise SolveError(f"{place}: there is no gait at this {special.type}")
-    return special, special.gait
-
-
-def _walk(plan: "BranchPlan", start: "Gait | SpecialPoint", terminal: Terminal) -> bool:
-    """Walk along the family and show each record; True if the simulator refutes a gait at an end."""
-    from gaitopt.gait.records import special_gait
+    from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_branch, sequence
 
+    targets = [number(value, "--to") for value in to]
+    bounds = [
+        None if value is None else number(value, f"--{name}") for name, value in (("lower", lower), ("upper", upper))
+    ]
+    followed = counts(follow)
+    start: Gait | SpecialPoint
+    if stored.SPECIAL in problem:
+        if changes:
+            raise typer.BadParameter(f"--set changes a problem, but {problem} is a point of a finished run")
+        start, _ = stored.load_special_point(problem)
+        if start.gait is not None and start.gait.problem.free:  # whose values a point of the branch does not hold
+            words = "has free parameters: fix them at the values of the design, and continue that"
+            raise ProblemError(f"{start.gait.problem.name} {words}")
+    else:
+        start, *_ = gait_of(problem, changes, None, terminal, keep=False)
+        if not start.converged:
+            return report(start, None, terminal)
     refuted, summary = False, list[dict[str, Any]]()
-    with interruptible() as interrupted, _live(terminal, plan.request.parameter) as show:
-        done, to_come = plan.walk(start, should_stop=interrupted)
-        if done:
-            terminal.say(f"resumed from {plan.folder} after {len(done)} records")
-        for record in chain(done, to_come):
-            shown = {key: value for key, value in record.items() if key in SHOWN}
+    with interruptible() as interrupted, _live(terminal, param) as show:
+        records = verbs.continuation_records(
+            start, param, targets, lower=bounds[0], upper=bounds[1], max_points=max_points, max_seconds=max_seconds,
+            verify_every=verify_every, output=output, should_stop=interrupted, **followed,
+        )  # fmt: skip
+        head = next(records)
+        if head["stored"]:
+            terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
+        for record in records:
+            shown = {key: record[key] for key in SHOWN if key in record}
             if record["record"] == "point":
                 shown["sequence"] = sequence(record)
             else:
-                gait = special_gait(record)
-                verification = None if gait is None else gait["verification"]
-                refuted |= record["type"] == "end" and verification is not None and not verification["passed"]
+                verification = record["gait"].get("verification")
+                refuted |= record["type"] == "end" and bool(verification) and not verification["passed"]
             summary.append(shown)
-            if len(summary) > len(done):
+            if len(summary) > head["stored"]:
                 show(shown)
             if terminal.json:
                 terminal.print_json(record)
     if not terminal.json:
-        print_branch(terminal.results, summary, plan.request.parameter)
-        terminal.results.print(f"run: {plan.folder}", soft_wrap=True)
-    return refuted
+        print_branch(terminal.results, summary, param)
+        terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
+    return NOT_VERIFIED if refuted else 0
 
 
 @contextmanager
@@ -215,16 +180,13 @@ def front(
     from gaitopt.api.pictures import save_figures
     from gaitopt.gait.records import is_gait
     from gaitopt.show.tables import print_front
-    from gaitopt.store.run import Run
 
     ranges, loaded = grid(over), load(problem, changes, terminal)
     if len(ranges) != 1:
         raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
-    run = Run.of(loaded, output)
     with terminal.working("designs") as (progress, interrupted):
-        designs = verbs.front(loaded, ranges, output=run.folder, progress=progress, should_stop=interrupted)
-    with run.adding(run.place) as figures:
-        figures += save_figures(designs, run.place)
+        designs = verbs.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
+    figures = save_figures(designs, designs.file.parent) if designs.file is not None else []
     record = {**designs.to_record(), "file": str(designs.file), "figures": [str(figure) for figure in figures]}
     terminal.show(record, print_front, "file")
     gaits = [point.gait for point in designs if is_gait(point.gait)]
@@ -262,19 +224,17 @@ def sweep(
     from gaitopt.problem.scalars import SCALARS
     from gaitopt.runs.sweep import TABLE_FILE
     from gaitopt.show.tables import print_sweep
-    from gaitopt.store.run import Run
 
     if what not in SCALARS:
         raise UnknownNameError(f"--what {what}: no scalar of a sweep; use {', '.join(SCALARS)}")
     ranges, loaded = grid(over), load(problem, changes, terminal)
-    folder = Run.of(loaded, output).folder
     with terminal.working("jobs") as (progress, interrupted):
         swept = verbs.sweep(
-            loaded, ranges, warm=warm, from_guess=from_guess, workers=workers, scheduler=scheduler, output=folder,
+            loaded, ranges, warm=warm, from_guess=from_guess, workers=workers, scheduler=scheduler, output=output,
             progress=progress, should_stop=interrupted,
         )  # fmt: skip
     place = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
-    terminal.show({**swept.to_record(), **place, **_drawn(swept, folder, [what])}, print_sweep, "table")
+    terminal.show({**swept.to_record(), **place, **_drawn(swept, [what])}, print_sweep, "table")
     return 0
 
 
@@ -303,40 +263,26 @@ def basin(
 
     ranges = grid(over)
     choose_engine(engine)
-    start, folder = _start(run, changes, output, terminal)
+    gait, folder, fresh = gait_of(run, changes, output, terminal)
+    if fresh and not gait.converged:
+        terminal.say(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
     if engine == Engine.AUTO and not is_installed():
         terminal.say(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
     with terminal.working("tiles") as (progress, interrupted):
         result = verbs.basin(
-            start, ranges, steps=steps, engine=engine, workers=workers, scheduler=scheduler, output=folder,
-            progress=progress, should_stop=interrupted,
+            gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, workers=workers,
+            scheduler=scheduler, output=folder, progress=progress, should_stop=interrupted,
         )  # fmt: skip
-    record = {**result.to_record(), "run": str(result.folder), **_drawn(result, folder, ())}
+    record = {**result.to_record(), "run": str(result.folder), **_drawn(result, ())}
     terminal.show(record, print_basin, "run")
     return 0
 
 
-def _drawn(result: "Sweep | Basin", run: Path, what: Sequence[str]) -> dict[str, list[str]]:
+def _drawn(result: "Sweep | Basin", what: Sequence[str]) -> dict[str, list[str]]:
     """Draw a sweep or a basin over one or two keys into its folder; the entry ``figures`` of its record."""
-    from gaitopt.api.pictures import DRAWN_AXES, save_figures
-    from gaitopt.store.run import Run
+    from gaitopt.api.pictures import save_figures
+    from gaitopt.show.catalogue import DRAWN_AXES
 
     if result.folder is None or len(result.grid.axes) > DRAWN_AXES:
         return {}
-    with Run(run).adding(result.folder) as figures:
-        figures += save_figures(result, result.folder, what)
-    return {"figures": [str(path) for path in figures]}
-
-
-def _start(
-    run: str, changes: list[str] | None, output: Path | None, terminal: Terminal
-) -> "tuple[Gait | Problem, Path]":
-    """The gait around which the grid lies, or the problem if it has no gait; and the run folder."""
-    from gaitopt.api.stored import save
-
-    gait, folder, fresh = gait_of(run, changes, output, terminal)
-    if gait.converged and fresh:
-        save(gait, folder)
-    elif fresh:
-        terminal.say(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
-    return (gait if gait.converged else gait.problem), folder
+    return {"figures": [str(path) for path in save_figures(result, result.folder, what)]}

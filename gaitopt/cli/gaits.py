@@ -21,30 +21,16 @@ from gaitopt.cli.options import (
     key_value,
     ranges,
 )
-from gaitopt.cli.runs import (
-    SPECIAL,
-    gait_of,
-    is_folder,
-    load,
-    report,
-    shown_result,
-    solve_verified,
-    special_records,
-    stored_branch,
-    stored_gait,
-)
-from gaitopt.cli.signals import interruptible
-from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
-from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
+from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, solve_verified, stored_gait
+from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 
 if TYPE_CHECKING:
-    from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
     from gaitopt.proof.check import Proof
     from gaitopt.verification.walk import Walk
 
 
-ATTRACTOR = "@attractor."
 LARGEST_SPREAD = 0.99
 """Below one, no coordinate of a sample changes its sign."""
 StartOption = Annotated[
@@ -94,24 +80,29 @@ def solve(
     With --starts the distinct solutions are listed and the best one is kept. The result of each start is kept in the
     run folder, so that the same command resumes where it stopped.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
-    if ATTRACTOR in problem:
+    if stored.ATTRACTOR in problem:
         if changes or start or starts > 1 or from_guess:
             raise typer.BadParameter(
                 f"{problem} is a gait as it is: --set, --start, --starts and --from-guess change a problem"
             )
-        return _solve_attractor(problem, output, terminal)
+        attractor = stored.load_attractor(problem)
+        folder = Run.of(attractor.problem, output).folder
+        with shown_result(lambda gait: report(gait, folder, terminal)), terminal.solving(problem) as (progress, stop):
+            gait = verbs.solve(attractor, output=output or True, progress=progress, should_stop=stop)
+        return report(gait, Run.of(gait.problem, output).folder, terminal)
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded
     loaded = _started(loaded, start, terminal) if start else loaded
     folder = Run.of(loaded, output).folder
+    if starts == 1:
+        with shown_result(lambda gait: report(gait, folder, terminal)):
+            gait = solve_verified(loaded, terminal, folder)
+        return report(gait, folder, terminal)
     with Run(folder).writing(loaded):
-        if starts == 1:
-            gait = solve_verified(loaded, terminal)
-            return report(gait, folder if gait.converged else None, terminal, store=True)
         with terminal.working("starts") as (progress, interrupted):
             optima = verbs.multistart(
                 loaded, starts, seed=seed, spread=spread, workers=workers, scheduler=scheduler, output=folder,
@@ -119,53 +110,28 @@ def solve(
             )  # fmt: skip
         if not terminal.json:
             print_optima(terminal.results, optima, starts)
-        about = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
-        gait = replace(solve_verified(optima[0].problem if optima else loaded, terminal), problem=loaded)
-        return report(gait, folder if gait.converged else None, terminal, store=True, about=about)
-
-
-def _solve_attractor(place: str, output: Path | None, terminal: Terminal) -> int:
-    """Solve the gait of RUN@attractor.K, verify it and store it."""
-    from gaitopt.api import verbs
-    from gaitopt.runs.basin import stored_attractor
-    from gaitopt.store.run import Run
-
-    run, _, index = place.rpartition(ATTRACTOR)
-    attractor = stored_attractor(Path(run), index)
-
-    def show(gait: "Gait") -> int:
-        return report(gait, Run.of(gait.problem, output).folder if gait.converged else None, terminal)
-
-    with shown_result(show), terminal.solving(place) as (progress, interrupted):
-        gait = verbs.solve(attractor, output=output or True, progress=progress, should_stop=interrupted)
-    return show(gait)
+        more = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
+        gait = replace(solve_verified(optima[0].problem if optima else loaded, terminal, None), problem=loaded)
+        with shown_result(lambda gait: report(gait, folder, terminal, more)):
+            if gait.converged:
+                stored.save(gait, folder)
+        return report(gait, folder, terminal, more)
 
 
 def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     """The problem with the gait of ``--start`` as its guess."""
-    gait = _branch_point(start) if "@" in start else gait_of(start, None, None, terminal)[0]
+    from gaitopt.api.stored import load_branch_point
+
+    if "@" in start:
+        gait = load_branch_point(start, "--start ").gait
+    else:
+        gait, *_ = gait_of(start, None, None, terminal, keep=False)
     if not gait.converged:
         raise SolveError(f"--start {start}: {gait.status}: {gait.message}")
     model, needed = gait.problem.walker.model, problem.walker.model
     if model != needed:
         raise ProblemError(f"--start {start}: a gait of {model}, but {problem.name} has {needed}")
     return problem.with_guess(gait.to_record(), gait.dynamics.parameters)
-
-
-def _branch_point(start: str) -> "Gait":
-    """The gait of a point of a branch, RUN@BRANCH.INDEX."""
-    from gaitopt.branches.request import family_of
-    from gaitopt.store.gaits import branch_gait
-
-    run, _, place = start.rpartition("@")
-    problem, parameter, records = stored_branch(run, f"--start {start}: ")
-    points = {f"{r['branch']}.{r['index']}": r for r in records if r["record"] == "point"}
-    if place not in points:
-        raise StorageError(
-            f"--start {start}: the branch has no point {place}; its points are {next(iter(points))} to "
-            f"{list(points)[-1]}, in columns branch and index of branch.csv"
-        )
-    return branch_gait(family_of(problem, parameter), parameter, points[place]["value"], points[place])
 
 
 StateOption = Annotated[
@@ -197,7 +163,7 @@ def simulate(
     from gaitopt.api.stored import compared
     from gaitopt.show.tables import print_walk
 
-    start = stored_gait(run, changes)[0] if is_folder(run) else load(run, changes)
+    start = stored_gait(run, changes) if is_folder(run) else load(run, changes)
     begin = options.state(state)
 
     def show(walk: "Walk") -> None:
@@ -231,17 +197,20 @@ def verify(
     from gaitopt.simulation.engine import choose_engine
 
     choose_engine(engine)
-    gait, folder, fresh = gait_of(run, changes, output, terminal)
+    with shown_result(lambda gait: report(gait, None, terminal)):
+        gait, folder, fresh = gait_of(run, changes, output, terminal)
     if not gait.converged:
         return report(gait, None, terminal)
     if not fresh or engine != "auto":
         terminal.say("verifying by forward simulation")
         gait = gait.verified(verbs.verify(gait, engine=engine).to_record())
+        if fresh:
+            gait.save(folder)
     if not optimum:
-        return report(gait, folder, terminal, store=fresh)
+        return report(gait, folder, terminal)
     with terminal.working("directions") as (progress, _):
         searched = verbs.neighbourhood(gait, progress=progress)
-    code = report(gait, folder, terminal, store=fresh, about={"neighbourhood": searched.to_record()})
+    code = report(gait, folder, terminal, {"neighbourhood": searched.to_record()})
     if not terminal.json:
         terminal.results.print(searched.words)
     return code if searched.optimal else NOT_VERIFIED
@@ -276,18 +245,16 @@ def find(
     stable ones first. Finished parts are kept; the same command resumes where it stopped.
     """
     from gaitopt.api import verbs
-    from gaitopt.search.find import opened
     from gaitopt.show.tables import print_gaits
     from gaitopt.store.run import Run
 
-    loaded = opened(load(problem, changes))
-    loaded = loaded if steps is None else loaded.replace({"gait.steps": steps})
-    folder = Run.of(loaded, output).folder
+    loaded = load(problem, changes)
     with terminal.working("parts of the search") as (progress, interrupted):
         gaits = verbs.find(
-            loaded, starts=starts, seed=seed, within=ranges(within), workers=workers, scheduler=scheduler,
-            output=folder, progress=progress, should_stop=interrupted,
+            loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), workers=workers, scheduler=scheduler,
+            output=output or True, progress=progress, should_stop=interrupted,
         )  # fmt: skip
+    folder = Run.of(gaits.problem, output).folder
     terminal.show({**gaits.to_record(), "run": str(folder)}, print_gaits, "run")
     return 0 if gaits else NOT_A_GAIT
 
@@ -349,7 +316,7 @@ def prove(
     For a special point of a branch, prove that the family exists around it, and that the function that defines it
     changes its sign. --set KEY=LO..HI proves the gait for all values of an interval.
     """
-    from gaitopt.api import verbs
+    from gaitopt.api import stored, verbs
 
     if check:
         if changes or output is not None:
@@ -357,43 +324,33 @@ def prove(
         return _report_proof(verbs.check_proof(run), Path(run), terminal)
     if width is not None and not NARROWEST <= width <= WIDEST:
         raise typer.BadParameter(f"--width {width:g} is not between {NARROWEST:g} and {WIDEST:g}")
-    if SPECIAL in run:
+    if stored.SPECIAL in run:
         if changes:
             raise typer.BadParameter("--set changes a problem, but this is the branch of a finished run; leave it out")
         return _prove_special(run, width, output, terminal)
     if width is not None:
         raise typer.BadParameter("--width is that of the bracket of a special point, RUN@special.K")
-    return _prove_gait(run, changes, output, terminal)
-
-
-def _prove_gait(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> int:
-    from gaitopt.api import verbs
-    from gaitopt.api.stored import save
-
-    changes, intervals = _intervals(changes)
-    gait, folder, fresh = gait_of(run, changes, output, terminal)
+    values, intervals = _intervals(changes)
+    gait, folder, _ = gait_of(run, values, output, terminal)
     if not gait.converged:
         return report(gait, None, terminal)
-    if fresh:
-        save(gait, folder)
     terminal.say(f"proving {gait.problem.name}: ten seconds to some minutes")
     file = folder / verbs.CERTIFICATE_FILE
     return _report_proof(verbs.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
 
 
-def _prove_special(target: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
-    from gaitopt.api import verbs
-    from gaitopt.branches.request import family_of
+def _prove_special(place: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
+    from gaitopt.api import stored, verbs
     from gaitopt.problem.faults import shown
-    from gaitopt.store.gaits import special_point
 
-    run, _, number = target.rpartition(SPECIAL)
-    problem, parameter, records = special_records(run)
-    if not number.isdecimal() or len(number) > MOST_DIGITS or int(number) >= len(records):
-        raise UnknownNameError(f"{run} has no special point {shown(number)}; it has {len(records)}, from 0")
-    special = special_point(family_of(problem, parameter), parameter, records[int(number)])
+    run, _, number = place.rpartition(stored.SPECIAL)
+    count = len(stored.special_records(run)[2])
+    if not number.isdecimal() or len(number) > MOST_DIGITS or int(number) >= count:
+        raise UnknownNameError(f"{run} has no special point {shown(number)}; it has {count}, from 0")
+    special, parameter = stored.load_special_point(place)
     file = (output or Path(run)) / f"special-{number}-{verbs.CERTIFICATE_FILE}"
-    terminal.say(f"proving {special.type} of {problem.name} near {parameter} = {special.value:.9g}: some minutes")
+    name = special.gait.problem.name if special.gait is not None else run
+    terminal.say(f"proving {special.type} of {name} near {parameter} = {special.value:.9g}: some minutes")
     with shown_result(lambda gait: report(gait, None, terminal)):
         proof = verbs.prove(special, parameter=parameter, width=width, output=file, progress=terminal.say)
     return _report_proof(proof, file, terminal)

@@ -17,10 +17,17 @@ import typer
 from gaitopt import __version__
 from gaitopt.cli.families import basin, continue_, front, sweep
 from gaitopt.cli.gaits import explain, find, prove, simulate, solve, verify
-from gaitopt.cli.pictures import plot, report, reproduce
-from gaitopt.cli.problems import list_problems, schema, show, validate
-from gaitopt.cli.signals import listening
-from gaitopt.cli.terminal import BROKEN_PIPE, INTERNAL_ERROR, STORAGE, USAGE, Terminal, allow_any_encoding, printable
+from gaitopt.cli.terminal import (
+    BROKEN_PIPE,
+    INTERNAL_ERROR,
+    STORAGE,
+    USAGE,
+    Terminal,
+    allow_any_encoding,
+    listening,
+    printable,
+)
+from gaitopt.cli.views import list_problems, plot, report, reproduce, schema, show, validate
 from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
 
 PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to ", "what": "--what "}

@@ -1,7 +1,4 @@
-"""The argument RUN: a run folder, or a problem whose gait is taken from the store or solved now.
-
-``RUN@BRANCH.INDEX`` and ``RUN@special.K`` are points and special points of the branch in a run folder.
-"""
+"""The argument RUN: a run folder, or a problem whose gait is taken from the store or solved now."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,7 +9,7 @@ import typer
 
 from gaitopt.cli.options import overrides
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
-from gaitopt.errors import GaitoptError, StorageError, UnknownNameError
+from gaitopt.errors import GaitoptError, UnknownNameError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,7 +19,6 @@ if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
 
 
-SPECIAL = "@special."
 PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
@@ -61,8 +57,8 @@ def is_folder(run: str) -> bool:
     return is_dir
 
 
-def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
-    """The gait in a run folder, and the folder; ``--set`` is an error, because a finished run cannot change."""
+def stored_gait(run: str, changes: list[str] | None) -> "Gait":
+    """The gait in a run folder; ``--set`` is an error, because a finished run cannot change."""
     from gaitopt.runs.results import refuse_other_results, restore_gait
     from gaitopt.store.run import GAIT_FILE
 
@@ -71,32 +67,33 @@ def stored_gait(run: str, changes: list[str] | None) -> "tuple[Gait, Path]":
     folder = Path(run)
     if not (folder / GAIT_FILE).is_file():
         refuse_other_results(folder)
-    return restore_gait(folder), folder
+    return restore_gait(folder)
 
 
-def gait_of(run: str, changes: list[str] | None, output: Path | None, terminal: Terminal) -> "tuple[Gait, Path, bool]":
-    """A gait, its run folder, and whether it was solved just now; it is then verified, but not yet stored."""
-    from gaitopt.store.run import GAIT_FILES, Run
+def gait_of(
+    run: str, changes: list[str] | None, output: Path | None, terminal: Terminal, *, keep: bool = True
+) -> "tuple[Gait, Path, bool]":
+    """A gait, its run folder, and whether it was solved just now; it is then verified, and stored if ``keep``."""
+    from gaitopt.api import stored
+    from gaitopt.store.run import Run
 
     if is_folder(run):
-        return (*stored_gait(run, changes), False)
+        return stored_gait(run, changes), Path(run), False
     problem = load(run, changes, terminal)
-    stored = Run.of(problem, output)
-    folder = stored.folder
-    stored.check(problem)
-    if stored.holds(*GAIT_FILES):
+    folder = Run.of(problem, output).folder
+    gait = stored.stored_gait(problem, folder)
+    if gait is not None:
         terminal.say(f"taken from {folder}")
-        return (*stored_gait(str(folder), None), False)
-    return solve_verified(problem, terminal), folder, True
+        return gait, folder, False
+    return solve_verified(problem, terminal, folder if keep else None), folder, True
 
 
 def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
-    """Gaits and their run folders; new gaits are stored, and failed solves are reported.
+    """Gaits and their run folders; failed solves are reported.
 
-    A stored gait is read back: times in a run folder are rounded sums, and a command that is repeated must write the
-    same figures to the last byte.
+    A new gait is read back from its folder: times there are rounded sums, and a command that is repeated must write
+    the same figures to the last byte.
     """
-    from gaitopt.api.stored import save
     from gaitopt.runs.results import restore_gait
 
     gaits, folders = list["Gait"](), list[Path]()
@@ -105,36 +102,27 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
         if not gait.converged:
             report(gait, None, terminal)
         elif fresh:
-            gait = restore_gait(save(gait, folder))
+            gait = restore_gait(folder)
         gaits.append(gait)
         folders.append(folder)
     return gaits, folders
 
 
-def solve_verified(problem: "Problem", terminal: Terminal) -> "Gait":
-    """The gait of a problem with its verification, or the failed solve."""
+def solve_verified(problem: "Problem", terminal: Terminal, folder: Path | None) -> "Gait":
+    """The gait of a problem with its verification, stored in a folder if one is given; or the failed solve."""
     from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
-        gait = verbs.solve(problem, progress=progress, should_stop=interrupted)
+        gait = verbs.solve(problem, output=folder or False, progress=progress, should_stop=interrupted)
     if not gait.converged:
         return gait
     if gait.message != "solved":
         terminal.say(gait.message)
-    terminal.say("verifying by forward simulation")
-    return gait.verified(verbs.verify(gait).to_record())
+    return gait if gait.verification is not None else gait.verified(verbs.verify(gait).to_record())
 
 
-def report(
-    gait: "Gait",
-    folder: Path | None,
-    terminal: Terminal,
-    *,
-    store: bool = False,
-    about: "Mapping[str, Any] | None" = None,
-) -> int:
-    """Print a gait with the entries of ``about``, or its failure, and store it if ``store``; returns the exit code."""
-    from gaitopt.api.stored import save
+def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping[str, Any] | None" = None) -> int:
+    """Print a gait with the entries of ``more``, or its failure; returns the exit code."""
     from gaitopt.show.tables import print_gait
 
     def print_attempt(console: "Any", record: "Mapping[str, Any]") -> None:
@@ -144,12 +132,9 @@ def report(
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
         console.print(f"`gaitopt explain {gait.problem.name}` says more")
 
-    record = {**gait.to_record(), "run": None if folder is None else str(folder), **(about or {})}
-    try:
-        if store and folder is not None:
-            save(gait, folder)
-    finally:  # a gait is printed even if it cannot be stored
-        terminal.show(record, print_attempt, *(["run"] if gait.converged and folder is not None else []))
+    folder = folder if gait.converged else None
+    record = {**gait.to_record(), "run": None if folder is None else str(folder), **(more or {})}
+    terminal.show(record, print_attempt, *([] if folder is None else ["run"]))
     if not gait.converged:
         return NOT_A_GAIT
     return 0 if gait.verification is None or gait.verification["passed"] else NOT_VERIFIED
@@ -164,19 +149,3 @@ def shown_result(show: "Callable[[Any], object]") -> Iterator[None]:
         if error.result is not None:
             show(error.result)
         raise
-
-
-def stored_branch(run: str, label: str = "") -> "tuple[Problem, str, list[BranchRecord]]":
-    """Problem, parameter and records of the branch in a run folder; error messages begin with ``label``."""
-    from gaitopt.runs import branch
-    from gaitopt.runs.results import kind_of
-
-    if kind_of(Path(run)) != "branch":
-        raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
-    return branch.stored_branch(Path(run))
-
-
-def special_records(run: str, label: str = "") -> "tuple[Problem, str, list[SpecialRecord]]":
-    """Problem and parameter of a branch, and the records of its special points in the order of its table."""
-    problem, parameter, records = stored_branch(run, label)
-    return problem, parameter, [record for record in records if record["record"] == "special"]

@@ -1,18 +1,23 @@
-"""The output of a command: its result on stdout, as tables or JSON; narration and progress on stderr.
+"""The output of a command, and the signals that end it.
 
-Texts are printed as they are, but no terminal obeys them: control characters, and characters that the encoding of the
-stream lacks, are written as escapes.
+The result goes to stdout, as tables or JSON; narration and progress go to stderr. Texts are printed as they are, but no
+terminal obeys them: control characters, and characters that the encoding of the stream lacks, are written as escapes.
+
+Ctrl-C and SIGTERM end every command in the same way, with everything that is finished on the disk.
 """
 
+import os
+import signal
 import sys
+import threading
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.cli.signals import interruptible
 from gaitopt.threads import cached_property
 
 if TYPE_CHECKING:
@@ -20,8 +25,10 @@ if TYPE_CHECKING:
 
 
 INTERNAL_ERROR, USAGE, NOT_A_GAIT, NOT_VERIFIED, STORAGE = 1, 2, 4, 5, 6
-BROKEN_PIPE = 141
-"""The reader of the output has closed it: as a shell reports a program that SIGPIPE has ended."""
+INTERRUPTED, BROKEN_PIPE, TERMINATED = 130, 141, 143
+"""Exit codes, as a shell reports a program that SIGINT, SIGPIPE or SIGTERM has ended."""
+PIPED_WIDTH = 160
+"""Width of tables that do not go to a terminal [characters]."""
 
 LAYOUT = "\n\t"
 """Control characters that a text may contain."""
@@ -48,6 +55,29 @@ def _is_control(char: str) -> bool:
     return char not in LAYOUT and (category[0] == "C" or category in ("Zl", "Zp"))
 
 
+def console(*, stderr: bool, quiet: bool = False) -> "Console":
+    """A console on stdout or stderr that prints texts as they are, without markup, and escapes control characters.
+
+    It raises BrokenPipeError, for which ``main`` has an exit code.
+    """
+    from rich.console import Console  # importing rich takes a while, and help needs none of it
+    from rich.segment import Segment
+
+    class ResultConsole(Console):
+        def render(self, renderable: Any, options: Any = None) -> Iterable[Segment]:
+            """Escape control characters in all texts, but not in the styles of the console itself."""
+            for segment in super().render(renderable, options):
+                yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
+        def on_broken_pipe(self) -> None:
+            """Raise the error, where rich would exit."""
+            raise BrokenPipeError
+
+    stream = sys.stderr if stderr else sys.stdout
+    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPED_WIDTH
+    return ResultConsole(stderr=stderr, quiet=quiet, width=width, markup=False, highlight=False, emoji=False)
+
+
 class Terminal:
     """Output of one command: results on stdout, as tables or with --json as JSON; narration and progress on stderr."""
 
@@ -57,15 +87,11 @@ class Terminal:
     @cached_property
     def narration(self) -> "Console":
         """The console of narration and progress, silent with --quiet."""
-        from gaitopt.cli.console import console
-
         return console(stderr=True, quiet=self._quiet)
 
     @cached_property
     def results(self) -> "Console":
         """The console of results; texts are printed as they are, without markup."""
-        from gaitopt.cli.console import console
-
         return console(stderr=False)
 
     def say(self, words: str) -> None:
@@ -107,3 +133,80 @@ class Terminal:
 
         with interruptible() as interrupted, solver_progress(self.narration, f"solving {name}") as progress:
             yield progress, interrupted
+
+
+class SignalRecord:
+    """The signals that the command has received."""
+
+    def __init__(self) -> None:
+        self._received: list[int] = []
+
+    def interrupt(self, signum: int, frame: FrameType | None) -> None:
+        """Handle SIGINT."""
+        self._received.append(signum)
+        raise KeyboardInterrupt
+
+    def terminate(self, signum: int, frame: FrameType | None) -> None:
+        """Handle SIGTERM by the current handler of SIGINT."""
+        self._received.append(signum)
+        signal.raise_signal(signal.SIGINT)
+
+    def __bool__(self) -> bool:
+        return bool(self._received)
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code for the first signal; an interrupt without a signal counts as Ctrl-C."""
+        return TERMINATED if self._received[:1] == [signal.SIGTERM] else INTERRUPTED
+
+    @property
+    def words(self) -> str:
+        """What the user is told."""
+        return "terminated" if self.exit_code == TERMINATED else "interrupted"
+
+
+@contextmanager
+def listening() -> Iterator[SignalRecord]:
+    """Turn both signals into a KeyboardInterrupt within the block, if this is the main thread."""
+    record = SignalRecord()
+    if threading.current_thread() is not threading.main_thread():
+        yield record
+        return
+    handlers = {signal.SIGINT: record.interrupt, signal.SIGTERM: record.terminate}
+    before = {signum: signal.signal(signum, handler) for signum, handler in handlers.items()}
+    try:
+        yield record
+    finally:
+        for signum, handler in before.items():
+            signal.signal(signum, handler)
+
+
+@contextmanager
+def interruptible() -> Iterator[Callable[[], bool]]:
+    """Yield a function that tells whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
+
+    CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, or turns it into an error of its own;
+    hence the flag. Python delivers signals to the main thread only: in other threads the flag stays down.
+    """
+    pressed = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield pressed.is_set
+        return
+
+    def remember(signum: int, frame: FrameType | None) -> None:
+        pressed.set()
+        if callable(before):
+            before(signum, frame)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, remember)
+    try:
+        yield pressed.is_set
+    except Exception as error:
+        if pressed.is_set():
+            raise KeyboardInterrupt from error
+        raise
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed.is_set():
+        raise KeyboardInterrupt

@@ -2,28 +2,37 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 import gaitopt as go
 from gaitopt.paper.gaits import FAMILIES, SHOWN, Archive, Records, copied_torques, family_of, gait_of
-from gaitopt.show.families import over_parameter
-from gaitopt.show.gaits import force_ratio, phase_portrait
-from gaitopt.show.labels import Parameter, label
-from gaitopt.show.motion import Motion, motion_of
-from gaitopt.show.style import COLOURS, entry, legend_below, panels
 
-Draw = Callable[[Archive, Mapping[str, str]], Figure]
+Draw = Callable[[Archive, Mapping[str, str]], Axes]
 
+COLOURS, NEUTRAL = ("#0072b2", "#d55e00"), "#4d4d4d"
+"""Colours of the torques, and of legend entries that stand for both."""
 CONSTANT = (0, (1.2, 1.4))
 """Line style of the constant torques."""
+SIZE = (6.0, 4.0)
+"""Width and height of a figure [inch]."""
 SAME = 1e-9
 """Largest difference of coefficients of friction that count as equal."""
 LAST = 10**9
 """Index of a point after all others of its branch."""
 
 
-def _motions(archive: Archive, names: Mapping[str, str]) -> list[Motion]:
-    return [motion_of(gait_of(archive, name), words) for name, words in names.items()]
+def _gaits(what: str) -> Draw:
+    return lambda archive, names: go.plot({words: gait_of(archive, name) for name, words in names.items()}, what)
+
+
+def _families(quantity: str) -> Draw:
+    def draw(archive: Archive, names: Mapping[str, str]) -> Axes:
+        families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
+        return go.plot(families, quantity)
+
+    return draw
 
 
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
@@ -38,51 +47,44 @@ def _drawn(records: Records, targets: Sequence[float]) -> Records:
     return [record for record in records if record not in ends] + last + inner
 
 
-def _torques(passive: go.Gait, constant: go.Gait) -> Figure:
+def _torques(archive: Archive, names: Mapping[str, str]) -> Axes:
     """Torques that copy the passive gait on level ground, and the constants of gait I beside them."""
-    figure, (axes,) = panels()
+    passive, constant = (gait_of(archive, name) for name in names)
     handles = []
-    for k, (name, colour) in enumerate(zip(passive.system.walker.actuators, COLOURS, strict=False)):
-        for times, torques in copied_torques(passive):
-            axes.plot(times, torques[:, k], color=colour)
-        axes.axhline(constant.problem.parameters[f"control.{name}"], color=colour, linestyle=CONSTANT, linewidth=1.3)
-        handles.append(entry(name, color=colour))
-    axes.set_ylim(bottom=0)
-    axes.set_xlabel(str(label("time")))
-    axes.set_ylabel("torque [N m]")
-    copies = entry("copies the passive gait on level ground")
-    legend_below(figure, [*handles, copies, entry("constant, gait I", linestyle=CONSTANT, linewidth=1.3)])
-    return figure
-
-
-def _portrait(archive: Archive, names: Mapping[str, str]) -> Figure:
-    return phase_portrait(_motions(archive, names))
-
-
-def _over_friction(quantity: str) -> Draw:
-    def draw(archive: Archive, names: Mapping[str, str]) -> Figure:
-        families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
-        return over_parameter(families, Parameter(key="friction"), quantity)
-
-    return draw
+    with go.figure_style():
+        figure = Figure(figsize=SIZE)
+        axes = figure.subplots()
+        for k, (name, colour) in enumerate(zip(passive.system.walker.actuators, COLOURS, strict=True)):
+            for times, torques in copied_torques(passive):
+                axes.plot(times, torques[:, k], color=colour)
+            value = constant.problem.parameters[f"control.{name}"]
+            axes.axhline(value, color=colour, linestyle=CONSTANT, linewidth=1.3)
+            handles.append(Line2D([], [], label=name, color=colour))
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("time since impact [s]")
+        axes.set_ylabel("torque [N m]")
+        handles.append(Line2D([], [], label="copies the passive gait on level ground", color=NEUTRAL))
+        handles.append(Line2D([], [], label="constant, gait I", color=NEUTRAL, linestyle=CONSTANT, linewidth=1.3))
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return axes
 
 
 FIGURES: Mapping[str, Draw] = {
-    "fig2": _portrait,
-    "fig3": lambda archive, names: force_ratio(_motions(archive, names), against="theta"),
-    "fig4": _over_friction("spectral_radius"),
-    "fig6": _portrait,
-    "fig7": lambda archive, names: force_ratio(_motions(archive, names)),
-    "fig8": _portrait,
-    "fig8-frictionless": _portrait,
-    "fig9": _over_friction("spectral_radius"),
-    "fig10": lambda archive, names: _torques(*(gait_of(archive, name) for name in names)),
-    "fig11": _over_friction("cost_of_transport"),
-    "fig12": _over_friction("spectral_radius"),
+    "fig2": _gaits("portrait"),
+    "fig3": _gaits("force_over_theta"),
+    "fig4": _families("spectral_radius"),
+    "fig6": _gaits("portrait"),
+    "fig7": _gaits("force"),
+    "fig8": _gaits("portrait"),
+    "fig8-frictionless": _gaits("portrait"),
+    "fig9": _families("spectral_radius"),
+    "fig10": _torques,
+    "fig11": _families("cost_of_transport"),
+    "fig12": _families("spectral_radius"),
 }
 """Draws each figure from the gaits in it."""
 
 
-def draw(archive: Archive, name: str) -> Figure:
+def draw(archive: Archive, name: str) -> Axes:
     """One figure."""
     return FIGURES[name](archive, SHOWN[name])

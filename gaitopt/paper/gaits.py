@@ -8,9 +8,7 @@ torques that let a walker on level ground copy the joint angles of a walk down a
 because the slope enters the equations of motion (2) only through G, and the contact force only the rows of x and y.
 """
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -20,20 +18,20 @@ from typing import Any
 import numpy as np
 from casadi import Function
 from numpy.polynomial import Chebyshev
+from numpy.typing import NDArray
 
 import gaitopt as go
-from gaitopt.arrays import Array
-from gaitopt.branches.request import Request
 from gaitopt.building import built_once
 from gaitopt.errors import SolveError
-from gaitopt.gait.branch import TERMINAL
-from gaitopt.model.lagrangian import equations_of_motion
-from gaitopt.runs.branch import BranchPlan
-from gaitopt.store.run import GAIT_FILE, RESULTS, Run
 
-Records = Sequence[Mapping[str, Any]]
-"""Points and special points of a family, as a run folder holds them."""
+Array = NDArray[np.float64]
+Records = list[dict[str, Any]]
+"""The request of a family and its points and special points, as ``gaitopt.load_records`` returns them."""
 
+RESULTS = Path("results")
+"""Folder of the run folders."""
+ENDS = ("end", "vanishing", "lift_off", "painleve")
+"""Types of special points at which a family ends."""
 FRICTIONLESS: Mapping[str, Any] = MappingProxyType({"impact_law": "frictionless"})
 PRINTED_TORQUES: Mapping[str, tuple[float, float]] = MappingProxyType({"I": (-2.73, 0.54), "II": (-0.69, 0.12)})
 """tau1 and tau2 as printed [N m]."""
@@ -74,7 +72,7 @@ SOURCES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         for end in ("linear", "hold", "off")
     },
 }
-"""go.Problem and changes of every gait that a figure or a number needs."""
+"""Named problem and changed values of every gait that a figure or a number needs."""
 
 FAMILIES: Mapping[str, tuple[float, ...]] = {
     "II, frictionless impact": (0.1, 0.3),
@@ -148,64 +146,57 @@ class Archive:
         StorageError
             If its run folder is broken or taken, or cannot be written.
         """
-        if problem.digest in self._gaits:
-            return self._gaits[problem.digest]
-        run = self._gait_run(problem)
-        gait = go.load_run(run.folder) if run.path(GAIT_FILE).is_file() else None
-        if not isinstance(gait, go.Gait):
-            self.narrate(f"solving {_description(problem)}")
-            gait = go.solve(problem, progress=False, should_stop=self.should_stop)
+        if problem.digest not in self._gaits:
+            if not self.has_gait(problem):
+                self.narrate(f"solving {_description(problem)}")
+            folder = self._folder(problem)
+            gait = go.solve(problem, output=folder, reuse=True, progress=False, should_stop=self.should_stop)
             if self.should_stop():
                 raise KeyboardInterrupt
-            if not gait.steps:
+            if not gait.converged:
                 raise SolveError(f"{problem.name} is {gait.status}: {gait.message}")
-            verification = go.verify(gait)
-            if not verification.passed:
-                raise SolveError(f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify")
-            gait = gait.verified(verification.to_record())
-            gait.save(run.folder)
-        self._gaits[problem.digest] = gait
-        return gait
+            if gait.verification is None or not gait.verification["passed"]:
+                raise SolveError(
+                    f"{problem.name}: the forward simulation refutes the gait; see gaitopt verify {folder}"
+                )
+            self._gaits[problem.digest] = gait
+        return self._gaits[problem.digest]
 
     def has_gait(self, problem: go.Problem) -> bool:
-        """Whether the gait is there already."""
-        return problem.digest in self._gaits or self._gait_run(problem).path(GAIT_FILE).is_file()
+        """Whether the gait has been computed."""
+        return problem.digest in self._gaits or (self._folder(problem) / "gait.json").is_file()
 
     def family(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> Records:
         """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``.
 
-        A family whose computation was interrupted is taken up where it ended.
+        A family whose computation was interrupted is resumed.
         """
-        plan = self._family_plan(problem, parameter, to)
-        if plan.folder not in self._families:
-            if not _is_complete(plan):
-                gait = self.gait(problem)
-                targets = " and ".join(f"{value:g}" for value in to)
-                self.narrate(f"continuing {_description(problem)} in {parameter} to {targets}")
-                with plan.run.writing(problem):
-                    _, points = plan.walk(gait, should_stop=self.should_stop)
-                    deque(points, maxlen=0)
-            self._families[plan.folder] = plan.stored()
-        return self._families[plan.folder]
+        folder = self._family_folder(problem, parameter, to)
+        if not self.has_family(problem, parameter, to):
+            gait = self.gait(problem)
+            targets = " and ".join(f"{value:g}" for value in to)
+            self.narrate(f"continuing {_description(problem)} in {parameter} to {targets}")
+            points = go.continuation_records(gait, parameter, to, output=folder, should_stop=self.should_stop)
+            self._families[folder] = list(points)
+        return self._families[folder]
 
     def has_family(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> bool:
-        """Whether the whole family is there already."""
-        return _is_complete(self._family_plan(problem, parameter, to))
+        """Whether the family has been computed towards all targets."""
+        folder = self._family_folder(problem, parameter, to)
+        if folder not in self._families and (folder / "branch.jsonl").is_file():
+            head, *records = go.load_records(folder)
+            ends = [record for record in records if record.get("type") in ENDS and not record.get("open")]
+            if head.get("to") == [*to] and len(ends) >= len(to):
+                self._families[folder] = [head, *records]
+        return folder in self._families
 
-    def _gait_run(self, problem: go.Problem) -> Run:
-        """The run folder of a problem's gait, which need not exist yet."""
-        run = Run.of(problem, results=self.results)
-        run.check(problem)
-        return run
+    def _folder(self, problem: go.Problem) -> Path:
+        """The run folder of a problem, which need not exist yet."""
+        return self.results / f"{problem.name}-{problem.hash8}"
 
-    def _family_plan(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> BranchPlan:
-        plan = BranchPlan(problem=problem, request=Request(parameter=parameter, to=tuple(to)))
-        return replace(plan, output=self.results / plan.folder.name)
-
-
-def _is_complete(plan: BranchPlan) -> bool:
-    """Whether the walks towards all targets have come to an end."""
-    return sum(record.get("type") in TERMINAL for record in plan.stored()) >= len(plan.request.to)
+    def _family_folder(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> Path:
+        folder = self._folder(problem)
+        return folder.with_name("-".join((folder.name, parameter, "_".join(f"{value:g}" for value in to))))
 
 
 def _description(problem: go.Problem) -> str:
@@ -227,7 +218,7 @@ def gait_of(archive: Archive, name: str) -> go.Gait:
 
 
 def has_gait(archive: Archive, name: str) -> bool:
-    """Whether the gait with a short name is there already."""
+    """Whether the gait with a short name has been computed."""
     return archive.has_gait(problem_of(name))
 
 
@@ -237,7 +228,7 @@ def family_of(archive: Archive, name: str) -> Records:
 
 
 def has_family(archive: Archive, name: str) -> bool:
-    """Whether the family of a short name is there already."""
+    """Whether the family of a short name has been computed."""
     return archive.has_family(problem_of(name), "friction", FAMILIES[name])
 
 
@@ -251,7 +242,9 @@ def rounded_torques(archive: Archive, name: str) -> list[go.Gait]:
 def copied_torques(gait: go.Gait) -> list[tuple[Array, Array]]:
     """Times (m,) [s] and torques (m, n_u) [N m] on every arc of a gait of a walker with as many motors as angles."""
     walker = gait.problem.walker
-    terms = _gravity_and_motors(type(walker))
+    equations = go.equations_of_motion(type(walker))
+    shape = gait.system.n_shape
+    terms = Function("terms", [equations.z, equations.p], [equations.G[:shape], equations.E[:shape, :]])
     fields = {name: getattr(walker, name) for name in type(walker).model_fields}
     sloping, level = list(fields.values()), list({**fields, "slope": 0.0}.values())
 
@@ -265,7 +258,7 @@ def copied_torques(gait: go.Gait) -> list[tuple[Array, Array]]:
 @built_once(maxsize=8)
 def _gravity_and_motors(walker: type[go.Walker]) -> Function:
     """(z, p) -> G and E of the shape coordinates in the equations of motion."""
-    equations, shape = equations_of_motion(walker), len(walker.shape)
+    equations, shape = go.equations_of_motion(walker), len(walker.shape)
     return Function("terms", [equations.z, equations.p], [equations.G[:shape], equations.E[:shape, :]])
 
 

@@ -4,15 +4,18 @@ Every part states what it needs. What is missing is computed longest first, and 
 needs is there. Everything computed is kept in run folders, so that a second reproduction computes nothing.
 """
 
-from collections.abc import Iterator, Sequence
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 
-from gaitopt.callbacks import Counted
+import gaitopt as go
 from gaitopt.errors import UnknownNameError
 from gaitopt.paper import table
 from gaitopt.paper.gaits import (
     FAMILIES,
+    RESULTS,
     ROUNDED,
     SHOWN,
     SOURCES,
@@ -24,11 +27,8 @@ from gaitopt.paper.gaits import (
     problem_of,
     rounded_torques,
 )
-from gaitopt.store.files import clear_leftovers, make_folder, write_whole
-from gaitopt.store.formats import json_file
-from gaitopt.workers.jobs import Job, Workers, key_of, run_jobs
 
-PAPERS = ("gamus-or-2013",)
+PAPER = "gamus-or-2013"
 TABLE = "table"
 """The part that is not a figure."""
 OVER_FRICTION = ("fig4", "fig9", "fig11", "fig12")
@@ -62,51 +62,77 @@ def parts() -> tuple[str, ...]:
     return (*SHOWN, TABLE)
 
 
-def check_names(paper: str, only: Sequence[str]) -> None:
-    """Refuse a paper or a part of it that is not known."""
-    if paper not in PAPERS:
-        raise UnknownNameError(f"no paper is called {paper!r}; choose from {', '.join(PAPERS)}")
-    unknown = [name for name in only if name not in parts()]
-    if unknown:
-        raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
-
-
 def reproduce(
-    archive: Archive,
-    folder: Path,
+    paper: str = PAPER,
     only: Sequence[str] = (),
-    progress: Counted = None,
-    workers: Workers | None = None,
+    *,
+    output: str | Path | None = None,
+    workers: int | None = None,
+    narrate: Callable[[str], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
 ) -> list[Path]:
-    """Write figures and table into a folder.
+    """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
+
+    Gaits and families are taken from the run folders in ``results``, or computed and kept there.
 
     Parameters
     ----------
-    archive : computes and keeps gaits and families.
-    only : names from ``parts()``; empty for everything.
+    paper : ``gamus-or-2013``, the only one so far.
+    only : names of figures such as ``fig9``, and ``table``; empty for everything.
+    output : folder of figures and table, by default ``results/PAPER``.
+    workers : number of processes; by default one per core.
+    narrate : called with a description of what is computed next.
     progress : called with the finished part of the work in percent, and 100.
-    workers : processes that compute gaits and families; by default only the calling one.
+    should_stop : polled; True ends the call with a KeyboardInterrupt.
+
+    Returns
+    -------
+    paths : of the files.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such paper or part of it.
+    SolveError
+        If there is no gait, or the forward simulation refutes it.
+    StorageError
+        If a run folder is broken, or a folder cannot be written.
+    """
+    if paper != PAPER:
+        raise UnknownNameError(f"no paper is called {paper!r}; choose from {PAPER}")
+    unknown = [name for name in only if name not in parts()]
+    if unknown:
+        raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
+    archive = Archive(narrate=narrate or (lambda words: None), should_stop=should_stop or (lambda: False))
+    folder = RESULTS / paper if output is None else Path(output)
+    return write(archive, folder, only, progress or (lambda done, total: None), workers or os.cpu_count() or 1)
+
+
+def write(
+    archive: Archive,
+    folder: Path,
+    only: Sequence[str],
+    progress: Callable[[int, int], None],
+    workers: int = 1,
+) -> list[Path]:
+    """Write figures and table into a folder; see ``reproduce``.
 
     Returns
     -------
     paths : of the files, in the order of ``parts()``.
     """
-    make_folder(folder)
-    clear_leftovers(folder)
     waiting = needs([name for name in parts() if not only or name in only])
     every, names = set().union(*waiting.values()), tuple(waiting)
     needed, met = [need for need in EVERYTHING if need in every], set[Need]()
     written: dict[str, list[Path]] = {}
-    workers = workers or Workers(count=1)
-    if progress is not None:
-        progress(0, 100)
+    progress(0, 100)
     for need in prepared(archive, needed, workers):
         met.add(need)
         for name in [name for name, required in waiting.items() if required <= met]:
             written[name] = _table(archive, folder) if name == TABLE else _figure(archive, folder, name)
             del waiting[name]
-        if progress is not None:
-            progress(_percent([need in met for need in needed], needed, workers.count, len(written), len(names)), 100)
+        progress(_percent([need in met for need in needed], needed, workers, len(written), len(names)), 100)
     return [path for name in names for path in written[name]]
 
 
@@ -132,25 +158,25 @@ def _identity(need: Need) -> str:
     return f"{kind} {name}" if kind is Kind.ROUNDED else problem_of(name).digest
 
 
-def prepared(archive: Archive, needed: Sequence[Need], workers: Workers) -> Iterator[Need]:
+def prepared(archive: Archive, needed: Sequence[Need], workers: int) -> Iterator[Need]:
     """Compute what is missing, and yield every need once it is there.
 
     A need that fails in another process is yielded too; whoever uses it gets the error.
     """
     missing = [need for need in needed if not _is_kept(archive, need)]
     yield from (need for need in needed if need not in missing)
-    count, results = min(workers.count, len(missing)), str(archive.results.resolve())
+    count, results = min(workers, len(missing)), str(archive.results.resolve())
     if count < 2:
         for need in missing:
             _compute(archive, need)
             yield need
         return
     archive.narrate(f"computing {len(missing)} gaits and families in {count} processes")
-    jobs = {key_of([*need, results]): need for need in missing}
-    every = [Job(key=key, argument=(*need, results)) for key, need in jobs.items()]
-    for key, _ in run_jobs(_compute_in_process, every, Workers(count=count), should_stop=archive.should_stop):
-        yield jobs[key]
-    if archive.should_stop():
+    arguments = [(*need, results) for need in missing]
+    stop = archive.should_stop
+    for number, _ in go.run_parallel(_compute_in_process, arguments, workers=count, should_stop=stop):
+        yield missing[number]
+    if stop():
         raise KeyboardInterrupt
 
 
@@ -166,7 +192,7 @@ def _compute(archive: Archive, need: Need) -> None:
     compute(archive, name)
 
 
-def _compute_in_process(argument: tuple[str, str, str], parent: object) -> None:
+def _compute_in_process(argument: tuple[str, str, str]) -> None:
     kind, name, results = argument
     _compute(Archive(Path(results)), (Kind(kind), name))
 
@@ -186,15 +212,12 @@ def _percent(met: Sequence[bool], needed: Sequence[Need], count: int, written: i
 
 
 def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:
-    from gaitopt.paper.figures import draw
-    from gaitopt.show.style import save  # Matplotlib, which the processes that compute need not wait for
+    from gaitopt.paper.figures import draw  # Matplotlib, which the processes that compute need not wait for
 
-    return save(draw(archive, name), folder / name)
+    return go.save_figures(draw(archive, name).figure, folder, [name])
 
 
 def _table(archive: Archive, folder: Path) -> list[Path]:
     record = table.record(archive)
-    paths = [folder / f"{TABLE}.md", folder / f"{TABLE}.json"]
-    write_whole(paths[0], table.markdown(record))
-    write_whole(paths[1], json_file(record))
-    return paths
+    texts = {f"{TABLE}.md": table.markdown(record), f"{TABLE}.json": json.dumps(record, indent=2) + "\n"}
+    return [go.Page(name, text).save(folder / name) for name, text in texts.items()]  # a page is written whole

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import Array
-from gaitopt.paper.gaits import Archive, family_of, gait_of, mean_torques, rounded_torques
+from gaitopt.paper.gaits import Archive, Array, family_of, gait_of, mean_torques, rounded_torques
 
 
 class Reason(StrEnum):
@@ -131,7 +130,8 @@ def printed_torque(name: str, which: int) -> Compute:
 
 def _rise(archive: Archive) -> float:
     """By how much slipping raises the wheel's multiplier while its impact sticks [%]."""
-    gaits = [record if record["record"] == "point" else record["gait"] for record in family_of(archive, "wheel")]
+    records = family_of(archive, "wheel")
+    gaits = [r if r["record"] == "point" else r["gait"] for r in records if r["record"] in ("point", "special")]
     radii = [gait["spectral_radius"] for gait in gaits if gait.get("impact") == "stick"]
     return 100 * (max(radii) / radii[0] - 1)
 

@@ -1,26 +1,36 @@
-"""Every figure by its name."""
+"""The figures of every kind of result by their names."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import singledispatch
+from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
-from gaitopt.runs.basin import Basin
-from gaitopt.runs.front import Front, front_file
-from gaitopt.runs.sweep import Sweep
-from gaitopt.show.families import basin, front_figure, over_parameter, sweep
-from gaitopt.show.film import animation_page
+from gaitopt.runs.basin import Basin, read_basin
+from gaitopt.runs.branch import stored_branch
+from gaitopt.runs.front import Front, front_file, read_fronts
+from gaitopt.runs.results import kind_of, restore_walk
+from gaitopt.runs.sweep import Sweep, read_sweep
+from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.gaits import foot_slip, force_ratio, method_comparison, phase_portrait, section_states, torques
-from gaitopt.show.labels import parameter_of
-from gaitopt.show.motion import motion_of, motion_of_walk, simulated
-from gaitopt.show.multipliers import multiplier_paths, multiplier_plane
+from gaitopt.show.grids import basin, front_figure, sweep
+from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
+from gaitopt.show.pages import animation_page
+from gaitopt.show.style import Parameter, parameter_of
+from gaitopt.store.run import MANIFEST_FILE
 from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
+
+DRAWN_AXES = 2
+"""Largest number of keys of a sweep or basin that can be drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,11 +39,11 @@ class Figures:
 
     Attributes
     ----------
-    draw : draws the one with a name.
-    names : of all.
-    usual : of those that show something of this result; the first is the one that stands for it.
-    stem : of their files, where that is not the name of the figure.
-    animation : gives the page of the moving walker, where one moves.
+    draw : draws the figure of a name.
+    names : of all figures.
+    usual : of those that show something of this result; the first one represents it.
+    stem : of the files, if it is not the name of the figure.
+    animation : returns the page of the moving walker; None where nothing moves.
     """
 
     draw: Callable[[str], Figure]
@@ -43,101 +53,188 @@ class Figures:
     animation: Callable[[], str] | None = None
 
 
-GAIT_FIGURES: Mapping[str, Callable[[Sequence[Gait]], Figure]] = {
-    "portrait": lambda gaits: phase_portrait([motion_of(gait) for gait in gaits]),
-    "force": lambda gaits: force_ratio([motion_of(gait) for gait in gaits]),
-    "slip": lambda gaits: foot_slip([motion_of(gait) for gait in gaits]),
-    "torques": lambda gaits: torques([motion_of(gait) for gait in gaits]),
-    "multipliers": lambda gaits: multiplier_plane({gait.problem.name: gait.multipliers for gait in gaits}),
-    "roads": lambda gaits: method_comparison(motion_of(gaits[0]), simulated(gaits[0])),
+MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
+    "portrait": phase_portrait,
+    "force": force_ratio,
+    "slip": foot_slip,
+    "torques": torques,
 }
+"""Figures of gaits and walks."""
+GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "roads")
 """Figures of one or several gaits; ``roads`` is of one."""
-
-WALK_FIGURES: Mapping[str, Callable[[Walk], Figure]] = {
-    "section": section_states,
-    "portrait": lambda walk: phase_portrait([motion_of_walk(walk)]),
-    "force": lambda walk: force_ratio([motion_of_walk(walk)]),
-    "slip": lambda walk: foot_slip([motion_of_walk(walk)]),
-    "torques": lambda walk: torques([motion_of_walk(walk)]),
-}
+WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
+OVER = "force_over_"
+"""Beginning of the name of the force ratio over a shape coordinate."""
 BRANCH_FIGURES = ("multipliers", *SCALARS, "friction")
 """Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
 USUAL_BRANCH_FIGURES = ("spectral_radius", "multipliers", "speed", "cost_of_transport")
 CYCLE_FIGURES = ("step_length",)
-"""What is drawn besides where cycles have several steps."""
+"""Further figures where cycles have several steps."""
 
 
-def informative(gaits: Sequence[Gait]) -> Iterator[str]:
-    """Names of the figures of gaits that show something: torques only of walkers with motors, ``roads`` of one gait."""
-    for word in GAIT_FIGURES:
-        if word == "torques" and not any(gait.measures["peak_torque"] for gait in gaits):
-            continue
-        if word == "slip" and not any(gait.measures["slip_distance"] for gait in gaits):
-            continue
-        if word != "roads" or len(gaits) == 1:
-            yield word
+@singledispatch
+def figures_of(result: Any) -> Figures:
+    """The figures of a result, as ``gaitopt.plot`` lists them.
+
+    Raises
+    ------
+    TypeError
+        If there are none of this type.
+    ValueError
+        If there is nothing to draw.
+    """
+    gaits = list(result) if isinstance(result, Sequence) else []
+    if not gaits or not all(isinstance(gait, Gait) for gait in gaits):
+        raise TypeError(f"a {type(result).__name__} has no figures")
+    return _gait_figures([(gait.problem.name, gait) for gait in gaits])
 
 
-def usual_branch_figures(records: Sequence[Record]) -> tuple[str, ...]:
-    """Words of the figures of a branch that have something to show: no cost of passive walkers."""
-    works = any(record.get("work") for record in records)
-    usual = [word for word in USUAL_BRANCH_FIGURES if works or word != "cost_of_transport"]
-    return (*usual, *(CYCLE_FIGURES if any("steps" in record for record in records) else ()))
+@figures_of.register
+def _(result: Gait) -> Figures:
+    return _gait_figures([(result.problem.name, result)])
 
 
-def branch_figure(word: str, problem: Problem, parameter: str, records: Sequence[Record]) -> Figure:
-    """The figure of a branch of a problem's gaits by its name, one of ``BRANCH_FIGURES``."""
-    shown = parameter_of(problem, parameter)
-    if word == "multipliers":
-        return multiplier_paths(records, shown)
-    return over_parameter({problem.name: records}, shown, word)
-
-
-def gait_figures(gaits: Sequence[Gait]) -> Figures:
-    """Of one or several gaits in one picture."""
-    first = gaits[0]
+@figures_of.register
+def _(result: Mapping) -> Figures:  # type: ignore[type-arg] # singledispatch takes classes only
+    values = list(result.values())
+    if values and all(isinstance(value, Gait) for value in values):
+        return _gait_figures(list(result.items()))
+    branches = {name: value.to_records() if isinstance(value, Branch) else value for name, value in result.items()}
+    parameters = {_parameter_key(value) for value in values}
+    if None in parameters or len(parameters) != 1:
+        raise TypeError("several results in one figure must be gaits, or branches over one parameter, by name")
+    (key,) = parameters
+    first = values[0].points[0].gait.problem if isinstance(values[0], Branch) and values[0].points else None
+    parameter = Parameter(key=str(key)) if first is None else parameter_of(first, str(key))
     return Figures(
-        draw=lambda name: GAIT_FIGURES[name](gaits),
-        names=tuple(GAIT_FIGURES),
-        usual=tuple(informative(gaits)),
-        animation=(lambda: animation_page(motion_of(first), first.problem.about)) if len(gaits) == 1 else None,
+        draw=lambda name: over_parameter(branches, parameter, name),
+        names=BRANCH_FIGURES[1:],
+        usual=("spectral_radius",),
     )
 
 
-def walk_figures(walk: Walk) -> Figures:
-    """Of a simulated walk."""
+def _parameter_key(branch: Any) -> str | None:
+    """The continued parameter of a branch or of its records; None of anything else."""
+    if isinstance(branch, Branch):
+        return branch.parameter
+    head = branch[0] if isinstance(branch, Sequence) and branch else None
+    return head.get("parameter") if isinstance(head, Mapping) else None
+
+
+@figures_of.register
+def _(result: Branch) -> Figures:
+    if not result.points:
+        raise ValueError("a branch without points has no figures")
+    return branch_figures(result.points[0].gait.problem, result.parameter, result.to_records())
+
+
+@figures_of.register
+def _(result: Walk) -> Figures:
     return Figures(
-        draw=lambda name: WALK_FIGURES[name](walk),
-        names=tuple(WALK_FIGURES),
+        draw=lambda name: (
+            section_states(result) if name == "section" else MOTION_FIGURES[name]([motion_of_walk(result)])
+        ),
+        names=WALK_FIGURES,
         usual=("section", "portrait"),
-        animation=lambda: animation_page(motion_of_walk(walk), walk.trajectory.message),
+        animation=lambda: animation_page(motion_of_walk(result), result.trajectory.message),
+    )
+
+
+@figures_of.register
+def _(result: Sweep) -> Figures:
+    return Figures(draw=lambda scalar: sweep(result, scalar), names=tuple(SCALARS), usual=("spectral_radius",))
+
+
+@figures_of.register
+def _(result: Basin) -> Figures:
+    return Figures(draw=lambda _: basin(result), names=("basin",), usual=("basin",))
+
+
+@figures_of.register
+def _(result: Front) -> Figures:
+    return Figures(
+        draw=lambda _: front_figure(result.problem, result.key, result.to_records()),
+        names=("front",),
+        usual=("front",),
+        stem=front_file(result.key).removesuffix(".json"),
+    )
+
+
+def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
+    """The figures of one or several gaits with their names in the legend."""
+    gaits = [gait for _, gait in named]
+    for gait in gaits:
+        if not gait.steps:
+            raise ValueError(f"{gait.problem.name} is {gait.status}: there is no gait to draw")
+    first, alone = gaits[0], len(gaits) == 1
+
+    def draw(name: str) -> Figure:
+        if name == "multipliers":
+            return multiplier_plane({words: gait.multipliers for words, gait in named})
+        motions = [motion_of(gait, words) for words, gait in named]
+        if name == "roads":
+            return method_comparison(motions[0], simulated(first))
+        if name.startswith(OVER):
+            return force_ratio(motions, name.removeprefix(OVER))
+        return MOTION_FIGURES[name](motions)
+
+    empty = set() if alone else {"roads"}
+    empty |= {"torques"} if not any(gait.measures["peak_torque"] for gait in gaits) else set()
+    empty |= {"slip"} if not any(gait.measures["slip_distance"] for gait in gaits) else set()
+    shapes = [gait.system.walker.shape for gait in gaits]
+    common = [name for name in shapes[0] if all(name in shape for shape in shapes)]
+    return Figures(
+        draw=draw,
+        names=(*GAIT_FIGURES, *(f"{OVER}{name}" for name in common)),
+        usual=tuple(name for name in GAIT_FIGURES if name not in empty),
+        animation=(lambda: animation_page(motion_of(first), first.problem.about)) if alone else None,
     )
 
 
 def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) -> Figures:
-    """Of the records of a branch of a problem's gaits."""
-    usual = usual_branch_figures(records)
-    return Figures(
-        draw=lambda name: branch_figure(name, problem, parameter, records), names=BRANCH_FIGURES, usual=usual
-    )
+    """The figures of the records of a branch of a problem's gaits."""
+    shown = parameter_of(problem, parameter)
+
+    def draw(name: str) -> Figure:
+        if name == "multipliers":
+            return multiplier_paths(records, shown)
+        return over_parameter({problem.name: records}, shown, name)
+
+    works = any(record.get("work") for record in records)  # passive walkers have no cost
+    usual = [name for name in USUAL_BRANCH_FIGURES if works or name != "cost_of_transport"]
+    usual += CYCLE_FIGURES if any("steps" in record for record in records) else ()
+    return Figures(draw=draw, names=BRANCH_FIGURES, usual=tuple(usual))
 
 
-def sweep_figures(result: Sweep) -> Figures:
-    """Of a sweep over one or two parameters: any scalar."""
-    return Figures(draw=lambda scalar: sweep(result, scalar), names=tuple(SCALARS), usual=("spectral_radius",))
+def folder_figures(folder: Path) -> list[Figures]:
+    """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; empty if it holds a gait.
+
+    Those of a branch are drawn from its records, without restoring the gaits of its points.
+
+    Raises
+    ------
+    StorageError
+        If the folder is broken or unfinished.
+    UnknownNameError
+        If a sweep or basin is over more than two keys.
+    """
+    kind = map_kind(folder) or kind_of(folder)
+    if kind in ("basin", "sweep"):
+        result = read_basin(folder) if kind == "basin" else read_sweep(folder)
+        if len(result.grid.axes) > DRAWN_AXES:
+            words = f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two"
+            raise UnknownNameError(words)
+        return [figures_of(result)]
+    if kind == "branch":
+        return [branch_figures(*stored_branch(folder))]
+    if kind == "walk":
+        return [figures_of(restore_walk(folder))]
+    return [figures_of(front) for front in read_fronts(folder)] if kind == "front" else []
 
 
-def basin_figures(result: Basin) -> Figures:
-    """Of a basin over one or two coordinates."""
-    return Figures(draw=lambda _: basin(result), names=("basin",), usual=("basin",))
-
-
-def front_figures(front: Front) -> Figures:
-    """Of a front."""
-    return Figures(
-        draw=lambda _: front_figure(front.problem, front.key, front.to_records()),
-        names=("front",),
-        usual=("front",),
-        stem=front_file(front.key).removesuffix(".json"),
-    )
+def map_kind(folder: Path) -> str:
+    """``basin`` or ``sweep`` if the folder is that of one, finished or not, within a run folder; else empty."""
+    kind = folder.name.partition("-")[0]
+    is_map = kind in ("basin", "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
+    return kind if is_map else ""

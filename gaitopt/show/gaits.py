@@ -21,7 +21,6 @@ from gaitopt.gait.measures import friction_ratio, observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
-from gaitopt.show.labels import symbol
 from gaitopt.show.motion import (
     Motion,
     differences,
@@ -44,6 +43,7 @@ from gaitopt.show.style import (
     legend_below,
     mode_legend,
     panels,
+    symbol,
 )
 from gaitopt.verification.walk import Walk
 

@@ -19,7 +19,7 @@ from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
-from gaitopt.show.labels import Label, label
+from gaitopt.show.style import Label, label
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.gaits import POINTS, integrated_steps
 from gaitopt.verification.walk import Walk

@@ -13,16 +13,15 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import relevant_scalars, scalar_values, state_unit
-from gaitopt.show.families import OF_EACH_STEP
+from gaitopt.show.branches import OF_EACH_STEP
 from gaitopt.show.film import film, pack
 from gaitopt.show.gaits import section_states
-from gaitopt.show.labels import label, parameter_of, symbol
 from gaitopt.show.motion import (
     Motion,
     differences,
@@ -35,7 +34,7 @@ from gaitopt.show.motion import (
     smooth,
     thinned,
 )
-from gaitopt.show.style import MODE_WORDS, drawn
+from gaitopt.show.style import MODE_WORDS, drawn, label, parameter_of, symbol
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
@@ -45,11 +44,12 @@ Record = Mapping[str, Any]
 
 def render(template: str, **content: Any) -> str:
     """The page of a template; texts are escaped, and data stand in the page as compressed JSON."""
-    loaders = [PackageLoader("gaitopt.show", "web")]
     templates = Environment(
-        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
+        loader=PackageLoader("gaitopt.show", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+        lstrip_blocks=True,
+    )  # fmt: skip
     templates.filters |= {"figure": figure, "packed": packed}
+    templates.policies["json.dumps_kwargs"] = {"sort_keys": False, "separators": (",", ":")}
     return templates.get_template(template).render(content)
 
 
@@ -101,6 +101,11 @@ def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
         "platform": known.platform,
         "solver": dict(solver),
     }
+
+
+def animation_page(motion: Motion, about: str = "") -> str:
+    """HTML of the walker going through several steps of ``motion``; ``about`` stands under the title."""
+    return render("animation.html", film=film(motion), about=about)
 
 
 FLOOR = 1e-17

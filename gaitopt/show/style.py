@@ -1,13 +1,15 @@
-"""The style of all figures: colours for the colour-blind, dashes where the foot slips, a legend below.
+"""What all figures share: words and units of quantities, colours, line styles, panels, legends and files.
 
-The colours are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. Figures are built without pyplot, which
-would need a window system and global state.
+The colours for the colour-blind are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. A foot that slips
+is dashed. Figures are built without pyplot, which would need a window system and global state.
 """
 
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from io import BytesIO
+from math import degrees
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -19,6 +21,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, label_of, unit_of
+from gaitopt.problem.source import parse_source
 from gaitopt.store.files import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
@@ -58,14 +63,17 @@ STYLE: Any = {
     "svg.hashsalt": "gaitopt",
     "pdf.fonttype": 42,
 }
+SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
+GREEK = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}
+SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _STYLING = threading.RLock()
 """Held while matplotlib's settings are those of ``STYLE``: they hold for the whole process."""
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Draw in the style of this package within the block; one thread at a time."""
+def figure_style() -> Iterator[None]:
+    """Settings of Matplotlib with which gaitopt draws, within the block; one thread at a time."""
     with _STYLING, mpl.rc_context(STYLE):
         yield
 
@@ -74,7 +82,7 @@ def panels(
     rows: int = 1, *, heights: Sequence[float] | None = None, height: float = HEIGHT
 ) -> tuple[Figure, list[Axes]]:
     """A figure with panels one above the other that share their horizontal axis."""
-    with styled():
+    with figure_style():
         figure = Figure(figsize=(WIDTH, height))
         FigureCanvasAgg(figure)
         ratios = list(heights) if heights else [1.0] * rows
@@ -93,7 +101,7 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) ->
 def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
     """A figure as a file of some format."""
     content = BytesIO()
-    with styled():
+    with figure_style():
         figure.savefig(content, format=extension, metadata=_NO_DATE[extension], dpi=dpi)
     return content.getvalue()
 
@@ -129,5 +137,71 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     columns = max(1, min(len(handles), LEGEND_CHARACTERS // (longest + LEGEND_LINE)))
     rows = -(-sum(map(len, lines)) // columns)
     figure.set_figheight(figure.get_figheight() + LEGEND_ROW * max(0, rows - LEGEND_ROWS))
-    with styled():
+    with figure_style():
         figure.legend(handles=list(handles), loc="outside lower center", ncols=columns)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Label:
+    """How a quantity is written."""
+
+    words: str
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.words} [{self.unit}]" if self.unit else self.words
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """The parameter of a branch as figures and pages show it: in degrees where the problem's file gives degrees."""
+
+    key: str
+    in_degrees: bool = False
+
+    @property
+    def label(self) -> Label:
+        """Its label with the unit in which it is shown."""
+        return replace(label(self.key), unit="°") if self.in_degrees else label(self.key)
+
+    def shown(self, records: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+        """Points and special points with their ``value`` in this unit."""
+        if not self.in_degrees:
+            return list(records)
+        return [{**r, "value": degrees(r["value"])} if r.get("value") is not None else r for r in records]
+
+
+def parameter_of(problem: Problem, key: str) -> Parameter:
+    """How the continued parameter of a problem is shown."""
+    value: Any = parse_source(problem.text, problem.name).data if problem.text else None
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return Parameter(key=key, in_degrees=isinstance(value, str) and value.rstrip().endswith("deg"))
+
+
+def symbol(state: str) -> str:
+    """A state's name as it is written: ``dtheta1`` becomes θ̇₁."""
+    rate = state.startswith("d") and len(state) > 1
+    name = state[1:] if rate else state
+    stem = name.rstrip("0123456789")
+    greek = GREEK.get(stem, stem)
+    written = greek + name[len(stem) :].translate(SUBSCRIPTS)
+    if not rate:
+        return written
+    return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"
+
+
+def label(key: str) -> Label:
+    """Label of a scalar, a state or a parameter by its key; what is unknown keeps its key."""
+    if key == "time":
+        return Label(words="time since impact", unit="s")
+    if key in SCALARS or key in FRICTION_LABELS:
+        return Label(words=f"{label_of(key)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key)))
+    last, unit = key.rpartition(".")[2], unit_of(key)
+    words = last.replace("_", " ")
+    return Label(words=f"{words} torque" if unit == "N m" else words, unit=typeset(unit))
+
+
+def typeset(unit: str) -> str:
+    """A unit with raised exponents."""
+    return unit.replace("^2", "²")

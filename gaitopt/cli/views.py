@@ -1,4 +1,4 @@
-"""Commands that draw: ``plot``, ``report`` and ``reproduce``."""
+"""Commands that show something: ``list``, ``show``, ``validate``, ``schema``, ``plot``, ``report``, ``reproduce``."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from gaitopt.cli.options import RunArguments, SetOption
-from gaitopt.cli.runs import gaits_of
+from gaitopt.cli.options import ProblemArgument, RunArguments, SetOption
+from gaitopt.cli.runs import gaits_of, load
 from gaitopt.cli.terminal import NOT_A_GAIT, Terminal
 
 FIGURES = "figures"
@@ -15,6 +15,51 @@ FIGURES = "figures"
 COMPARISON = "comparison"
 """Folder of the figures of several runs, in the working folder."""
 REPORT, COMPARISON_REPORT = "report.html", "comparison.html"
+
+
+def list_problems(terminal: Terminal) -> int:
+    """List the named problems by walker, with period, radius and stability if their run is in results/."""
+    from gaitopt.problem.problem import load_problem
+    from gaitopt.problem.source import problem_names
+
+    problems = [load_problem(name) for name in problem_names()]
+    if terminal.json:
+        listed = [{"name": p.name, "walker": p.walker.model, "about": p.about} for p in problems]
+        terminal.print_json({"problems": listed})
+        return 0
+    from gaitopt.api.stored import stored_gait_record
+    from gaitopt.show.tables import print_problems
+
+    print_problems(terminal.results, [(problem, stored_gait_record(problem)) for problem in problems])
+    return 0
+
+
+def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
+    """Print a problem in SI units, with all defaults."""
+    from gaitopt.show.tables import print_problem
+
+    loaded = load(problem, changes)
+    if terminal.json:
+        terminal.print_json({**loaded.resolved(), "hash": loaded.digest})
+    else:
+        print_problem(terminal.results, loaded)
+    return 0
+
+
+def validate(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
+    """Check a problem and list all its errors."""
+    loaded = load(problem, changes, terminal)
+    record = {"problem": loaded.name, "valid": True, "hash": loaded.digest}
+    terminal.show(record, lambda console, _: console.print(f"{problem}: valid ({loaded.name}, hash {loaded.hash8})"))
+    return 0
+
+
+def schema(terminal: Terminal) -> int:
+    """Print the JSON schema of problem files, for editors."""
+    from gaitopt.problem.schema import problem_schema
+
+    terminal.print_json(problem_schema())
+    return 0
 
 
 class Format(StrEnum):
@@ -60,30 +105,26 @@ def plot(
     Of a branch: multipliers, or any scalar of the result, for instance spectral_radius. Of a sweep, whose own folder
     is given as RUN: any scalar of the result. Of a front: front.
     """
-    from gaitopt.api.pictures import ANIMATION, figures_in, figures_of, map_kind, save_figures
+    from gaitopt.api.pictures import ANIMATION, save_figures
+    from gaitopt.show.catalogue import figures_of, folder_figures, map_kind
     from gaitopt.store.files import check_writable
-    from gaitopt.store.run import Run
 
     if output is not None:
         check_writable(output / FIGURES)
     folder, alone = Path(runs[0]), len(runs) == 1
-    figures = figures_in(folder) if alone else []
-    if figures and map_kind(folder):
-        folder, place = folder.resolve().parent, output or folder
-    elif figures:
-        place = output or folder / FIGURES
+    figures = folder_figures(folder) if alone else []
+    if figures:
+        place = output or (folder if map_kind(folder) else folder / FIGURES)
     else:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
         if not alone and {"roads", ANIMATION} & {*(what or ())}:
             raise typer.BadParameter(f"--what roads and animation show one gait, not {len(gaits)}")
-        folder, place = folders[0], output or (folders[0] / FIGURES if alone else Path(COMPARISON))
+        place = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
-    with Run(folder).adding(place) as written:
-        for drawn in figures:
-            written += save_figures(drawn, place, what or (), formats or (Format.SVG, Format.PNG))
-    terminal.print_paths(written)
+    for drawn in figures:
+        terminal.print_paths(save_figures(drawn, place, what or (), formats or (Format.SVG, Format.PNG)))
     return 0
 
 
@@ -99,26 +140,21 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
     otherwise.
     """
-    from gaitopt.api.pictures import page_in
-    from gaitopt.api.pictures import report as page_about
+    from gaitopt.api import pictures
     from gaitopt.store.files import check_writable
-    from gaitopt.store.run import Run
 
     if output is not None and (not output.name or output.is_dir()):
         raise typer.BadParameter(f"-o {output}: is a folder; give the name of the page, for instance page.html")
     if output is not None:
         check_writable(output)
-    folder = Path(runs[0])
-    page = page_in(folder) if len(runs) == 1 else None
+    folder, alone = Path(runs[0]), len(runs) == 1
+    page = pictures.page_in(folder) if alone else None
     if page is None:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        page, folder = page_about(*gaits), folders[0]
-    path = output or (folder / REPORT if len(runs) == 1 else Path(COMPARISON_REPORT))
-    with Run(folder).adding(path.parent) as written:
-        written.append(page.save(path))
-    terminal.print_paths([path])
+        page, folder = pictures.report(*gaits), folders[0]
+    terminal.print_paths([page.save(output or (folder / REPORT if alone else Path(COMPARISON_REPORT)))])
     return 0
 
 
@@ -139,15 +175,11 @@ def reproduce(
 
     Gaits and families are taken from the run folders in results/, or computed on all cores and kept there.
     """
-    from gaitopt.paper.gaits import Archive
-    from gaitopt.paper.reproduction import check_names
     from gaitopt.paper.reproduction import reproduce as write
-    from gaitopt.store.run import RESULTS
-    from gaitopt.workers.jobs import Workers
 
-    check_names(paper, only or ())
     with terminal.working("percent") as (progress, interrupted):
-        archive = Archive(narrate=terminal.say, should_stop=interrupted)
-        written = write(archive, output or RESULTS / paper, only or (), progress, Workers())
+        written = write(
+            paper, only or (), output=output, narrate=terminal.say, progress=progress, should_stop=interrupted
+        )
     terminal.print_paths(written)
     return 0

@@ -1,0 +1,267 @@
+"""Figures of branches: a scalar over the continued parameter, and Floquet multipliers in the complex plane.
+
+A gait is stable where all its multipliers lie inside the unit circle, as in Figs 4, 9, 11 and 12 of Gamus & Or (2013).
+Branches are drawn from the records that a continuation writes: ``point`` records with ``branch``, ``index`` and
+``value``, and ``special`` records with ``type`` and ``value``.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import cycle, groupby, pairwise
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from gaitopt.gait.branch import TERMINAL, ends_by_request
+from gaitopt.model.cycle import Cycle, mode_words
+from gaitopt.show.style import COLOURS, MORE_COLOURS, NEUTRAL, Parameter, entry, label, legend_below, panels
+from gaitopt.store.gaits import multipliers_of
+
+Record = Mapping[str, Any]
+Multipliers = NDArray[np.complex128]
+
+UNSTABLE: Any = (0, (1.2, 1.4))
+"""Line style of unstable gaits."""
+LOG = 10.0
+"""Multipliers beyond this are drawn on a log axis, or those near the unit circle could not be distinguished."""
+SPECIAL = {
+    "fold": ("fold", "o"),
+    "branch_point": ("branches cross", "p"),
+    "period_doubling": ("period doubling", "s"),
+    "neimark_sacker": ("Neimark–Sacker", "D"),
+    "mode_change": ("other phases begin", "^"),
+    "impact_change": ("other impact begins", "v"),
+    "lift_off": ("foot lifts off", "P"),
+    "painleve": ("Painlevé paradox", "X"),
+    "vanishing": ("gait vanishes", "x"),
+    "end": ("branch ends", "|"),
+}
+"""Words and marker of every type of special point."""
+OTHER = "*"
+"""Marker of a special point that the user defined (``events``)."""
+OF_EACH_STEP = ("period", "step_length")
+"""Scalars that are drawn for every step of a cycle: at a period doubling the curve splits."""
+CROSSINGS = ("fold", "period_doubling", "neimark_sacker", "branch_point")
+"""Special points at which a multiplier lies on the unit circle."""
+CROSSING, ON_CIRCLE = "#d55e00", 1e-3
+"""Colour of the ring around a multiplier on the unit circle, and its largest distance from the circle."""
+MARKERS = "osD^v"
+SMALLEST_REACH, LARGEST_REACH = 1.15, 2.0
+"""Half width of the picture: the unit circle with a margin, and a width at which the circle can still be seen."""
+SAME_PLACE = 0.1
+"""Distance below which crossings share their text."""
+
+
+def over_parameter(
+    curves: Mapping[str, Sequence[Record]], parameter: Parameter, quantity: str = "spectral_radius"
+) -> Figure:
+    """A scalar versus the continued parameter: stable gaits as thick lines, unstable ones as thin dots.
+
+    For cycles of several steps, the period and the length of every step are drawn.
+
+    Parameters
+    ----------
+    curves : records of one or several branches by their names in the legend.
+    parameter : that was continued.
+    quantity : key of a scalar in the records.
+    """
+    figure, (axes,) = panels()
+    handles, types, drawn, several = dict[str, Line2D](), set[str](), list[Record](), len(curves) > 1
+    for (name, stored), colour in zip(curves.items(), cycle(COLOURS), strict=False):
+        records = parameter.shown(stored)
+        points = [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
+        points.sort(key=lambda point: (point["branch"], point["index"]))
+        specials = [record for record in records if record["record"] == "special" and not ends_by_request(record)]
+        if quantity == "spectral_radius":  # it may grow without bound to an end, which is drawn at the last point
+            specials = [{**record, "gait": {}} if record["type"] in TERMINAL else record for record in specials]
+        sequences = {} if several else {point["branch"]: _sequence_words(point) for point in points}
+        sequence_colours = dict(
+            zip(dict.fromkeys(sequences.values()), cycle((*COLOURS, *MORE_COLOURS)), strict=False)
+        )  # equal sequences share a colour
+        for number, branch in groupby(points, key=lambda point: point["branch"]):
+            words = sequences.get(number, name)
+            branch_colour = sequence_colours.get(words, colour)
+            _draw_branch(axes, joined(list(branch), specials, quantity), quantity, branch_colour)
+            if several or len(sequences) > 1:
+                handles[words] = entry(words, color=branch_colour)
+        types |= _mark(axes, specials, points, quantity, colour if several else NEUTRAL)
+        drawn += points
+    if quantity == "spectral_radius":
+        axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
+        if any(point[quantity] > LOG for point in drawn):
+            axes.set_yscale("log")
+    axes.set_xlabel(str(parameter.label))
+    written = label(quantity)
+    split = any(len(_heights(point, quantity)) > 1 for point in drawn)
+    axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
+    stability = [entry("stable", linewidth=2.2), entry("unstable", linewidth=1.3, linestyle=UNSTABLE)]
+    looks = [SPECIAL.get(kind, (kind, OTHER)) for kind in sorted(types)]
+    markers = [entry(words, marker=marker, linestyle="", markerfacecolor="white") for words, marker in looks]
+    legend_below(figure, [*handles.values(), *stability, *markers])
+    return figure
+
+
+def joined(branch: Sequence[Record], specials: Sequence[Record], quantity: str) -> list[Record]:
+    """The points of a branch with the gaits of its special points between them, so that lines reach the markers.
+
+    A special point counts as stable where the point before it is: stability is lost at the marker.
+    """
+    line, number = list(branch), branch[0]["branch"]
+    for special in specials:
+        gait = special.get("gait") or {}
+        if gait.get(quantity) is None or not (special["branch"] == number or number in special.get("next", ())):
+            continue
+        place = 0 if special["branch"] != number else _place(line, special["value"])
+        before = line[max(place - 1, 0)]
+        line.insert(place, {**gait, "value": special["value"], "branch": number, "stable": is_stable(before)})
+    return line
+
+
+def _place(line: Sequence[Record], value: float) -> int:
+    """Where a value fits between the points of a line with the least detour; after the last one if it lies beyond."""
+    values = [point["value"] for point in line]
+    detours = [abs(value - a) + abs(b - value) - abs(b - a) for a, b in pairwise(values)]
+    beyond = 2 * abs(value - values[-1])
+    return len(line) if not detours or beyond <= min(detours) else int(np.argmin(detours)) + 1
+
+
+def _sequence_words(point: Record) -> str:
+    """The mode sequence of a point for the legend."""
+    steps = Cycle.from_record(point).steps
+    words = [f"{mode_words(step.phases)}; impact {step.impact}".replace("_", " ") for step in steps]
+    return f"{len(words)} times {words[0]}" if len(words) > 1 and len(set(words)) == 1 else " | ".join(words)
+
+
+def is_stable(point: Record) -> bool:
+    """Whether the gait of a record attracts its neighbours."""
+    radius = point.get("spectral_radius")
+    return bool(point.get("stable", radius is not None and radius < 1))
+
+
+def _heights(point: Record, quantity: str) -> list[float]:
+    """The scalar of a gait, or of every step of a cycle for the scalars ``OF_EACH_STEP``."""
+    if quantity in OF_EACH_STEP and "steps" in point:
+        return [step[quantity] for step in point["steps"]]
+    return [point[quantity]]
+
+
+def _draw_branch(axes: Axes, branch: Sequence[Record], quantity: str, colour: str) -> None:
+    """Draw runs of equal stability; neighbouring runs share a point, so that no gap opens between them."""
+    values = np.array([point["value"] for point in branch])
+    scalars = [_heights(point, quantity) for point in branch]
+    most = max(map(len, scalars))  # where a doubled family begins, the cycle of its origin counts twice
+    heights = np.array([entries * (most // len(entries)) for entries in scalars])
+    stable = np.array([is_stable(point) for point in branch])
+    cuts = [0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]
+    for first, last in pairwise(cuts):
+        run = slice(max(first - 1, 0), last)
+        line, width = ("-", 2.2) if stable[first] else (UNSTABLE, 1.3)
+        axes.plot(values[run], heights[run], color=colour, linestyle=line, linewidth=width)
+
+
+def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quantity: str, colour: str) -> set[str]:
+    """Mark special points, each at the height of its own record or of the nearest gait of its branch; their types."""
+    marked = set[str]()
+    for special in specials:
+        near = [point for point in points if point["branch"] == special["branch"]]
+        if special.get("value") is None or not near:
+            continue
+        closest = min(near, key=lambda point: abs(point["value"] - special["value"]))
+        gait = special.get("gait") or {}
+        heights = _heights(closest if gait.get(quantity) is None else gait, quantity)
+        marker = SPECIAL.get(special["type"], (special["type"], OTHER))[1]
+        values = [special["value"]] * len(heights)
+        size = 7 if len(heights) == 1 else 4
+        axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
+        marked.add(special["type"])
+        if special["type"] in CROSSINGS:
+            axes.annotate(
+                f"{special['value']:.4g}", (special["value"], heights[0]), xytext=(7, 5),
+                textcoords="offset points", fontsize="small", color=NEUTRAL,
+            )  # fmt: skip
+    return marked
+
+
+def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
+    """Multipliers of one or several gaits by name."""
+    figure, handles, reach = _plane()
+    axes = figure.axes[0]
+    for k, (name, values) in enumerate(named.items()):
+        colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+        stable = bool(np.abs(values).max(initial=0.0) < 1)
+        places = _inside(values)
+        axes.plot(places.real, places.imag, marker, color=colour, markersize=7, fillstyle="full" if stable else "none")
+        for place, value in zip(places[places != values], values[places != values], strict=True):
+            side = "right" if place.real > 0 else "left"
+            axes.annotate(
+                f"{abs(value):.3g}", (place.real, place.imag), xytext=(0, 8), textcoords="offset points", ha=side
+            )
+        words = f"{name} ({'stable' if stable else 'unstable'})"
+        handles.append(entry(words, color=colour, marker=marker, linestyle="", fillstyle="full" if stable else "none"))
+        reach = max(reach, _reach(values))
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    legend_below(figure, handles)
+    return figure
+
+
+def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
+    """Multipliers of every point of a branch, coloured by the parameter.
+
+    Rings with the value of the parameter mark the multipliers on the unit circle at special points.
+    """
+    records = parameter.shown(records)
+    points = [record for record in records if record["record"] == "point"]
+    specials = [record for record in records if record["record"] == "special" and record["type"] in CROSSINGS]
+    figure, handles, reach = _plane()
+    axes = figure.axes[0]
+    texts = dict[complex, list[str]]()
+    for special in specials:
+        multipliers = multipliers_of(special["gait"]) if special.get("gait") else np.empty(0, complex)
+        on_circle = multipliers[np.abs(np.abs(multipliers) - 1) < ON_CIRCLE]
+        axes.plot(on_circle.real, on_circle.imag, "o", color=CROSSING, fillstyle="none")
+        for z in on_circle[:1]:
+            place = next((known for known in texts if abs(known - z) < SAME_PLACE), complex(z))
+            texts.setdefault(place, []).append(f"{special['value']:.4g}")
+    for z, words in texts.items():
+        axes.annotate("\n".join(words), (z.real, z.imag), xytext=(6, 6), textcoords="offset points")
+    if specials:
+        handles.append(entry("stability changes", marker="o", linestyle="", color=CROSSING, fillstyle="none"))
+    z = np.concatenate([multipliers_of(point) for point in points])
+    values = np.array([point["value"] for point in points for _ in point["multipliers"]])
+    reach, places = max(reach, _reach(z)), _inside(z)
+    scatter = axes.scatter(places.real, places.imag, c=values, cmap="cividis", s=12, linewidths=0)
+    figure.colorbar(scatter, ax=axes, label=str(parameter.label), shrink=0.85)
+    if (places != z).any():
+        largest = np.abs(z).max()
+        handles.append(entry(f"at the edge: beyond it, |λ| up to {largest:.3g}", marker=".", linestyle=""))
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    legend_below(figure, handles)
+    return figure
+
+
+def _plane() -> tuple[Figure, list[Line2D], float]:
+    """A figure with the unit circle, its legend entry, and the smallest half width."""
+    figure, (axes,) = panels(height=5.2)
+    turn = np.linspace(0, 2 * np.pi, 361)
+    axes.plot(np.cos(turn), np.sin(turn), color=NEUTRAL, linewidth=1.0)
+    axes.axhline(0, color="#b0b0b0", linewidth=0.7)
+    axes.axvline(0, color="#b0b0b0", linewidth=0.7)
+    axes.set_box_aspect(1)
+    axes.set_xlabel("real part of λ")
+    axes.set_ylabel("imaginary part of λ")
+    return figure, [entry("unit circle", linewidth=1.0)], SMALLEST_REACH
+
+
+def _reach(values: Multipliers) -> float:
+    """Half width of a picture of multipliers."""
+    return min(LARGEST_REACH, 1.1 * float(np.abs(values).max(initial=0.0)))
+
+
+def _inside(values: Multipliers) -> Multipliers:
+    """Multipliers beyond the largest picture moved to its edge, towards the origin."""
+    size = np.maximum(np.abs(values.real), np.abs(values.imag)) / LARGEST_REACH
+    return np.asarray(values / np.maximum(size, 1.0))
