@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 import gaitopt as go
+from gaitopt.show.film import skeleton, slope
 from gaitopt.show.motion import motion_of, resampled
-from gaitopt.show.walker import skeleton, slope
 
 PICTURE, STILL = (Path(__file__).parent / f"walker{kind}.svg" for kind in ("", "-still"))
 ANIMATION = re.compile(r"<(animate(?:Transform)?) .*?/>")

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 import gaitopt as go
 from gaitopt.model.modes import Mode
+from gaitopt.show.film import skeleton
 from gaitopt.show.motion import motion_of
 from gaitopt.show.style import MODE_COLOURS, STYLE
-from gaitopt.show.walker import skeleton
 
 PICTURE = Path(__file__).parent / "one-step.svg"
 SPACING = 1.35

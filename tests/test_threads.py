@@ -17,7 +17,7 @@ from named import named
 import gaitopt
 from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
 from gaitopt.building import BUILDING, BUILT, building, built_once
-from gaitopt.cli.signals import interruptible, listening
+from gaitopt.cli.terminal import interruptible, listening
 from gaitopt.errors import StorageError
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.nlp.following import Family

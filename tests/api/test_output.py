@@ -82,6 +82,83 @@ def test_a_branch_is_kept_and_resumed_across_library_and_command(run):
     np.testing.assert_allclose(again.values, memory.values, rtol=1e-9)
 
 
+def test_records_of_a_branch_come_one_by_one_and_are_read_back_as_they_were():
+    records = go.continuation_records(named(WHEEL), "friction", TARGET, max_points=3, output="branch")
+    head = next(records)
+    assert (head["record"], head["parameter"], head["folder"], head["stored"]) == (
+        "continuation",
+        "friction",
+        "branch",
+        0,
+    )
+    first = next(records)
+    assert first["record"] == "point"
+    assert '"index": 0' in Path("branch/branch.jsonl").read_text()  # on the disk before it is used
+    whole = [first, *records]
+    again = go.continuation_records(named(WHEEL), "friction", TARGET, max_points=3, output="branch")
+    assert next(again)["stored"] == len(whole)
+    assert list(again) == whole
+    assert go.load_records("branch")[1:] == whole
+    assert [point.value for point in go.load_run("branch")] == [r["value"] for r in whole if r["record"] == "point"]
+
+
+def test_parts_of_a_stored_branch_are_loaded_by_their_place():
+    branch = go.continuation(named(WHEEL), "friction", TARGET, max_points=3, output="branch")
+    point, special = go.load_run("branch@0.1"), go.load_run("branch@special.0")
+    assert (point.branch, point.index, point.value) == (0, 1, branch[1].value)
+    assert (special.type, special.value) == (branch.specials[0].type, branch.specials[0].value)
+    with pytest.raises(StorageError, match=r"no point 7\.7; its points are 0\.0 to"):
+        go.load_run("branch@7.7")
+    with pytest.raises(StorageError, match="special points of this branch are 0 to"):
+        go.load_run("branch@special.9")
+
+
+def test_a_kept_gait_is_taken_from_its_folder_on_request(monkeypatch):
+    gait = go.solve(WHEEL, output="run")
+    monkeypatch.setattr("gaitopt.search.solve.solve", None)
+    again = go.solve(WHEEL, output="run", reuse=True)
+    np.testing.assert_array_equal(again.state, gait.state)
+    assert go.load_records("run")[0]["state"] == gait.to_record()["state"]
+    with pytest.raises(ProblemError, match="give output=True or a folder"):
+        go.solve(WHEEL, reuse=True)
+
+
+def test_figures_in_a_run_folder_get_their_checksums_and_stay_theirs():
+    folder = named(WHEEL).save("run")
+    go.save_figures(named(WHEEL), folder / "figures", ["portrait"], formats=["svg"])
+    axes = go.plot(named(WHEEL), "force_over_theta")
+    go.save_figures(axes.figure, folder / "figures", ["mine"], formats=["svg"])
+    named(WHEEL).report().save(folder / "report.html")
+    assert {"figures/portrait.svg", "figures/mine.svg", "report.html"} <= Run(folder).manifest().files.keys()
+    assert go.save_figures(axes.figure, "elsewhere", ["mine"], formats=["svg"])[0].read_bytes().startswith(b"<?xml")
+    Path("manifest.json").write_text('{"name": "a page of another program"}')
+    assert go.save_figures(axes.figure, ".", ["mine"], formats=["svg"]) == [Path("mine.svg")]
+
+
+def test_several_results_are_drawn_by_their_names():
+    records = list(go.continuation_records(named(WHEEL), "friction", TARGET, max_points=3, output="branch"))
+    branch = go.load_run("branch")
+    words = [
+        text.get_text() for text in go.plot({"one": branch, "two": records}, "speed").figure.legends[0].get_texts()
+    ]
+    assert words[:2] == ["one", "two"]
+    gaits = {"steep": named(WHEEL), "sticking": named("rimless-wheel-stick")}
+    assert "sticking" in [text.get_text() for text in go.plot(gaits, "force").figure.legends[0].get_texts()]
+    with pytest.raises(TypeError, match="must be gaits, or branches over one parameter"):
+        go.plot({"gait": named(WHEEL), "branch": branch})
+
+
+def test_calls_in_several_processes_give_their_results_by_number():
+    assert dict(go.run_parallel(abs, [-1, 2, -3], workers=1)) == {0: 1, 1: 2, 2: 3}
+
+
+@pytest.mark.slow
+def test_a_call_that_fails_in_another_process_names_the_error():
+    results = dict(go.run_parallel(int, ["1", "two"], workers=2))
+    assert results[0] == 1
+    assert "ValueError" in results[1].reason
+
+
 def test_events_cannot_be_kept():
     with pytest.raises(ProblemError, match="no folder can keep"):
         go.continuation(named(WHEEL), "friction", TARGET, events={"x": lambda gait: 1.0}, output="branch")

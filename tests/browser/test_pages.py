@@ -7,9 +7,8 @@ import pytest
 from pictured import TORSO, branch, gait
 
 from gaitopt import simulate
-from gaitopt.show.film import animation_page
 from gaitopt.show.motion import motion_of
-from gaitopt.show.pages import branch_report, comparison_report, walk_report
+from gaitopt.show.pages import animation_page, branch_report, comparison_report, walk_report
 
 FORCE = ".walker .force"
 

@@ -2,6 +2,7 @@
 
 import io
 import json
+import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -9,9 +10,8 @@ import pytest
 from named import named, verification
 
 from gaitopt import __version__
-from gaitopt.cli.console import ResultConsole
 from gaitopt.cli.main import main
-from gaitopt.cli.terminal import printable
+from gaitopt.cli.terminal import console, printable
 from gaitopt.problem.problem import load_problem
 from gaitopt.problem.source import problem_names
 
@@ -39,13 +39,17 @@ def test_lone_surrogates_are_shown_too():
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_console_shows_them_in_texts_and_tables(terminal):
+def test_console_shows_them_in_texts_and_tables(terminal, monkeypatch):
     from gaitopt.show.tables import table
 
     written = io.StringIO()
-    console = ResultConsole(file=written, force_terminal=terminal, width=200, markup=False, color_system=None)
-    console.print(ATTACK)
-    console.print(table(("a\x1b[1m", "b"), [("\x1b[31mred", "\x07")]))
+    written.isatty = lambda: terminal
+    monkeypatch.setattr(sys, "stdout", written)
+    monkeypatch.setenv("TERM", "dumb")  # no styles, which are sequences of their own
+    monkeypatch.setenv("COLUMNS", "200")
+    results = console(stderr=False)
+    results.print(ATTACK)
+    results.print(table(("a\x1b[1m", "b"), [("\x1b[31mred", "\x07")]))
     assert not set(written.getvalue()) & set("\x1b\x07\x9b\r\x08\x7f‮⁦")
     assert r"\x1b[31mred" in written.getvalue()
 

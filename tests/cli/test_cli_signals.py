@@ -7,8 +7,8 @@ import sys
 import time
 
 import pytest
+from rich.console import Console
 
-from gaitopt.cli.console import ResultConsole
 from gaitopt.cli.main import main
 
 pytestmark = [
@@ -32,7 +32,7 @@ COMMANDS = {
 
 def at_print(monkeypatch, n, signum):
     """Send a signal when something is printed for the n-th time; the number of times so far."""
-    count, printed = [0], ResultConsole.print
+    count, printed = [0], Console.print
 
     def show(self, *arguments, **settings):
         count[0] += 1
@@ -40,7 +40,7 @@ def at_print(monkeypatch, n, signum):
             signal.raise_signal(signum)
         printed(self, *arguments, **settings)
 
-    monkeypatch.setattr(ResultConsole, "print", show)
+    monkeypatch.setattr(Console, "print", show)
     return count
 
 

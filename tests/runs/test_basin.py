@@ -28,7 +28,7 @@ from gaitopt.runs.basin import (
     read_basin,
 )
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.show.families import basin as basin_figure
+from gaitopt.show.grids import basin as basin_figure
 from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes

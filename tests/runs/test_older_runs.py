@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 import gaitopt as go
-from gaitopt.api.pictures import figures_in
 from gaitopt.errors import StorageError
 from gaitopt.runs import jobs as kept
 from gaitopt.runs.branch import BRANCH_FILE
 from gaitopt.runs.jobs import SEARCHED, FindPlan
 from gaitopt.search.find import SearchPlan, opened
+from gaitopt.show.catalogue import folder_figures
 from gaitopt.store.files import lines_text
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Workers
@@ -32,7 +32,7 @@ def test_an_end_at_a_bound_of_the_request_is_one_in_a_file_that_does_not_say_so(
     rewritten(folder, BRANCH_FILE, lambda line: {key: value for key, value in line.items() if key != "bound"})
     assert '"bound"' not in (folder / BRANCH_FILE).read_text()
     assert [special.bound for special in go.load_run(folder).specials] == [True]
-    (figures,) = figures_in(Path("branch"))
+    (figures,) = folder_figures(Path("branch"))
     legend = [text.get_text() for text in figures.draw("spectral_radius").legends[0].get_texts()]
     assert "branch ends" not in legend
     code, out, _ = run(*WALK, "--json")

@@ -15,24 +15,23 @@ from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.sweep import Sweep
-from gaitopt.show.catalogue import BRANCH_FIGURES, GAIT_FIGURES, branch_figure, informative
-from gaitopt.show.families import UNSTABLE, front_figure, over_parameter, pareto_front, sweep
-from gaitopt.show.labels import Parameter, label, parameter_of, symbol
+from gaitopt.show.branches import UNSTABLE, multiplier_paths, multiplier_plane, over_parameter
+from gaitopt.show.catalogue import BRANCH_FIGURES, branch_figures, figures_of
+from gaitopt.show.grids import front_figure, pareto_front, sweep
 from gaitopt.show.motion import differences, motion_from_record, motion_of, simulated, thinned
-from gaitopt.show.multipliers import multiplier_paths, multiplier_plane
-from gaitopt.show.style import SLIP_DASHES, save
+from gaitopt.show.style import SLIP_DASHES, Parameter, label, parameter_of, save, symbol
 
 FRICTION = Parameter(key="friction")
 
 
 def figures():
-    one = [((word, name), GAIT_FIGURES[word]([gait(name)])) for name in SEQUENCES for word in informative([gait(name)])]
-    pair = [gait("compass-passive-a"), gait("compass-passive-b")]
-    two = [((word, "both"), GAIT_FIGURES[word](pair)) for word in informative(pair)]
-    problem = gait("compass-passive-a").problem
-    paths = [(word, branch_figure(word, problem, "friction", branch())) for word in ("multipliers", "spectral_radius")]
+    results = {name: figures_of(gait(name)) for name in SEQUENCES}
+    results["both"] = figures_of([gait("compass-passive-a"), gait("compass-passive-b")])
+    gaits = [((word, name), result.draw(word)) for name, result in results.items() for word in result.usual]
+    shown = branch_figures(gait("compass-passive-a").problem, "friction", branch())
+    paths = [(word, shown.draw(word)) for word in ("multipliers", "spectral_radius")]
     front = pareto_front({"front": [record for record in branch() if record["record"] == "point"]}, "speed", "period")
-    return dict([*one, *two, *paths, ("front", front)])
+    return dict([*gaits, *paths, ("front", front)])
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +68,7 @@ def test_no_legend_covers_the_picture_or_leaves_it(drawn):
 @pytest.mark.parametrize("word", ["portrait", "force", "slip"])
 def test_the_foot_slips_where_the_curve_is_dashed(word):
     shown = gait("compass-passive-a")
-    axes = GAIT_FIGURES[word]([shown]).axes[0]
+    axes = figures_of(shown).draw(word).axes[0]
     curves_drawn = len(shown.system.walker.shape) if word == "portrait" else 1
     assert len(curves(axes, SLIP_DASHES)) == 2 * curves_drawn
     assert len(curves(axes, (0, None))) == curves_drawn
@@ -77,7 +76,7 @@ def test_the_foot_slips_where_the_curve_is_dashed(word):
 
 def test_the_force_ratio_stays_between_the_edges_of_the_cone_and_the_cross_is_the_impulse_ratio():
     shown = gait("compass-passive-a")
-    axes = GAIT_FIGURES["force"]([shown]).axes[0]
+    axes = figures_of(shown).draw("force").axes[0]
     levels = sorted(line.get_ydata()[0] for line in axes.lines if line.get_linestyle() == "-.")
     assert levels == [-0.14, 0.14]
     ratios = np.concatenate([line.get_ydata() for line in axes.lines if len(line.get_xdata()) > 10])
@@ -88,8 +87,8 @@ def test_the_force_ratio_stays_between_the_edges_of_the_cone_and_the_cross_is_th
 
 
 def test_torques_of_a_passive_walker_are_drawn_only_by_name():
-    assert "torques" not in informative([gait("compass-passive-a")])
-    assert "torques" in informative([gait("compass-pd-impact-slip")])
+    assert "torques" not in figures_of(gait("compass-passive-a")).usual
+    assert "torques" in figures_of(gait("compass-pd-impact-slip")).usual
 
 
 @pytest.mark.parametrize("name", [*SEQUENCES, TORSO])
@@ -149,7 +148,7 @@ def test_special_points_have_a_marker_and_a_word():
 
 @pytest.mark.parametrize("word", BRANCH_FIGURES)
 def test_every_scalar_of_a_branch_can_be_drawn(word):
-    assert branch_figure(word, gait("compass-passive-a").problem, "friction", branch()).axes
+    assert branch_figures(gait("compass-passive-a").problem, "friction", branch()).draw(word).axes
 
 
 def test_unstable_gaits_of_a_front_are_hollow():
@@ -162,8 +161,8 @@ def test_unstable_gaits_of_a_front_are_hollow():
 @pytest.mark.parametrize("extension", ["svg", "png", "pdf"])
 def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
     shown = [gait("rimless-wheel-slip")]
-    (first,) = save(GAIT_FIGURES["portrait"](shown), tmp_path / "first", [extension])
-    (second,) = save(GAIT_FIGURES["portrait"](shown), tmp_path / "second", [extension])
+    (first,) = save(figures_of(shown).draw("portrait"), tmp_path / "first", [extension])
+    (second,) = save(figures_of(shown).draw("portrait"), tmp_path / "second", [extension])
     assert first.read_bytes() == second.read_bytes()
 
 
@@ -373,7 +372,7 @@ def test_a_family_that_ends_with_unbounded_multipliers_keeps_its_scale():
 
 def test_the_lock_of_a_knee_is_drawn_as_a_jump():
     shown = gait("kneed-passive")
-    figure = GAIT_FIGURES["portrait"]([shown])
+    figure = figures_of(shown).draw("portrait")
     before, after = (arc.states for arc in shown.steps[0].arcs[:2])
     knee = [shown.system.state_names.index(name) for name in ("theta3", "dtheta3")]
     jumps = [line.get_xydata() for line in figure.axes[0].lines if line.get_linestyle() == ":"]
@@ -383,9 +382,9 @@ def test_the_lock_of_a_knee_is_drawn_as_a_jump():
 
 def test_a_hopper_shows_its_height_and_what_it_presses_on_the_ground():
     shown = gait("hopper")
-    _, normal = GAIT_FIGURES["force"]([shown]).axes
+    _, normal = figures_of(shown).draw("force").axes
     landed, flying = ([line.get_ydata() for line in normal.lines if line.get_linestyle() == own] for own in ("-", ":"))
     assert max(np.max(force) for force in landed) > 1
     assert all(np.allclose(force, 0) for force in flying)
-    words = [text.get_text() for text in GAIT_FIGURES["roads"]([shown]).legends[0].get_texts()]
+    words = [text.get_text() for text in figures_of(shown).draw("roads").legends[0].get_texts()]
     assert "y, simulation" in words

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from named import named
 
-from gaitopt.show.film import film
+from gaitopt.show.film import film, skeleton
 from gaitopt.show.motion import motion_of
-from gaitopt.show.walker import skeleton
 
 
 def drawing(name, step=0):

@@ -11,10 +11,10 @@ from pictured import SEQUENCES, TORSO, gait
 
 from gaitopt.model.walker import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.show import walker as skeleton_module
-from gaitopt.show.film import CODES, animation_page, film, pack
+from gaitopt.show import film as skeleton_module
+from gaitopt.show.film import CODES, film, pack, skeleton, slope
 from gaitopt.show.motion import motion_of
-from gaitopt.show.walker import skeleton, slope
+from gaitopt.show.pages import animation_page
 
 WALKERS = (*SEQUENCES, TORSO)
 
