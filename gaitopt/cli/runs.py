@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from gaitopt.gait.gait import Gait
-    from gaitopt.gait.records import BranchRecord, SpecialRecord
     from gaitopt.problem.problem import Problem
 
 
