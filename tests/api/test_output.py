@@ -97,8 +97,7 @@ def test_records_of_a_branch_come_one_by_one_and_are_read_back_as_they_were():
     whole = [first, *records]
     again = go.continuation_records(named(WHEEL), "friction", TARGET, max_points=3, output="branch")
     assert next(again)["stored"] == len(whole)
-    assert list(again) == whole
-    assert go.load_records("branch")[1:] == whole
+    assert json.dumps([*again]) == json.dumps(whole) == json.dumps(go.load_records("branch")[1:])
     assert [point.value for point in go.load_run("branch")] == [r["value"] for r in whole if r["record"] == "point"]
 
 
