@@ -175,7 +175,7 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     begin, end = t.layout.arc_times(durations)[index]
     times = begin + k * (end - begin) / arc_layout.intervals
     d_times = starts + np.multiply.outer(k / arc_layout.intervals, stretch)
-    node = t.layout.first_nodes[index] + k
+    node = t.layout.arc_nodes[index].start + k
     by = step_derivatives(system, arc_layout.mode, t.free, nodes[:, node], times, arc.times - times, p, data)
     d_nodes = slopes[:first].reshape(t.n_nodes, n_z, -1)[node]
     dz = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
@@ -286,8 +286,8 @@ class ExactScalars:
     def slip(self) -> Differentiated:
         """Path of the sliding foot [m]."""
         total, layout, system = self._total(()), self._t.layout, self._t.system
-        for arc, first in zip(layout.arcs, layout.first_nodes, strict=True):
-            start, end = (self._unknown(system.n_z * k + system.n_shape) for k in (first, first + arc.intervals))
+        for arc, nodes in zip(layout.arcs, layout.arc_nodes, strict=True):
+            start, end = (self._unknown(system.n_z * k + system.n_shape) for k in (nodes[0], nodes[-1]))
             direction = arc.mode.direction
             total += direction * (end.value - start.value), direction * (end.gradient - start.gradient)
         return total

@@ -61,10 +61,9 @@ def assemble_gait(
     at : the solution.
     errors : ndarray, shape (n_phases,) - estimated integration error, that of the solution unless given.
     """
-    equations = at.equations
-    w = _forward_in_time(at)
-    nodes, _, freed = equations.unpack(w)
-    steps = assemble_steps(at)
+    forward, equations = _forward_in_time(at), at.equations
+    nodes, durations, freed = equations.unpack(forward.w)
+    steps = assemble_steps(forward)
     return Gait(
         problem=problem,
         dynamics=equations.dynamics(at.p, freed),
@@ -72,7 +71,7 @@ def assemble_gait(
         message=message,
         steps=steps,
         shooting=Shooting(
-            times=equations.node_times(w),
+            times=equations.layout.node_times(durations),
             states=nodes.T,
             intervals=tuple(arc.intervals for arc in equations.layout.arcs),
             residual=at.size,
@@ -87,14 +86,14 @@ def assemble_gait(
 
 def assemble_steps(at: Solution, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
     """The steps of a solution; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
-    equations, w = at.equations, _forward_in_time(at)
-    nodes, _, freed = equations.unpack(w)
+    at, equations = _forward_in_time(at), at.equations
+    nodes, _, freed = equations.unpack(at.w)
     cycle, table = equations.layout.cycle, equations.system.transitions
     per_phase, arcs = cycle.per_phase(equations.dynamics(at.p, freed).steps), [list[Arc]() for _ in cycle.steps]
     for index, arc in enumerate(equations.layout.arcs):
         dynamics = per_phase[arc.phase]
         for count in counts:
-            times, states = equations.sample(w, at.p, index, count)
+            times, states = equations.sample(at.w, at.p, index, count)
             if curves.tail(states / dynamics.state_units) < curves.RESOLVED:
                 break
         # where an event makes the slip velocity zero, the sign of its rounding would decide a mode
@@ -114,8 +113,10 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = COUNTS) -> tuple[Step
     )
 
 
-def _forward_in_time(at: Solution) -> Array:
-    """Its unknowns with a duration of zero where rounding has made that of a vanishing phase negative."""
+def _forward_in_time(at: Solution) -> Solution:
+    """The solution with a duration of zero where rounding has made that of a vanishing phase negative."""
     nodes, durations, freed = at.equations.unpack(at.w)
     rounding = (durations < 0) & (durations > -COINCIDENT * durations.sum())
-    return at.equations.pack(nodes, np.where(rounding, 0.0, durations), freed) if rounding.any() else at.w
+    if not rounding.any():
+        return at
+    return replace(at, w=at.equations.pack(nodes, np.where(rounding, 0.0, durations), freed))

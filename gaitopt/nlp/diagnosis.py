@@ -210,7 +210,7 @@ def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) 
     """The cause at a row of the inequalities, whose place precedes its words."""
     layout = at.equations.layout
     node = layout.impact_nodes[label.step] if label.node is None else label.node
-    time = float(at.equations.node_times(at.w)[node])
+    time = float(layout.node_times(at.durations)[node])
     if label.name in PUSH:
         place = "push-off"
     elif label.phase is None:

@@ -1,13 +1,17 @@
 """The mesh of a cycle: its steps are cut into arcs, and the arcs into shooting intervals.
 
-Phases end at unknown times; the breakpoints of the control are at fixed times since the impact. Arcs end at both, and
-every arc has equal intervals, so that the motion is smooth in every interval. Between two impacts (of the foot or of a
-stop) there is one more node than intervals: the first is just after one impact, the last just before the next.
+    t_k = t_start + k (t_end - t_start) / n,      k = 0 .. n      on every arc
+
+Phases end at unknown times; the breakpoints of the control are at fixed times since the impact. Arcs end at both, so
+that the motion is smooth in every interval. Between two impacts (of the foot or of a stop) there is one more node than
+intervals: the first is just after one impact, the last just before the next.
 """
 
-from collections.abc import Iterator, Sequence
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,7 +52,7 @@ class Layout:
     cycle: Cycle
     arcs: tuple[ArcLayout, ...]
 
-    @property
+    @cached_property
     def intervals(self) -> int:
         """Number of shooting intervals."""
         return sum(arc.intervals for arc in self.arcs)
@@ -59,34 +63,29 @@ class Layout:
         return self.intervals + len(self.cycle.resets)
 
     @cached_property
-    def first_nodes(self) -> tuple[int, ...]:
-        """Index of the first node of every arc."""
-        ends = np.cumsum([0, *(arc.intervals for arc in self.arcs[:-1])])
-        jumps = np.array([phase for phase, _ in self.cycle.resets])
-        return tuple(int(k) + int((jumps < arc.phase).sum()) for k, arc in zip(ends, self.arcs, strict=True))
+    def arc_intervals(self) -> tuple[slice, ...]:
+        """The intervals of every arc."""
+        ends = accumulate(arc.intervals for arc in self.arcs)
+        return tuple(slice(end - arc.intervals, end) for end, arc in zip(ends, self.arcs, strict=True))
+
+    @cached_property
+    def arc_nodes(self) -> tuple[range, ...]:
+        """The nodes of every arc; it shares the first and the last one with its neighbours, except across a reset."""
+        resets, nodes = [phase for phase, _ in self.cycle.resets], list[range]()
+        for arc, at in zip(self.arcs, self.arc_intervals, strict=True):
+            passed = bisect_left(resets, arc.phase)
+            nodes.append(range(at.start + passed, at.stop + passed + 1))
+        return tuple(nodes)
 
     @cached_property
     def start_nodes(self) -> NDArray[np.intp]:
-        """Index of the node at which every interval starts; shape (intervals,)."""
-        return np.concatenate(
-            [f + np.arange(arc.intervals) for f, arc in zip(self.first_nodes, self.arcs, strict=True)]
-        )
-
-    @cached_property
-    def end_nodes(self) -> NDArray[np.intp]:
-        """Index of the node at which every interval ends; shape (intervals,)."""
-        return self.start_nodes + 1
-
-    @cached_property
-    def joints(self) -> tuple[list[int], list[int]]:
-        """Indices of the last node of every phase, and of the node just after every impact."""
-        return list(self.last_nodes), [(node + 1) % self.n_nodes for node in self.reset_nodes]
+        """Index of the node at which every interval starts; the interval ends at the next one. Shape (intervals,)."""
+        return np.concatenate([np.arange(at.start, at.stop - 1) for at in self.arc_nodes])
 
     @cached_property
     def last_nodes(self) -> tuple[int, ...]:
         """Index of the last node of every phase."""
-        ends = {arc.phase: first + arc.intervals for arc, first in zip(self.arcs, self.first_nodes, strict=True)}
-        return tuple(ends.values())
+        return tuple({arc.phase: at[-1] for arc, at in zip(self.arcs, self.arc_nodes, strict=True)}.values())
 
     @property
     def impact_nodes(self) -> tuple[int, ...]:
@@ -98,31 +97,39 @@ class Layout:
         """Index of the node just before every impact, of the foot or of a stop."""
         return tuple(self.last_nodes[phase] for phase, _ in self.cycle.resets)
 
-    def switches(self, durations: Array) -> list[tuple[float, float]]:
-        """Start and end of every phase for given phase durations, times since the last impact [s]."""
-        firsts, switches, end = self.cycle.first_phases, list[tuple[float, float]](), 0.0
-        for phase, duration in enumerate(durations.tolist()):
-            start = 0.0 if phase in firsts else end
-            end = start + duration
-            switches.append((start, end))
-        return switches
+    @cached_property
+    def joints(self) -> tuple[list[int], list[int]]:
+        """Indices of the last node of every phase, and of the node just after every impact."""
+        return list(self.last_nodes), [(node + 1) % self.n_nodes for node in self.reset_nodes]
 
-    def arc_times(self, durations: Array) -> list[tuple[float, float]]:
-        """Start and end of every arc for given phase durations, times since the last impact [s]."""
-        switches = self.switches(durations)
+    def arc_times(self, durations: Iterable[Any]) -> list[tuple[Any, Any]]:
+        """Start and end of every arc since the last impact [s], from phase durations that are numbers or symbols."""
+        phases: list[tuple[Any, Any]] = []
+        for phase, duration in enumerate(durations):
+            start = 0.0 if phase in self.cycle.first_phases else phases[-1][1]
+            phases.append((start, start + duration))
         return [
             (
-                switches[arc.phase][0] if arc.start is None else arc.start,
-                switches[arc.phase][1] if arc.end is None else arc.end,
+                phases[arc.phase][0] if arc.start is None else arc.start,
+                phases[arc.phase][1] if arc.end is None else arc.end,
             )
             for arc in self.arcs
         ]
 
+    def interval_times(self, durations: Array) -> tuple[Array, Array]:
+        """Start of every interval since the last impact, and its length, shapes (intervals,) [s]."""
+        starts, lengths = np.empty(self.intervals), np.empty(self.intervals)
+        for at, (start, end) in zip(self.arc_intervals, self.arc_times(durations), strict=True):
+            n = at.stop - at.start
+            lengths[at] = (end - start) / n
+            starts[at] = start + np.arange(n) * (end - start) / n
+        return starts, lengths
+
     def node_times(self, durations: Array) -> Array:
         """Time since the last impact of every node for given phase durations; shape (n_nodes,) [s]."""
         times = np.empty(self.n_nodes)
-        for arc, first, (a, b) in zip(self.arcs, self.first_nodes, self.arc_times(durations), strict=True):
-            times[first : first + arc.intervals + 1] = np.linspace(a, b, arc.intervals + 1)
+        for at, (start, end) in zip(self.arc_nodes, self.arc_times(durations), strict=True):
+            times[at.start : at.stop] = np.linspace(start, end, len(at))
         return times
 
     def in_order(self, durations: Array, breakpoints: Sequence[float]) -> bool:

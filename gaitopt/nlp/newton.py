@@ -22,7 +22,7 @@ from gaitopt.gait.gait import Status
 from gaitopt.model.buffered import buffered
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import ORDER
-from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits
+from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits, transcribe
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
 
@@ -158,9 +158,8 @@ class Solution:
                 return np.full(equations.n_phases, np.inf)
             node_units, duration_units, _ = equations.unpack(self.units.unknowns)
             nodes, errors = nodes / node_units, np.abs(durations / duration_units)
-            for arc, first in zip(equations.layout.arcs, equations.layout.first_nodes, strict=True):
-                largest = np.abs(nodes[:, first : first + arc.intervals + 1]).max()
-                errors[arc.phase] = max(errors[arc.phase], largest)
+            for arc, at in zip(equations.layout.arcs, equations.layout.arc_nodes, strict=True):
+                errors[arc.phase] = max(errors[arc.phase], np.abs(nodes[:, at.start : at.stop]).max())
             return errors
 
     @property
@@ -329,9 +328,9 @@ def _resampled(coarse: Solution, intervals: Sequence[int]) -> Solution:
     known, layout = coarse.equations, coarse.equations.layout.refined(intervals)
     nodes, durations, freed = known.unpack(coarse.w)
     resampled = np.empty((nodes.shape[0], layout.n_nodes))
-    for index, (arc, first) in enumerate(zip(layout.arcs, layout.first_nodes, strict=True)):
-        fractions = np.linspace(0, 1, arc.intervals + 1)[:-1]
-        resampled[:, first : first + arc.intervals] = known.states_at(coarse.w, coarse.p, index, fractions).T
+    for index, at in enumerate(layout.arc_nodes):
+        fractions = np.linspace(0, 1, len(at))[:-1]
+        resampled[:, at[:-1]] = known.states_at(coarse.w, coarse.p, index, fractions).T
     resampled[:, layout.reset_nodes] = nodes[:, known.layout.reset_nodes]
-    finer = known.on(layout)
+    finer = transcribe(known.system, layout, known.free)
     return Solution(finer, finer.pack(resampled, durations, freed), coarse.p)

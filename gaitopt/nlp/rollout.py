@@ -115,9 +115,8 @@ class Rollout:
         plan = layout(self.cycle, durations, system.control.breakpoints)
         plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
         nodes = np.empty((system.n_z, plan.n_nodes))
-        for arc, first, (begin, end) in zip(plan.arcs, plan.first_nodes, plan.arc_times(durations), strict=True):
-            times = np.linspace(begin, end, arc.intervals + 1)
-            nodes[:, first : first + times.size] = self(arc.phase, times)
+        for arc, at, (begin, end) in zip(plan.arcs, plan.arc_nodes, plan.arc_times(self.durations), strict=True):
+            nodes[:, at.start : at.stop] = self(arc.phase, np.linspace(begin, end, len(at)))
         equations = transcribe(system, plan, free)
         freed = [self.dynamics.parameter(key) for key in free]
         return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p)

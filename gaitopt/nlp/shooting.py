@@ -1,15 +1,21 @@
 """The equations of a periodic gait by multiple shooting, with the mode sequences of its steps given.
 
-Unknowns w = (nodes z_0 .. z_K, phase durations, free parameters). There are as many equalities as nodes and durations:
+Unknowns w = (nodes z_0 .. z_K, phase durations d, free parameters). There are as many equalities as nodes and
+durations; F(w, p) = (defects, events, resets):
 
-    defects      z_{k+1} = step(z_k)                       on every interval, see ``interval``
-    events       v_t = 0 where a slip ends, mu f_n +- f_t = 0 where a stick ends, guard = 0 at touchdown
-    resets       z_start = impact(z_end)                   at every impact; x is counted from the new stance foot
-                                                           the last reset leads to z_0, which makes the gait periodic
-    margins      >= 0 at every node, at the onset of slip, at take-off and at impacts
+    continuity of states    z_{k+1} - step(z_k, t_k, h_k) = 0    on every interval, by one Runge-Kutta step
+    end of a phase          guard(z_end) = 0                     v_t = 0 where a slip ends, mu f_n +- f_t = 0 where it
+                                                                 begins, the swing foot on the ground at touchdown
+    impact, periodicity     z_start - reset(z_end) = 0           x is counted from the new stance foot; the last reset
+                                                                 leads to z_0
 
-Friction complementarity: a mode sets one factor of each pair to zero (in slip the factor of the force, by the friction
-law); the other factor is a margin at every node, except where an event already makes it zero.
+Friction complementarity, with the slip velocity v_t = v_forward - v_backward:
+
+    0 <= v_forward  _|_  mu f_n + f_t >= 0,      0 <= v_backward  _|_  mu f_n - f_t >= 0,      f_n > 0
+
+The mode of a phase sets one factor of each pair to zero: a sticking foot has no velocity, and the friction law gives
+the force of a slip. The other factor is a margin, which must not be negative at any node; it is left out where an event
+makes it zero. Margins of the impacts complete the inequalities.
 
 A slip that starts from rest also has zero velocity after no time at all. Its event is divided by that zero, so that
 only the actual end remains and the equations stay regular where the slip first appears.
@@ -23,7 +29,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from casadi import MX, SX, Function, densify, horzcat, jacobian, repmat, sum1, vec, vertcat
+from casadi import MX, SX, Function, densify, horzcat, jacobian, repmat, sum1, vec, vertcat, vertsplit
 from numpy.typing import ArrayLike, NDArray
 
 from gaitopt.arrays import Array
@@ -88,14 +94,14 @@ class Unknowns(NamedTuple):
 
 
 class MultipleShooting:
-    """The equations on one layout: as CasADi expressions of ``w`` and ``parameters`` for IPOPT, as numbers for Newton.
+    """The equations on one mesh: as CasADi expressions of ``w`` and ``parameters`` for IPOPT, as numbers for Newton.
 
-    The numbers come from compiled functions of one step and of one cycle, which all layouts share.
+    The numbers come from compiled functions of one step and of one cycle, which all meshes share.
 
     Parameters
     ----------
     system : walker, control and ground.
-    layout : arcs and intervals.
+    layout : arcs and intervals of the mesh.
     free : dotted keys of the parameters that are unknowns.
 
     Attributes
@@ -122,10 +128,6 @@ class MultipleShooting:
         BUILT.watch(vars(self))
         self._units: tuple[bytes, NaturalUnits] | None = None
         self._samples: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
-
-    def on(self, layout: Layout) -> "MultipleShooting":
-        """The same equations on another layout."""
-        return transcribe(self.system, layout, self.free)
 
     def pack(self, nodes: Array, durations: Array, freed: ArrayLike = ()) -> Array:
         """The vector w from nodes (n_z, K + 1), durations (n_phases,) and free parameters (n_free,)."""
@@ -161,9 +163,9 @@ class MultipleShooting:
         dynamics, cycle = _dynamics(self.system, key), self.layout.cycle
         scales, state = dynamics.scales, dynamics.state_units
         events = [margin_unit(name, scales) / scales.time**order for _, name, order in endings(self.system, cycle)]
-        nodes = np.tile(state, self.n_nodes)
+        nodes, durations = np.tile(state, self.n_nodes), np.full(self.n_phases, scales.time)
         units = NaturalUnits(
-            unknowns=self.pack(nodes, np.full(self.n_phases, scales.time), np.ones(len(self.free))),
+            unknowns=self.pack(nodes, durations, np.ones(len(self.free))),
             equalities=np.concatenate(
                 [np.tile(state, self.layout.intervals), events, np.tile(state, len(cycle.resets))]
             ),
@@ -190,17 +192,15 @@ class MultipleShooting:
 
         ends = self.map_arcs(lambda mode: shooting_step(self.system, mode), columns)
         nodes = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.layout.arcs))))
-        defects = vec(nodes - horzcat(*ends))
         phase_ends, phase_starts = (self.Z[:, at] for at in self.layout.joints)
         joined = conditions(*self._cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
-        return vertcat(defects, joined)
+        return vertcat(vec(nodes - horzcat(*ends)), joined)
 
     @cached_property
     def equality_labels(self) -> tuple[Label, ...]:
         """Meaning of each row of the equalities."""
         layout, cycle, names = self.layout, self.layout.cycle, self.system.state_names
-        arcs = zip(layout.arcs, layout.first_nodes, strict=True)
-        nodes = [(arc.phase, first + 1 + k) for arc, first in arcs for k in range(arc.intervals)]
+        nodes = [(arc.phase, node) for arc, at in zip(layout.arcs, layout.arc_nodes, strict=True) for node in at[1:]]
         ends = zip(endings(self.system, cycle), layout.last_nodes, strict=True)
         resets = zip(cycle.resets, layout.joints[1], strict=True)
         return (
@@ -215,23 +215,11 @@ class MultipleShooting:
         segments = {arc.phase: arc.segment for arc in self.layout.arcs}
         return self.system, self.layout.cycle, tuple(segments.values()), self.free
 
-    @cached_property
-    @building
-    def _switches(self) -> list[tuple[MX, MX]]:
-        """Start and end of every phase, times since the last impact."""
-        switches: list[tuple[MX, MX]] = []
-        for phase in range(self.n_phases):
-            start = MX(0) if phase in self.layout.cycle.first_phases else switches[-1][1]
-            switches.append((start, start + self.durations[phase]))
-        return switches
-
     def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
         """Layout, nodes, start time and interval length of one arc."""
-        arc = self.layout.arcs[index]
-        start = self._switches[arc.phase][0] if arc.start is None else MX(arc.start)
-        end = self._switches[arc.phase][1] if arc.end is None else MX(arc.end)
-        first = self.layout.first_nodes[index]
-        return arc, self.Z[:, first : first + arc.intervals + 1], start, (end - start) / arc.intervals
+        arc, at = self.layout.arcs[index], self.layout.arc_nodes[index]
+        start, end = map(MX, self.layout.arc_times(vertsplit(self.durations))[index])
+        return arc, self.Z[:, at.start : at.stop], start, (end - start) / arc.intervals
 
     def constants(self, arc: ArcLayout, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""
@@ -257,30 +245,62 @@ class MultipleShooting:
     @building
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and the meaning of each row."""
-        blocks = list(self._node_margins())
-        for row, label in (*self._unloaded_margins(), *self._onset_margins(), *self.impact_margins):
-            blocks.append((row, [label]))
-        return vertcat(*(block for block, _ in blocks)), tuple(label for _, labels in blocks for label in labels)
+        system, table, layout = self.system, self.system.transitions, self.layout
+        arcs = list(zip(range(len(layout.arcs)), layout.arcs, layout.arc_nodes, strict=True))
+        rows, labels = list[MX](), list[Label]()
 
-    def _node_margins(self) -> Iterator[tuple[MX, list[Label]]]:
-        """Margins of every arc at its nodes, except those that an event makes zero."""
-
+        # every margin of a mode at the nodes of its arcs, unless an event makes it zero
         def columns(i: int) -> list[MX]:
             arc, Z, start, h = self.arc(i)
             times = start + h * MX(np.arange(arc.intervals + 1)).T
             return [times, Z, *self.constants(arc, arc.intervals + 1)]
 
-        for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
-            arc, first = self.layout.arcs[i], self.layout.first_nodes[i]
-            names = self.system.transitions.margin_names(arc.mode)
+        for (i, arc, at), margins in zip(arcs, self.map_arcs(system.margins, columns), strict=True):
+            names = table.margin_names(arc.mode)
             places = [
                 (row, k, name)
                 for row, name in enumerate(names)
                 for k in range(arc.intervals + 1)
                 if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
             ]
-            rows = vec(margins)[[row + k * len(names) for row, k, _ in places]]
-            yield rows, [Label(name=name, phase=arc.phase, node=first + k) for _, k, name in places]
+            rows.append(vec(margins)[[row + k * len(names) for row, k, _ in places]])
+            labels += [Label(name=name, phase=arc.phase, node=at[k]) for _, k, name in places]
+
+        # where a massless leg lands or takes off the ground forces are zero: their rates instead
+        for i, arc, at in arcs:
+            for k, sign in ((0, 1), (arc.intervals, -1)):
+                if self._is_unloaded(i, k):
+                    _, Z, start, h = self.arc(i)
+                    _, rates = system.events(arc.mode)(start + k * h, Z[:, k], *self.constants(arc, 1))
+                    for name in GROUND_FORCES:
+                        rows.append(sign * rates[table.margin_names(arc.mode).index(name)])
+                        labels.append(Label(name=name, phase=arc.phase, node=at[k]))
+
+        # where a slip starts from rest, the force beyond the static cone; with one coefficient the cone margin suffices
+        for i, arc, at in arcs:
+            if system.friction.may_drop and arc.start is None and layout.cycle.starts_from_rest(arc.phase):
+                _, Z, start, _ = self.arc(i)
+                margins = system.margins(Mode.STICK)(start, Z[:, 0], *self.constants(arc, 1))
+                rows.append(-margins[table.margin_names(Mode.STICK).index(CONE[arc.mode.contact])])
+                labels.append(Label(name="onset", phase=arc.phase, node=at[0]))
+
+        for row, label in self.impact_margins:
+            rows.append(row)
+            labels.append(label)
+        return vertcat(*rows), tuple(labels)
+
+    @cached_property
+    @building
+    def impact_margins(self) -> tuple[tuple[MX, Label], ...]:
+        """Margins of the impacts."""
+        margins: list[tuple[MX, Label]] = []
+        for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
+            values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
+            step = self.layout.cycle.step_of(phase)
+            for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
+                at_stop = Label(name=name, phase=phase, node=node)
+                margins.append((values[row], at_stop if mode.locked else Label(name=name, step=step)))
+        return tuple(margins)
 
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
@@ -304,46 +324,7 @@ class MultipleShooting:
         ends = k == arc.intervals and arc.end is None and after is not None
         return ends and set(GROUND_FORCES) <= set(table.between(arc.mode, after).zeros)
 
-    def _unloaded_margins(self) -> Iterator[tuple[MX, Label]]:
-        """Rates of the ground forces where a massless leg lands and takes off; the forces themselves are zero there."""
-        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            for k, sign in ((0, 1), (arc.intervals, -1)):
-                if not self._is_unloaded(i, k):
-                    continue
-                _, Z, start, h = self.arc(i)
-                data = self.system.data(arc.segment)
-                _, rates = self.system.events(arc.mode)(start + k * h, Z[:, k], self.phase_parameters[arc.phase], data)
-                for name in GROUND_FORCES:
-                    rate = rates[self.system.transitions.margin_names(arc.mode).index(name)]
-                    yield sign * rate, Label(name=name, phase=arc.phase, node=first + k)
-
-    def _onset_margins(self) -> Iterator[tuple[MX, Label]]:
-        """Force beyond the static cone where a slip starts from rest; with one coefficient the cone margin suffices."""
-        if not self.system.friction.may_drop:
-            return
-        for i, (arc, first) in enumerate(zip(self.layout.arcs, self.layout.first_nodes, strict=True)):
-            if arc.start is None and self.layout.cycle.starts_from_rest(arc.phase):
-                _, Z, start, _ = self.arc(i)
-                data = self.system.data(arc.segment)
-                margins = self.system.margins(Mode.STICK)(start, Z[:, 0], self.phase_parameters[arc.phase], data)
-                names = self.system.transitions.margin_names(Mode.STICK)
-                cone = margins[names.index(CONE[arc.mode.contact])]
-                yield -cone, Label(name="onset", phase=arc.phase, node=first)
-
-    @cached_property
-    @building
-    def impact_margins(self) -> tuple[tuple[MX, Label], ...]:
-        """Margins of the impacts."""
-        margins: list[tuple[MX, Label]] = []
-        for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
-            values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
-            step = self.layout.cycle.step_of(phase)
-            for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
-                at_stop = Label(name=name, phase=phase, node=node)
-                margins.append((values[row], at_stop if mode.locked else Label(name=name, step=step)))
-        return tuple(margins)
-
-    # ---- the same as numbers
+    # ---- equalities, margins and states as numbers
 
     def violation(self, w: Array, p: Array) -> Array:
         """Values of the equalities, shape (n_z n_nodes + n_phases,)."""
@@ -356,22 +337,53 @@ class MultipleShooting:
 
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities."""
-        return self._margin_values(w, p)[0].copy()
+        return self._margins(w, p)[0].copy()
 
-    @cached_property
-    @building
-    def _margin_values(self) -> BufferedFunction:
-        function = Function("margins", [self.w, self.parameters], [self.inequalities[0]])
-        return BufferedFunction(BUILT.watch(function))
+    def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
+        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc.
+
+        The samples of the last solution are kept: its diagnosis and its gait need the same ones.
+        """
+        solution = w.tobytes() + p.tobytes()
+        last = self._samples  # read once: another thread may replace it
+        if last[0] != solution:
+            last = self._samples = (solution, {})
+        samples = last[1]
+        if (index, count) not in samples:
+            start, end = self.layout.arc_times(self.unpack(w).durations.tolist())[index]
+            fractions = (points(count) + 1) / 2
+            times = start + (end - start) * fractions
+            times[-1] = end  # to the last bit, where the next arc starts
+            samples[index, count] = times, self.states_at(w, p, index, fractions)
+        times, states = samples[index, count]
+        return times.copy(), states.copy()
+
+    def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
+        """States (m, n_z) at fractions of one arc, each by a partial shooting step from the node before it."""
+        nodes, durations, freed = self.unpack(w)
+        arc, first = self.layout.arcs[index], self.layout.arc_nodes[index].start
+        start, end = self.layout.arc_times(durations.tolist())[index]
+        h, places = (end - start) / arc.intervals, fractions * arc.intervals
+        k = np.minimum(places.astype(int), arc.intervals - 1)
+        step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
+        values, data = self._per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
+        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
+        return states.copy()
 
     @cached_property
     def _joined(self) -> BufferedFunction:
         """Events and resets."""
         return buffered(conditions(*self._cycle_key))
 
+    @cached_property
+    @building
+    def _margins(self) -> BufferedFunction:
+        function = Function("margins", [self.w, self.parameters], [self.inequalities[0]])
+        return BufferedFunction(BUILT.watch(function))
+
     def _defects(self, w: Array, ends: Array) -> Array:
         """Differences between the nodes and the ends of the steps, shape (intervals, n_z), that lead to them."""
-        return np.asarray((self.unpack(w).nodes.T[self.layout.end_nodes] - ends).ravel())
+        return np.asarray((self.unpack(w).nodes.T[self.layout.start_nodes + 1] - ends).ravel())
 
     def _joints(self, w: Array) -> tuple[Array, Array, Array, Array]:
         """States at the ends of phases and after resets, durations and free parameters, for ``conditions``."""
@@ -392,11 +404,11 @@ class MultipleShooting:
         """Per arc the inputs of its m steps: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
         nodes, durations, freed = self.unpack(w)
         layout, per_phase = self.layout, self._per_phase(self.values(p, freed))
-        for arc, first, (start, end) in zip(layout.arcs, layout.first_nodes, layout.arc_times(durations), strict=True):
+        arc_times = layout.arc_times(durations.tolist())
+        for arc, at, (start, end) in zip(layout.arcs, layout.arc_nodes, arc_times, strict=True):
             length = (end - start) / arc.intervals
             times = start + length * np.arange(arc.intervals, dtype=float)[:, None]
-            data = self.system.data(arc.segment)
-            yield nodes.T[first : first + arc.intervals], times, length, per_phase[arc.phase], data
+            yield nodes.T[at.start : at.stop - 1], times, length, per_phase[arc.phase], self.system.data(arc.segment)
 
     @cached_property
     def _steps(self) -> list[BufferedMap]:
@@ -410,7 +422,7 @@ class MultipleShooting:
         n_z, n, n_free = self.system.n_z, self.layout.intervals, len(self.free)
         stages = np.empty((N_STAGES, n, n_z, n_z + 2 + n_free))
         starts, lengths = np.empty((n, n_z)), np.empty(n)
-        arcs = list(zip(self.layout.arcs, self._arc_intervals, strict=True))
+        arcs = list(zip(self.layout.arcs, self.layout.arc_intervals, strict=True))
         for (_, at), derivatives, inputs in zip(arcs, self._stages, self._step_starts(w, p), strict=True):
             stages[:, at] = stages_of(derivatives(*inputs)[0], n_z)
             starts[at], lengths[at] = inputs[0], inputs[2]
@@ -429,12 +441,6 @@ class MultipleShooting:
         return np.concatenate([self._defects(w, ends), joined]), matrix
 
     @cached_property
-    def _arc_intervals(self) -> list[slice]:
-        """The intervals of every arc."""
-        ends = np.cumsum([arc.intervals for arc in self.layout.arcs]).tolist()
-        return [slice(end - arc.intervals, end) for end, arc in zip(ends, self.layout.arcs, strict=True)]
-
-    @cached_property
     def _stages(self) -> list[BufferedMap]:
         """Stage derivatives of all intervals of every arc; a free parameter may have another role in the next step."""
         names, maps = self.system.parameters, []
@@ -451,14 +457,10 @@ class MultipleShooting:
 
     @cached_property
     def _duration_derivatives(self) -> tuple[Array, Array]:
-        """Derivatives of start and length of every interval by the durations, in which both are linear."""
-        times, lengths = (np.zeros((self.layout.intervals, self.n_phases)) for _ in range(2))
-        zero = np.array(self.layout.arc_times(np.zeros(self.n_phases)))
-        for phase in range(self.n_phases):
-            spans = np.array(self.layout.arc_times(np.eye(self.n_phases)[phase])) - zero
-            for arc, at, (start, end) in zip(self.layout.arcs, self._arc_intervals, spans, strict=True):
-                lengths[at, phase] = (end - start) / arc.intervals
-                times[at, phase] = start + np.arange(arc.intervals) * (end - start) / arc.intervals
+        """Derivatives of start and length of every interval by the durations, in which both are affine."""
+        durations = np.vstack([np.zeros(self.n_phases), np.eye(self.n_phases)])
+        origin, *units = map(self.layout.interval_times, durations)
+        times, lengths = np.transpose(np.array(units) - origin, (1, 2, 0))
         return times, lengths
 
     @cached_property
@@ -466,63 +468,20 @@ class MultipleShooting:
         """Pattern of the Jacobian, and the permutation that sorts the entries of ``linearised`` by columns."""
         n_z, n, layout = self.system.n_z, self.layout.intervals, self.layout
         n_w, n_tail = self.w.numel(), self.n_phases + len(self.free)
-        row = np.arange(n * n_z)
-        after = (n_z * layout.end_nodes[:, None] + np.arange(n_z)).ravel()
-        node_columns = n_z * layout.start_nodes[:, None, None] + np.arange(n_z)
+        tail, row = np.arange(n_w - n_tail, n_w), np.arange(n * n_z)
+        starts = n_z * layout.start_nodes[:, None] + np.arange(n_z)  # columns of the nodes where intervals start
         joined = condition_derivatives(*self._cycle_key).sparsity_out(1)
         joint_nodes = n_z * np.concatenate(layout.joints)[:, None] + np.arange(n_z)
-        joint_columns = np.concatenate([joint_nodes.ravel(), np.arange(n_w - n_tail, n_w)])
-        rows = np.concatenate(
-            [row, np.repeat(row, n_z), np.repeat(row, n_tail), n * n_z + np.array(joined.row(), dtype=int)]
-        )
-        columns = np.concatenate(
-            [
-                after,
-                np.broadcast_to(node_columns, (n, n_z, n_z)).ravel(),
-                np.tile(np.arange(n_w - n_tail, n_w), n * n_z),
-                joint_columns[joined.get_col()],
-            ]
-        )
+        blocks = [
+            (row, (starts + n_z).ravel()),
+            (np.repeat(row, n_z), np.repeat(starts, n_z, axis=0).ravel()),
+            (np.repeat(row, n_tail), np.tile(tail, n * n_z)),
+            (n * n_z + np.array(joined.row(), dtype=int), np.append(joint_nodes.ravel(), tail)[joined.get_col()]),
+        ]
+        rows, columns = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
         order = np.lexsort((rows, columns))
         pointers = np.searchsorted(columns[order], np.arange(n_w + 1))
         return Pattern(shape=(n * n_z + joined.size1(), n_w), pointers=pointers, rows=rows[order]), order
-
-    # ---- the motion at and between the nodes
-
-    def node_times(self, w: Array) -> Array:
-        """Time since impact of every node; shape (K + 1,) [s]."""
-        return self.layout.node_times(self.unpack(w).durations)
-
-    def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
-        """Times (count,) and states (count, n_z) at the Chebyshev points of one arc.
-
-        The samples of the last solution are kept: its diagnosis and its gait need the same ones.
-        """
-        solution = w.tobytes() + p.tobytes()
-        last = self._samples  # read once: another thread may replace it
-        if last[0] != solution:
-            last = self._samples = (solution, {})
-        samples = last[1]
-        if (index, count) not in samples:
-            start, end = self.layout.arc_times(self.unpack(w).durations)[index]
-            fractions = (points(count) + 1) / 2
-            times = start + (end - start) * fractions
-            times[-1] = end  # to the last bit, where the next arc starts
-            samples[index, count] = (times, self.states_at(w, p, index, fractions))
-        times, states = samples[index, count]
-        return times.copy(), states.copy()
-
-    def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
-        """States (m, n_z) at fractions of one arc, each by a partial shooting step from the node before it."""
-        nodes, durations, freed = self.unpack(w)
-        arc, first = self.layout.arcs[index], self.layout.first_nodes[index]
-        start, end = self.layout.arc_times(durations)[index]
-        h, places = (end - start) / arc.intervals, fractions * arc.intervals
-        k = np.minimum(places.astype(int), arc.intervals - 1)
-        step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
-        values, data = self._per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
-        (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
-        return states.copy()
 
 
 @built_once(maxsize=32)

@@ -100,13 +100,15 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
 
 def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
+    walker = problem.walker
+    if walker.flies or problem.free or not isinstance(problem.control, NoControlSpec):
+        return False
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
-    walker, system = problem.walker, _system(type(problem.walker))
-    push, _ = system.push(np.zeros(system.n_z), [*_values(walker), 0.0])
-    driven = walker.flies or (walker.pushes and np.asarray(push).any())
-    passive = isinstance(problem.control, NoControlSpec) and not problem.free and not driven
-    return bool(passive and (downhill == 0 or (downhill < 0 and not slides_back)))
+    if downhill > 0 or (downhill < 0 and slides_back):
+        return False
+    system = _system(type(walker))
+    return not (walker.pushes and np.asarray(system.push(np.zeros(system.n_z), [*_values(walker), 0.0])[0]).any())
 
 
 def natural_units(walker: Walker) -> Scales:

@@ -48,7 +48,7 @@ def test_event_that_ends_a_slip_from_rest_has_no_root_where_the_slip_has_no_leng
     for duration in (1e-3, 1e-5, 1e-7):
         w = t.pack((start + np.outer(np.linspace(0, duration, t.n_nodes), rate)).T, np.array([duration, 0.5]))
         nodes, _, _ = t.unpack(w)
-        nodes[:, t.layout.first_nodes[1]] = start + duration * rate
+        nodes[:, t.layout.arc_nodes[1].start] = start + duration * rate
         values.append(float(t.violation(t.pack(nodes, np.array([duration, 0.5])), P)[event]))
     assert values == pytest.approx([values[0]] * 3, rel=1e-6)
     assert abs(values[0]) > 1e-3
