@@ -172,7 +172,8 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
     """The message for an error that pydantic reports, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
     field = model.model_fields.get(str(item["loc"][0])) if item["loc"] else None
-    meaning = f" ({field.description})" if field is not None and field.description else ""
+    description = "" if field is None else field.description or ""
+    meaning = f" {description}" if description.startswith("[") else description and f" ({description})"
     if kind == "missing":
         return f"is missing{meaning}"
     if kind == "extra_forbidden":
@@ -181,33 +182,31 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         choices = re.findall(r"'(.*?)'", str(limits["expected"]))
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
-        least, most = (_limits(field, (name,)) for name in ("min_length", "max_length"))
-        needed = f"{least[0]:g}" if least == most else f"at least {least[0]:g}" if not most else f"at most {most[0]:g}"
+        shortest, longest = _limits(field, "min_length"), _limits(field, "max_length")
+        needed = f"at least {shortest[0]:g}" if not longest else f"at most {longest[0]:g}"
+        needed = f"{shortest[0]:g}" if shortest == longest else needed
         return f"has {limits['actual_length']} entries, must have {needed}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"
     if isinstance(value, float) and not math.isfinite(value):
         return f"{value} is not a finite number{meaning}"
     if kind in _LIMITS:
-        return f"{shown(value)} must be {_range_words(field, kind, limits[_LIMITS[kind]])}{meaning}"
+        violated = limits[_LIMITS[kind]]
+        least = max(_limits(field, "ge"), default=-LARGEST)
+        most = min(_limits(field, "le"), default=LARGEST)
+        allowed = f"at least {least:g} and at most {most:g}"
+        if violated == SMALLEST:
+            allowed = f"greater than 0, and at least {SMALLEST:g}"
+        elif least in (-LARGEST, SMALLEST) or most == LARGEST:  # the other limit is one of size only
+            allowed = f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
+        return f"{shown(value)} must be {allowed}{meaning}"
     return f"{shown(value)} {_REQUIREMENTS.get(kind, item['msg']).format(**limits)}{meaning}"
 
 
-def _range_words(field: FieldInfo | None, kind: str, violated: float) -> str:
-    """The range of a number; only the violated limit where the other one is nothing but a limit of size."""
-    if violated == SMALLEST:
-        return f"greater than 0, and at least {SMALLEST:g}"
-    least = max(_limits(field, ("ge",)), default=-LARGEST)
-    most = min(_limits(field, ("le",)), default=LARGEST)
-    if least in (-LARGEST, SMALLEST) or most == LARGEST:
-        return f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
-    return f"at least {least:g} and at most {most:g}"
-
-
-def _limits(field: FieldInfo | None, names: Sequence[str]) -> list[float]:
-    """Limits of a field by pydantic's names; none for the entries of a list."""
+def _limits(field: FieldInfo | None, name: str) -> list[float]:
+    """Limits of a field by pydantic's name; none for the entries of a list."""
     metadata = () if field is None else field.metadata
-    return [getattr(part, name) for part in metadata for name in names if getattr(part, name, None) is not None]
+    return [getattr(part, name) for part in metadata if getattr(part, name, None) is not None]
 
 
 _LIMITS = {"greater_than_equal": "ge", "less_than_equal": "le"}

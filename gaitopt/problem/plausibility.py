@@ -81,9 +81,9 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
         if why:
             yield Fault(path, why)
     for name, field in type(walker).model_fields.items():
-        part = getattr(walker, name) / scales.mass if (field.description or "").endswith("[kg]") else 1.0
-        if 0 < part < LIGHT:
-            yield Fault(("walker", name), f"is unusual: {part:.1g} of the whole mass")
+        is_mass, value = (field.description or "").endswith("[kg]"), getattr(walker, name)
+        if is_mass and 0 < value < LIGHT * scales.mass:
+            yield Fault(("walker", name), f"{value:g} is unusual: {value / scales.mass:.1g} of the whole mass")
     steps = () if problem.is_open else problem.cycle.steps
     for k, step in enumerate(steps):
         if len(step.phases) > MANY_PHASES:
