@@ -45,7 +45,7 @@ from gaitopt.proof.check import (
 )
 from gaitopt.proof.claims import ProofClaim
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox, deviations, exact_matrix, midpoint_jacobian
-from gaitopt.proof.taylor import VectorField, expand
+from gaitopt.proof.taylor import expand
 
 ORDER, ORDER_OF_FAMILY = 20, 16
 """Order of the Taylor series on a narrow box, and on a long one."""
@@ -140,7 +140,7 @@ def _prove(
         except (ValueError, StorageError) as error:  # of an interval: everything else is that of the gait
             raise ProblemError(f"{gait.problem.name}: {error}") from error
         try:
-            search = _Search(statement, gait, progress)
+            search = _BoxSearch(statement, gait, progress)
             boxes = list(search.boxes())
         except NotProved as failure:
             claim = ProofClaim(EXISTENCE, proved=False, words=f"no boxes can be verified: {failure}")
@@ -238,7 +238,7 @@ def arcs_of(gait: Gait) -> list[OrbitArc]:
     return arcs
 
 
-class _Search:
+class _BoxSearch:
     """The search for boxes of a gait or of a family.
 
     Attributes
@@ -315,6 +315,7 @@ class _Search:
         """
         orbit = self.statement.orbit(interval)
         start_orbit, centre, rate = start
+        # Newton's method from the last orbit, moved along its tangent to the middle of the interval
         if orbit.interval:
             move = orbit.interval[0] - start_orbit.interval[0]
             centre = [(u + v * move).mid() for u, v in zip(centre, rate, strict=True)]
@@ -323,6 +324,7 @@ class _Search:
         centre, rate = newton_step(middle_orbit, centre)
         half = orbit.interval[1].mid() if orbit.interval else arb(0)
         tilt = [(v * half).mid() for v in rate]
+        # the orbit leaves its tangent by an amount of second order, which the last box has shown
         radii = [RADIUS] * len(tilt)
         if half != 0 and self._curvature:
             radii = [max(curvature * float(half) ** 2, LEAST_RADIUS) for curvature in self._curvature]
@@ -369,34 +371,29 @@ def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[ar
     for j, (arc, doubles) in enumerate(zip(orbit.arcs, gait.arcs, strict=True)):
         start = [*map(arb, map(float, doubles.states[0])), arb(float(doubles.start))]
         if arc.mode.sticks:
-            start[-2] = arb(0)
-        duration = float(doubles.duration)
-        lengths, states = _steps(orbit, orbit.field(arc.mode, j), orbit.centre_at_node(start, 0), duration)
-        arcs.append(replace(arc, fractions=tuple(h / duration for h in lengths[:-1])))
-        nodes += [value for y in states for value in y[: orbit.n]]
+            start[-2] = arb(0)  # slip velocity
+        field, y = orbit.field(arc.mode, j), orbit.centre_at_node(start, 0)
+        duration = left = h = float(doubles.duration)
+        lengths = list[float]()
+        nodes += y[: orbit.n]
+        while left > 0:
+            h = left if h > left else min(h, left / 2) if 2 * h > left else h
+            try:
+                step = expand(field, y, arb(h), orbit.order)
+            except NotProved:
+                h *= LARGEST_CUT
+                continue
+            remainder = max(float(c[-1].abs_upper()) for c in step.remainder)
+            ratio = SAFETY * (10.0**-orbit.order / max(remainder, SMALLEST_REMAINDER)) ** (1 / orbit.order) / h
+            if ratio < LARGEST_CUT:
+                h *= LARGEST_CUT
+                continue
+            y, left = [value.mid() for value in step.end], left - h
+            lengths.append(h)
+            nodes += y[: orbit.n]
+            h *= min(ratio, LARGEST_GROWTH)
+        arcs.append(replace(arc, fractions=tuple(length / duration for length in lengths[:-1])))
     return arcs, [*nodes, *(arb(float(arc.duration)) for arc in gait.arcs)]
-
-
-def _steps(orbit: Orbit, field: VectorField, y: list[arb], duration: float) -> tuple[list[float], list[list[arb]]]:
-    """Lengths of the steps over an arc, and the states between them."""
-    left, h, lengths, states = duration, duration, list[float](), [y]
-    while left > 0:
-        h = left if h > left else min(h, left / 2) if 2 * h > left else h
-        try:
-            step = expand(field, y, arb(h), orbit.order)
-        except NotProved:
-            h *= LARGEST_CUT
-            continue
-        remainder = max(float(c[-1].abs_upper()) for c in step.remainder)
-        ratio = SAFETY * (10.0**-orbit.order / max(remainder, SMALLEST_REMAINDER)) ** (1 / orbit.order) / h
-        if ratio < LARGEST_CUT:
-            h *= LARGEST_CUT
-            continue
-        y, left = [value.mid() for value in step.end], left - h
-        lengths.append(h)
-        states.append(y)
-        h *= min(ratio, LARGEST_GROWTH)
-    return lengths, states
 
 
 def newton_step(orbit: Orbit, centre: Sequence[arb]) -> tuple[list[arb], list[arb]]:
