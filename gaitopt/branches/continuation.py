@@ -511,7 +511,7 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
 
 def _unusable(record: PointRecord, error: Exception) -> StorageError:
     words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
-    return StorageError(f"the walk cannot go on from point {record['index']} of branch {record['branch']}: {words}")
+    return StorageError(f"branch {record['branch']} cannot be resumed from its point {record['index']}: {words}")
 
 
 def _records_by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[BranchRecord]], set[int]]:
