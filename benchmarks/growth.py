@@ -10,13 +10,12 @@ from reuse import solve_anew
 from timing import Row, compared
 
 from gaitopt import load_problem, solve
-from gaitopt.design.design import step_states
 from gaitopt.model.control import NoControl
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.interval import shooting_step, stage_derivatives, step_derivatives
-from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import MultipleShooting
 
 INTERVALS = (16, 32, 64, 128)
@@ -34,13 +33,12 @@ def interval_rows() -> list[Row]:
     """One step of Newton's method on the stick-slip gait."""
     gait = solve(load_problem("compass-passive-a"))
     durations = np.array([duration for _, duration in gait.phases])
-    plan = layout(gait.problem.cycle, durations, ())
+    rolled = roll_out(gait.dynamics, gait.problem.cycle, gait.state, durations)
     ways = {}
     for count in INTERVALS:
         parts = [max(2, round(count * duration / durations.sum())) for duration in durations]
-        equations = MultipleShooting(gait.system, plan.refined(parts))
-        w = equations.pack(step_states(gait.steps[0], equations.layout.node_times(durations)), durations)
-        ways[f"{sum(parts)} intervals"] = (partial(newton_step, equations, w, gait.p), "")
+        start = rolled.on_mesh(intervals=parts)
+        ways[f"{sum(parts)} intervals"] = (partial(newton_step, start.equations, start.w, start.p), "")
     return compared("a step of Newton's method", ways, rounds=3)
 
 

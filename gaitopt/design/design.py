@@ -6,28 +6,21 @@ its trust region or a switch has passed a breakpoint of the control. Sequential 
 parameters alone then solves the exact problem (``exact``, ``sqp``), again on a finer mesh until the gait is resolved.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
 from gaitopt.design.sqp import optimise
-from gaitopt.gait import curves
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
-from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import rejection_reason
-from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.nlp.rollout import roll_out, rolled_again
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 
@@ -39,14 +32,6 @@ COALESCED = 1e-3
 """Distance of two multipliers, relative to their modulus, below which rounding errors grow like their root."""
 CREDITED = 1.2
 """Ratio of absolute to net cost above which the message says that the design profits from negative work."""
-
-
-class _Start(NamedTuple):
-    """Durations (n_phases,), states (n_z, n) as a function of times since impact (n,), freed parameters (n_free,)."""
-
-    durations: Array
-    states: Callable[[Array], Array]
-    freed: Array
 
 
 def design_gait(
@@ -61,8 +46,8 @@ def design_gait(
 
     Parameters
     ----------
-    first : a gait of the same system with the same mode sequence, where the design starts; or a failed attempt at one,
-        and the design starts from the guess.
+    first : a gait of the same system with the same mode sequence, at which the design starts. If it is a failed
+        attempt, the design starts from the guess.
     """
     return _Design(problem, system, progress, should_stop).run(first)
 
@@ -71,16 +56,21 @@ class _Design:
     """The searches of one design."""
 
     def __init__(self, problem: Problem, system: HybridSystem, progress: Valued, should_stop: Stop) -> None:
-        self._problem, self._system = problem, system
-        self._progress, self._should_stop = progress, should_stop
+        self._problem, self._progress, self._should_stop = problem, progress, should_stop
         free = free_parameters(problem, system)
         self._free, self._bounds = tuple(free), np.array(list(free.values())).T
         self._dynamics = Dynamics(system, system.values(problem.parameters))
 
     def run(self, first: Gait) -> Gait:
         """Solve the smoothed problem until its solution stays in the trust region, and then the exact one."""
-        start = self._known(first) if first.steps else self._guessed()
-        iterations = 0
+        if first.steps:
+            state, durations = first.state, [duration for _, duration in first.phases]
+            rolled = roll_out(first.dynamics, self._problem.cycle, state, durations)
+        else:
+            guess = self._problem.guess
+            state = np.array([guess.state[name] for name in self._dynamics.system.state_names])
+            rolled = roll_out(self._dynamics, self._problem.cycle, state, guess.durations)
+        start, iterations = rolled.on_mesh(self._free), 0
         for _ in range(MAX_ROUNDS):
             smoothed = self._smoothed(start)
             result = smoothed.solve()
@@ -92,63 +82,27 @@ class _Design:
                 causes = self._conflicts(start)
                 message = "\n".join(cause.words for cause in causes) or result.words
                 return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes)
-            w, equations = smoothed.motion(result.w), smoothed.equations
-            plan = layout(self._problem.cycle, equations.unpack(w).durations, self._system.control.breakpoints)
-            if not smoothed.hits_trust_region(result.w) and plan.same_arcs(equations.layout):
-                gait = self._exact(equations, w, iterations)
+            at = smoothed.motion(result.w)
+            if at.in_order and not smoothed.hits_trust_region(result.w):
+                gait = self._exact(at, iterations)
                 if gait.status is not Status.NOT_CONVERGED:
                     return gait
                 iterations = int(gait.solver.get("iterations", iterations))
-                return self._exact(equations, w, iterations, cautious=True)
-            start = self._rolled_out(smoothed, result.w)
+                return self._exact(at, iterations, cautious=True)
+            start = rolled_again(at).on_mesh(self._free)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
-    def _known(self, gait: Gait) -> _Start:
-        (step,) = gait.steps
-        freed = np.array([gait.dynamics.parameter(name) for name in self._free])
-        return _Start(np.array([d for _, d in step.phases]), lambda times: step_states(step, times), freed)
-
-    def _guessed(self) -> _Start:
-        """The motion rolled out from the guess, which is not periodic."""
-        guess = self._problem.guess
-        state = np.array([guess.state[name] for name in self._system.state_names])
-        freed = np.array([self._dynamics.parameter(name) for name in self._free])
-        return self._from(self._dynamics, state, guess.durations, freed)
-
-    def _rolled_out(self, smoothed: SmoothedProblem, x: Array) -> _Start:
-        """The motion from the initial state of a solution, which the next search cuts into arcs again."""
-        t = smoothed.equations
-        nodes, durations, freed = t.unpack(smoothed.motion(x))
-        start = self._from(t.dynamics(self._dynamics.p, freed), nodes[:, 0], list(durations), freed)
-        return start._replace(durations=durations)
-
-    def _from(self, dynamics: Dynamics, state: Array, durations: Sequence[float] | None, freed: Array) -> _Start:
-        rolled = roll_out(dynamics, self._problem.cycle, state, durations)
-        ends = np.cumsum(rolled.durations)[:-1]
-
-        def states(times: Array) -> Array:
-            phases = np.searchsorted(ends, times, side="right")
-            return np.hstack([rolled(phase, np.array([t])) for phase, t in zip(phases, times, strict=True)])
-
-        return _Start(np.array(rolled.durations), states, freed)
-
-    def _smoothed(self, start: _Start, *, elastic: bool = False) -> SmoothedProblem:
-        """The smoothed problem with its nodes on the starting motion, on a coarse mesh."""
-        plan = layout(self._problem.cycle, start.durations, self._system.control.breakpoints)
-        equations = MultipleShooting(self._system, plan, self._free)
-        states = start.states(plan.node_times(start.durations))
+    def _smoothed(self, start: Solution, *, elastic: bool = False) -> SmoothedProblem:
         return SmoothedProblem(
             self._problem,
-            equations,
+            start,
             bounds=self._bounds,
-            w=equations.pack(states, start.durations, np.clip(start.freed, *self._bounds)),
-            p=self._dynamics.p,
             elastic=elastic,
             progress=self._progress,
             should_stop=self._should_stop,
         )
 
-    def _conflicts(self, start: _Start) -> tuple[Cause, ...]:
+    def _conflicts(self, start: Solution) -> tuple[Cause, ...]:
         """The constraints that cannot be met, by repeated elastic searches from the start."""
         if not self._problem.constraints:
             return ()
@@ -157,15 +111,15 @@ class _Design:
             result = elastic.solve()
             if result.status is not Status.CONVERGED or not elastic.hits_trust_region(result.w):
                 break
-            start = self._rolled_out(elastic, result.w)
+            start = rolled_again(elastic.motion(result.w)).on_mesh(self._free)
         return conflicts(self._problem, elastic, result)
 
-    def _exact(self, equations: MultipleShooting, w: Array, iterations: int, *, cautious: bool = False) -> Gait:
+    def _exact(self, smoothed: Solution, iterations: int, *, cautious: bool = False) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one; ``cautious`` as in ``optimise``."""
         exact = ExactProblem(self._problem, self._free, self._bounds)
-        refined = refine(polish(Solution(equations, w, self._dynamics.p)))
+        refined = refine(polish(smoothed))
         for _ in range(MAX_MESHES):
-            start = exact.evaluate(refined.equations, refined.w, self._dynamics.p)
+            start = exact.evaluate(refined)
             if start is None:
                 lost = rejection_reason(refined)
                 message = describe_causes(lost) or "the gait is lost on a finer mesh"
@@ -201,19 +155,8 @@ class _Design:
         )
 
 
-def step_states(step: Step, times: Array) -> Array:
-    """States (n_z, n) of a step at times since impact (n,)."""
-    ends = np.array([arc.end for arc in step.arcs[:-1]])
-    columns = []
-    for t in times:
-        arc = step.arcs[int(np.searchsorted(ends, t, side="right"))]
-        s = np.clip(2 * (t - arc.start) / arc.duration - 1, -1, 1)
-        columns.append(np.polynomial.chebyshev.chebval(s, curves.coefficients(arc.states)))
-    return np.array(columns).T
-
-
 def _message(gait: Gait) -> str:
-    """That it is solved, with warnings about the cost and the spectral radius."""
+    """``solved``, with warnings about the cost and the spectral radius."""
     words, problem = ["solved"], gait.problem
     net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
     names = {*problem.objective, *problem.constraints}

@@ -128,21 +128,18 @@ class ExactProblem:
         )
         self._return_map_gradients: dict[MultipleShooting, ReturnMapGradient] = {}
 
-    def evaluate(
-        self, equations: MultipleShooting, w: Array, p: Array, levels: Array | None = None
-    ) -> Evaluation | None:
-        """The problem at the gait next to ``w``; None where there is no gait.
+    def evaluate(self, start: Solution, levels: Array | None = None) -> Evaluation | None:
+        """The problem at the gait next to ``start``, with its freed parameters; None where there is no gait.
 
         Parameters
         ----------
-        w : nodes, durations and freed parameters.
         levels : shape (n_levels,); at their extrema unless given.
         """
-        solution = polish(Solution(equations, w, p))
+        solution = polish(start)
         if not solution.size < SOLVED or not (solution.durations > 0).all():
             return None
         if not solution.in_order:  # a switch has passed a breakpoint: cut the same gait into arcs again
-            solution = polish(rolled_again(solution).on_mesh(equations.free))
+            solution = polish(rolled_again(solution).on_mesh(start.equations.free))
             if not solution.size < SOLVED or not solution.in_order:
                 return None
         return self._evaluated(solution, levels)
@@ -152,7 +149,7 @@ class ExactProblem:
         s, n = here.sensitivity, len(self.free)
         w = s.solution.w + s.slopes @ step[:n]
         w[-n:] = np.clip(w[-n:], *self.bounds)  # the step meets them up to rounding
-        return self.evaluate(s.equations, w, s.solution.p, here.u[n:] + step[n:])
+        return self.evaluate(Solution(s.equations, w, s.solution.p), here.u[n:] + step[n:])
 
     def _evaluated(self, solution: Solution, levels: Array | None) -> Evaluation | None:
         try:

@@ -11,16 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.design.design import step_states
 from gaitopt.design.exact import RADIUS, SMALL, freed_sizes
 from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.layout import layout
 from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import free_parameters
 
 RADII = (1e-2, 1e-3, 1e-4)
@@ -112,16 +110,14 @@ class _Search:
     """Neighbours of one gait."""
 
     def __init__(self, gait: Gait) -> None:
-        self._gait, (step,) = gait, gait.steps
+        self._gait = gait
         free = free_parameters(gait.problem, gait.system)
         self._bounds = np.array(list(free.values())).T
         self.freed = np.array([gait.freed[name] for name in free])
         self.sizes = freed_sizes(self.freed, self._bounds)
-        durations = np.array([duration for _, duration in step.phases])
-        plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-        coarse = MultipleShooting(gait.system, plan, tuple(free))
-        w = coarse.pack(step_states(step, plan.node_times(durations)), durations, self.freed)
-        refined = refine(polish(Solution(coarse, w, gait.p)))
+        durations = [duration for _, duration in gait.phases]
+        rolled = roll_out(gait.dynamics, gait.problem.cycle, gait.state, durations)
+        refined = refine(polish(rolled.on_mesh(tuple(free))))
         self._equations, self._w = refined.equations, refined.w
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []

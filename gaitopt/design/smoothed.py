@@ -32,6 +32,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.nlp.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
+from gaitopt.nlp.newton import Solution
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
@@ -193,9 +194,8 @@ class SmoothedProblem:
     Parameters
     ----------
     problem : objective and constraints.
-    equations : of the step, with the freed parameters.
+    start : motion at which the search starts, with the freed parameters among its unknowns.
     bounds : of the freed parameters; shape (2, n_free).
-    w, p : ndarray - where the search starts, and the parameters.
     elastic : give the problem's constraints slack, and minimise that instead of the objective.
     """
 
@@ -203,16 +203,16 @@ class SmoothedProblem:
     def __init__(
         self,
         problem: Problem,
-        equations: MultipleShooting,
+        start: Solution,
         *,
         bounds: Array,
-        w: Array,
-        p: Array,
         elastic: bool = False,
         progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
-        self._problem, self.equations, self._p = problem, equations, p
+        self._problem, self.equations, self._p = problem, start.equations, start.p
+        equations, p, w = start.equations, start.p, start.w.copy()
+        w[-len(equations.free) :] = np.clip(w[-len(equations.free) :], *bounds)
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
         self._scalars = SmoothedScalars(equations, SMOOTHING * equations.system.weight(equations.p))
         self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA and name != RADIUS}
@@ -249,9 +249,9 @@ class SmoothedProblem:
         """Run IPOPT from the starting motion."""
         return self._solver.solve(self._start, self._p, self._sizes)
 
-    def motion(self, x: Array) -> Array:
-        """Nodes, durations and freed parameters among all unknowns."""
-        return x[: self.equations.w.numel()]
+    def motion(self, x: Array) -> Solution:
+        """The motion among all unknowns: nodes, durations and freed parameters."""
+        return Solution(self.equations, x[: self.equations.w.numel()], self._p)
 
     def scalar(self, name: str) -> MX:
         """A scalar of the problem as an expression."""

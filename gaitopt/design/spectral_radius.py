@@ -30,7 +30,7 @@ even Lipschitz. They hold again after two multipliers have left the circle toget
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
@@ -81,16 +81,21 @@ class ReturnMapGradient:
 
 
 def certified_radius(equations: MultipleShooting) -> Function:
-    """(w, p) -> bound of the multipliers' moduli, with an exact gradient; keep it as long as an NLP uses it."""
-    return _Radius(equations)
+    """(w, p) -> bound of the multipliers' moduli, with an exact gradient; NaN where the return map has none.
+
+    Keep it as long as an NLP uses it.
+    """
+    return _CertifiedRadius(equations)
 
 
-class _Radius(Callback):
-    """(w, p) -> rho."""
+class _CertifiedRadius(Callback):
+    """(w, p) -> rho. The last evaluation is kept: IPOPT asks for the radius and its gradient at the same point."""
 
     def __init__(self, equations: MultipleShooting) -> None:
         super().__init__()
-        self._t, self._cache = equations, _Cache(equations)
+        self.equations = equations
+        self._key: tuple[bytes, bytes] | None = None
+        self._certificate: _Certificate | None = None
         self._gradient: _RadiusGradient | None = None
         self.construct("radius", {})
 
@@ -101,11 +106,11 @@ class _Radius(Callback):
         return 1
 
     def get_sparsity_in(self, i: int) -> Sparsity:
-        return Sparsity.dense((self._t.w, self._t.parameters)[i].numel(), 1)
+        return Sparsity.dense((self.equations.w, self.equations.parameters)[i].numel(), 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
-        certified = self._cache.at(*(np.asarray(value).ravel() for value in arg))
-        return [DM(np.nan if certified is None else certified.radius)]
+        certificate = self.certificate(*(np.asarray(value).ravel() for value in arg))
+        return [DM(np.nan if certificate is None else certificate.radius)]
 
     def has_jacobian(self) -> bool:
         return True
@@ -113,17 +118,44 @@ class _Radius(Callback):
     def get_jacobian(
         self, name: str, inames: Sequence[str], onames: Sequence[str], opts: Mapping[str, Any]
     ) -> Function:
-        self._gradient = _RadiusGradient(self._t, self._cache, name, opts)
+        self._gradient = _RadiusGradient(self, name, opts)
         return self._gradient
+
+    @overflow_allowed()
+    def certificate(self, w: Array, p: Array) -> "_Certificate | None":
+        """The radius with its certificate, or None where the return map has no finite derivative."""
+        key = (w.tobytes(), p.tobytes())
+        if key == self._key:
+            return self._certificate
+        self._key, self._certificate = key, None
+        if not np.isfinite(w).all():
+            return None
+        try:
+            V, M, adjoint = section_sensitivity(Solution(self.equations, w, p))
+        except RuntimeError:  # singular
+            return None
+        if np.isfinite(M).all():
+            self._certificate = _Certificate(V, M, adjoint, *smoothed_radius(M))
+        return self._certificate
+
+
+class _Certificate(NamedTuple):
+    """Response V of the step, derivative M of the return map, adjoint of V, certified radius of M with its P."""
+
+    V: Array
+    M: Array
+    adjoint: Callable[[Array], Array]
+    radius: float
+    P: Array
 
 
 class _RadiusGradient(Callback):
     """(w, p, rho) -> d rho / dw, and zero for d rho / dp, which is never used."""
 
-    def __init__(self, equations: MultipleShooting, cache: "_Cache", name: str, options: Mapping[str, Any]) -> None:
+    def __init__(self, radius: _CertifiedRadius, name: str, options: Mapping[str, Any]) -> None:
         super().__init__()
-        self._t, self._cache = equations, cache
-        self._gradient = ReturnMapGradient(equations)
+        self._equations, self._certificate = radius.equations, radius.certificate
+        self._gradient = ReturnMapGradient(radius.equations)
         self.construct(name, options)
 
     def get_n_in(self) -> int:
@@ -133,56 +165,20 @@ class _RadiusGradient(Callback):
         return 2
 
     def get_sparsity_in(self, i: int) -> Sparsity:
-        return Sparsity.dense((self._t.w, self._t.parameters, MX(1, 1))[i].numel(), 1)
+        return Sparsity.dense((self._equations.w, self._equations.parameters, MX(1, 1))[i].numel(), 1)
 
     def get_sparsity_out(self, i: int) -> Sparsity:
-        return Sparsity.dense(1, self._t.w.numel()) if i == 0 else Sparsity(1, self._t.parameters.numel())
+        return (
+            Sparsity.dense(1, self._equations.w.numel()) if i == 0 else Sparsity(1, self._equations.parameters.numel())
+        )
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
         w, p, _ = (np.asarray(value).ravel() for value in arg)
-        certified = self._cache.at(w, p)
-        if certified is None:
+        certificate = self._certificate(w, p)
+        if certificate is None:
             return [DM(np.full((1, w.size), np.nan)), DM(1, p.size)]
-        G = radius_gradient(certified.M, certified.radius, certified.P)
-        return [DM(self._gradient(w, p, certified.V, certified.adjoint(G), G)).T, DM(1, p.size)]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Certified:
-    """Response V of the step, derivative M of the return map, certified radius of M with its P, adjoint of V."""
-
-    V: Array
-    M: Array
-    adjoint: Callable[[Array], Array]
-    radius: float
-    P: Array
-
-
-class _Cache:
-    """The last evaluation, which the radius and its gradient share: IPOPT asks for both at the same point."""
-
-    def __init__(self, equations: MultipleShooting) -> None:
-        self._t = equations
-        self._key: tuple[bytes, bytes] | None = None
-        self._certified: _Certified | None = None
-
-    @overflow_allowed()
-    def at(self, w: Array, p: Array) -> _Certified | None:
-        """The evaluation at a point, or None where the return map has no finite derivative."""
-        key = (w.tobytes(), p.tobytes())
-        if key == self._key:
-            return self._certified
-        self._key, self._certified = key, None
-        if not np.isfinite(w).all():
-            return None
-        try:
-            V, M, adjoint = section_sensitivity(Solution(self._t, w, p))
-        except RuntimeError:  # singular
-            return None
-        if np.isfinite(M).all():
-            radius, P = smoothed_radius(M)
-            self._certified = _Certified(V=V, M=M, adjoint=adjoint, radius=radius, P=P)
-        return self._certified
+        G = radius_gradient(certificate.M, certificate.radius, certificate.P)
+        return [DM(self._gradient(w, p, certificate.V, certificate.adjoint(G), G)).T, DM(1, p.size)]
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:
@@ -209,7 +205,10 @@ def radius_gradient(M: Array, radius: float, P: Array) -> Array:
 
 
 def _lyapunov(A: Array, Q: Array) -> Array:
-    """X = A X A' + Q by Kronecker's product, which suits small matrices; shape (n, n)."""
+    """X = A X A' + Q by Kronecker's product, which suits small matrices; shape (n, n).
+
+    SciPy solves it in the same way, but its import takes a fifth of the time of a design.
+    """
     n = len(A)
     return np.asarray(np.linalg.solve(np.eye(n * n) - np.kron(A, A), Q.ravel()).reshape(n, n), dtype=np.float64)
 

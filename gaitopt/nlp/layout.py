@@ -143,10 +143,6 @@ class Layout:
             for arc, (start, end) in zip(self.arcs, self.arc_times(durations), strict=True)
         )
 
-    def same_arcs(self, other: "Layout") -> bool:
-        """Whether both have the same arcs in the same order; intervals may differ."""
-        return [replace(arc, intervals=0) for arc in self.arcs] == [replace(arc, intervals=0) for arc in other.arcs]
-
     def refined(self, intervals: Sequence[int]) -> "Layout":
         """The same arcs with other numbers of intervals."""
         arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, intervals, strict=True))
