@@ -10,13 +10,14 @@ The gait at given freed parameters is solved by Newton's method from the one bef
 of the control, the step is cut into arcs again.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.design.sensitivity import ExactScalars, Sensitivity, sensitivity
+from gaitopt.design.sensitivity import Sensitivity
 from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
 from gaitopt.nlp.newton import Solution, polish, section_sensitivity
 from gaitopt.nlp.rollout import rolled_again
@@ -126,7 +127,6 @@ class ExactProblem:
         self.levels = tuple(
             name for name, weight in problem.objective.items() if name in EXTREMA and weight * EXTREMA[name] > 0
         )
-        self._return_map_gradients: dict[MultipleShooting, ReturnMapGradient] = {}
 
     def evaluate(self, start: Solution, levels: Array | None = None) -> Evaluation | None:
         """The problem at the gait next to ``start``, with its freed parameters; None where there is no gait.
@@ -153,13 +153,16 @@ class ExactProblem:
 
     def _evaluated(self, solution: Solution, levels: Array | None) -> Evaluation | None:
         try:
-            s = sensitivity(solution)
+            s = Sensitivity(solution)
         except RuntimeError:  # singular
             return None
-        problem, measured = self._problem, _Measured(s, self._return_map(s), len(self.levels))
+        problem, measured = self._problem, _Measured(s, len(self.levels))
         if levels is None:
             levels = np.array([measured.extreme(name) for name in self.levels])
-        if measured.escaped(self._largest_radius(levels)):
+        span = problem.constraints.get(RADIUS)
+        allowed = [] if span is None else [span.maximum]
+        allowed += [level for name, level in zip(self.levels, levels.tolist(), strict=True) if name == RADIUS]
+        if measured.escaped(min(allowed, default=np.inf)):
             return None
         u = np.concatenate([s.freed, levels])
         axes = np.eye(u.size)
@@ -171,7 +174,7 @@ class ExactProblem:
             is_level = name in level_axes
             value, slope = (level_values[name], level_axes[name]) if is_level else measured.scalar(name)
             objective, gradient = objective + weight * value, gradient + weight * slope
-            by_work += weight * measured.scalars.by_work(name)
+            by_work += weight * s.by_work(name)
 
         constraints = list(measured.margins())
         for name, value, axis, (low, high) in zip(self.free, s.freed, axes, self.bounds.T, strict=False):
@@ -190,81 +193,63 @@ class ExactProblem:
             sensitivity=s,
         )
 
-    def _largest_radius(self, levels: Array) -> float:
-        """Largest spectral radius that constraints and levels allow."""
-        span = self._problem.constraints.get(RADIUS)
-        bound = np.inf if span is None else span.maximum
-        return min(bound, float(levels[self.levels.index(RADIUS)])) if RADIUS in self.levels else bound
 
-    def _return_map(self, s: Sensitivity) -> "_ReturnMap | None":
-        """The return map where the problem is about its multipliers."""
-        if RADIUS not in self._problem.objective and RADIUS not in self._problem.constraints:
-            return None
-        if s.equations not in self._return_map_gradients:
-            self._return_map_gradients[s.equations] = ReturnMapGradient(s.equations)
-        return _ReturnMap(s, self._return_map_gradients[s.equations])
-
-
-class _ReturnMap:
-    """Derivative M of a gait's return map, and how it changes with the freed parameters."""
-
-    def __init__(self, s: Sensitivity, gradient: ReturnMapGradient) -> None:
-        self._s, self._gradient = s, gradient
-        self._V, self.M, self._adjoint = section_sensitivity(s.solution)
-
-    def by_freed(self, weights: Array) -> Array:
-        """Derivatives of <weights, M>; shape (n_free,)."""
-        at = self._s.solution
-        return self._gradient(at.w, at.p, self._V, self._adjoint(weights), weights) @ self._s.slopes
+@lru_cache(maxsize=8)
+def _return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
+    return ReturnMapGradient(equations)
 
 
 class _Measured:
     """Scalars of one gait, and constraints on them, with derivatives in u = (freed parameters, levels)."""
 
-    def __init__(self, s: Sensitivity, return_map: _ReturnMap | None, n_levels: int) -> None:
-        self.scalars, self._return_map = ExactScalars(s), return_map
-        self._no_levels, self._zero = np.zeros(n_levels), np.zeros(s.freed.size + n_levels)
+    def __init__(self, sensitivity: Sensitivity, n_levels: int) -> None:
+        self.gait = sensitivity
+        self._no_levels, self._zero = np.zeros(n_levels), np.zeros(sensitivity.freed.size + n_levels)
+
+    @cached_property
+    def _return_map(self) -> tuple[Array, Array, Callable[[Array], Array]]:
+        """Response V of the step, derivative M of the return map, and adjoint of V."""
+        return section_sensitivity(self.gait.solution)
 
     def scalar(self, name: str) -> tuple[float, Array]:
-        """A scalar and its derivatives; of an extremum the value that is the extremum now."""
-        if self._return_map is not None and name == RADIUS:
-            value, weights = modulus_gradient(self._return_map.M)
-            return value, self._in_u(self._return_map.by_freed(weights))
+        """A scalar and its derivatives; those of an extremum belong to the value that is the extremum here."""
+        if name == RADIUS:
+            value, weights = modulus_gradient(self._return_map[1])
+            return value, self._by_return_map(weights)
         if name not in EXTREMA:
-            value, gradient = self.scalars.smooth(name)
-            return value, self._in_u(gradient)
-        _, value, gradient = max(self.scalars.candidates(name), key=lambda c: EXTREMA[name] * c.value)
+            value, gradient = self.gait.smooth(name)
+        else:
+            _, value, gradient = max(self.gait.candidates(name), key=lambda c: EXTREMA[name] * c.value)
         return value, self._in_u(gradient)
 
     def extreme(self, name: str) -> float:
         """The value of an extremum."""
-        if self._return_map is not None and name == RADIUS:
-            return max(float(np.abs(np.linalg.eigvals(self._return_map.M)).max()), SMALLEST_RADIUS)
+        if name == RADIUS:
+            return max(float(np.abs(np.linalg.eigvals(self._return_map[1])).max()), SMALLEST_RADIUS)
         return self.scalar(name)[0]
 
     def escaped(self, radius: float) -> bool:
         """Whether multipliers have left the circle of a radius two at a time."""
-        if self._return_map is None or self.extreme(RADIUS) <= radius + OUTSIDE:
+        if not np.isfinite(radius) or self.extreme(RADIUS) <= radius + OUTSIDE:
             return False
-        return all(row.value > 0 for row in circle_inequalities(self._return_map.M, radius))
+        return all(row.value > 0 for row in circle_inequalities(self._return_map[1], radius))
 
     def margins(self) -> Iterator[Constraint]:
         """The margins of the modes and of the impact."""
-        for name, unit, candidate in self.scalars.margins():
+        for name, unit, candidate in self.gait.margins():
             value = candidate.value / unit - (CLEARANCE if "cone" in name else 0.0)
             yield Constraint(name=name, key=candidate.key, value=value, gradient=self._in_u(candidate.gradient) / unit)
 
     def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
         """No value of an extremum exceeds a bound with derivative ``slope``, or undercuts it where ``sense`` is -1."""
-        if self._return_map is not None and name == RADIUS:
-            for row in circle_inequalities(self._return_map.M, bound):
-                if row.value > INACTIVE:
-                    continue
-                gradient = self._in_u(self._return_map.by_freed(row.by_matrix)) + row.by_radius * slope
-                yield Constraint(name=name, key=f"{name} {row.name}", value=row.value, gradient=gradient)
+        if name == RADIUS:
+            for row in circle_inequalities(self._return_map[1], bound):
+                if row.value <= INACTIVE:
+                    gradient = self._by_return_map(row.by_matrix) + row.by_radius * slope
+                    yield Constraint(name=name, key=f"{name} {row.name}", value=row.value, gradient=gradient)
             return
         unit = max(abs(bound), UNIT)
-        for candidate in self.scalars.candidates(name):
+        for candidate in self.gait.candidates(name):
             gradient = sense * (slope - self._in_u(candidate.gradient)) / unit
             value = sense * (bound - candidate.value) / unit
             yield Constraint(name=name, key=f"{name} {candidate.key}", value=value, gradient=gradient)
@@ -285,11 +270,17 @@ class _Measured:
                 key=f"{name} {side:+d}",
                 value=side * (bound - value) / unit,
                 gradient=-side * gradient / unit,
-                by_work=-side * self.scalars.by_work(name) / unit,
+                by_work=-side * self.gait.by_work(name) / unit,
                 equality=equality,
             )
             if equality:
                 return
+
+    def _by_return_map(self, weights: Array) -> Array:
+        """Derivatives of <weights, M> in u."""
+        at, (V, _, adjoint) = self.gait.solution, self._return_map
+        gradient = _return_map_gradient(at.equations)(at.w, at.p, V, adjoint(weights), weights)
+        return self._in_u(gradient @ self.gait.slopes)
 
     def _in_u(self, gradient: Array) -> Array:
         return np.append(gradient, self._no_levels)

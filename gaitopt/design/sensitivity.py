@@ -23,7 +23,6 @@ from gaitopt.building import built_once
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_steps
@@ -108,53 +107,6 @@ class ArcCurves:
     margins: dict[str, DifferentiatedCurve]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sensitivity:
-    """One gait and its derivatives in the freed parameters.
-
-    Attributes
-    ----------
-    solution : of the equalities.
-    slopes : ndarray, shape (n_w, n_free) - of nodes, durations and freed parameters.
-    arcs : curves of every arc.
-    """
-
-    solution: Solution
-    slopes: Array
-    arcs: tuple[ArcCurves, ...]
-
-    @property
-    def equations(self) -> MultipleShooting:
-        """The equalities."""
-        return self.solution.equations
-
-    @property
-    def freed(self) -> Array:
-        """The freed parameters, shape (n_free,)."""
-        return self.equations.unpack(self.solution.w).freed
-
-    @property
-    def dynamics(self) -> Dynamics:
-        """The system with the values of the freed parameters."""
-        return self.equations.dynamics(self.solution.p, self.freed)
-
-
-def sensitivity(solution: Solution) -> Sensitivity:
-    """Curves and derivatives at a solution of the equalities.
-
-    Raises
-    ------
-    RuntimeError
-        If the equalities are singular there, so that the gait is no function of the freed parameters.
-    """
-    n = solution.residual.size
-    response = -solution.scaled.solve(solution.jacobian.dense(n, solution.w.size))
-    slopes = np.vstack([response, np.eye(response.shape[1])])
-    (step,) = assemble_steps(solution, COUNTS)
-    arcs = tuple(_arc_curves(solution, slopes, k, arc) for k, arc in enumerate(step.arcs))
-    return Sensitivity(solution=solution, slopes=slopes, arcs=arcs)
-
-
 def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     t, n_z = solution.equations, solution.equations.system.n_z
     arc_layout, system = t.layout.arcs[index], t.system
@@ -230,19 +182,37 @@ IMPACT_SCALARS = ("step_length", "weight", "impulse_t", "impulse_n", "push_work"
 """Scalars at the end of the step. The impulse is that of a sticking impact; the work is that of the push."""
 
 
-class ExactScalars:
-    """Scalars of one gait, and the quantities that their formulas in ``problem.scalars`` are made of.
+class Sensitivity:
+    """One gait as a function of the freed parameters: its curves, its scalars and the quantities of their formulas.
 
     Parameters
     ----------
-    sensitivity : the gait's curves with their derivatives.
+    solution : of the equalities F = 0.
+
+    Attributes
+    ----------
+    slopes : ndarray, shape (n_w, n_free) - derivatives of nodes, durations and freed parameters.
+    freed : ndarray, shape (n_free,) - the freed parameters.
+    dynamics : of the system, with their values.
+    arcs : curves of every arc.
+
+    Raises
+    ------
+    RuntimeError
+        If F_w is singular, so that the gait is no function of the freed parameters.
     """
 
-    def __init__(self, sensitivity: Sensitivity) -> None:
-        self._s, self._t = sensitivity, sensitivity.equations
-        values, by = buffered(_at_impact(self._t))(sensitivity.solution.w, sensitivity.solution.p)
-        slopes = by.reshape(-1, values.size).T @ sensitivity.slopes
-        at_impact = list(map(Differentiated, values.tolist(), slopes))
+    def __init__(self, solution: Solution) -> None:
+        self.solution, self.equations = solution, solution.equations
+        n = solution.residual.size
+        response = -solution.scaled.solve(solution.jacobian.dense(n, solution.w.size))
+        self.slopes = np.vstack([response, np.eye(response.shape[1])])
+        self.freed = self.equations.unpack(solution.w).freed
+        self.dynamics = self.equations.dynamics(solution.p, self.freed)
+        (step,) = assemble_steps(solution, COUNTS)
+        self.arcs = tuple(_arc_curves(solution, self.slopes, k, arc) for k, arc in enumerate(step.arcs))
+        values, by = buffered(_at_impact(self.equations))(solution.w, solution.p)
+        at_impact = list(map(Differentiated, values.tolist(), by.reshape(-1, values.size).T @ self.slopes))
         n = len(IMPACT_SCALARS)
         self._impact: dict[str, Differentiated] = dict(zip(IMPACT_SCALARS, at_impact[:n], strict=True))
         self._impact_margins = at_impact[n:]
@@ -250,9 +220,9 @@ class ExactScalars:
 
     def smooth(self, name: str) -> Differentiated:
         """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
-        t, s = self._t, self._s
+        t = self.equations
         if name in t.system.parameters:
-            return Differentiated(s.dynamics.parameter(name), np.array([float(name == other) for other in t.free]))
+            return Differentiated(self.dynamics.parameter(name), np.array([float(name == other) for other in t.free]))
         if name.startswith("state."):
             return self._unknown(t.system.state_names.index(name.removeprefix("state.")))
         if name not in self._smooth:
@@ -264,8 +234,8 @@ class ExactScalars:
     @property
     def duration(self) -> Differentiated:
         """Period [s]."""
-        first = self._t.system.n_z * self._t.n_nodes
-        return self._total(self._unknown(k) for k in range(first, first + self._t.n_phases))
+        first = self.equations.system.n_z * self.equations.n_nodes
+        return self._total(self._unknown(k) for k in range(first, first + self.equations.n_phases))
 
     @property
     def distance(self) -> Differentiated:
@@ -285,7 +255,7 @@ class ExactScalars:
     @property
     def slip(self) -> Differentiated:
         """Path of the sliding foot [m]."""
-        total, layout, system = self._total(()), self._t.layout, self._t.system
+        total, layout, system = self._total(()), self.equations.layout, self.equations.system
         for arc, nodes in zip(layout.arcs, layout.arc_nodes, strict=True):
             start, end = (self._unknown(system.n_z * k + system.n_shape) for k in (nodes[0], nodes[-1]))
             direction = arc.mode.direction
@@ -295,15 +265,15 @@ class ExactScalars:
     def integral(self, rate: str) -> Differentiated:
         """Integral over time of ``power`` of all motors, ``absolute_power`` or ``squared_torque``."""
         if rate == "squared_torque":
-            return self._total(_squared(curve).integral() for arc in self._s.arcs for curve in arc.torque)
-        power = (curve for arc in self._s.arcs for curve in arc.power)
+            return self._total(_squared(curve).integral() for arc in self.arcs for curve in arc.torque)
+        power = (curve for arc in self.arcs for curve in arc.power)
         return self._total(c.absolute_integral() if rate == "absolute_power" else c.integral() for c in power)
 
     def _unknown(self, k: int) -> Differentiated:
-        return Differentiated(float(self._s.solution.w[k]), self._s.slopes[k])
+        return Differentiated(float(self.solution.w[k]), self.slopes[k])
 
     def _total(self, terms: Iterable[Differentiated]) -> Differentiated:
-        return sum(terms, start=Differentiated(0.0, np.zeros(len(self._t.free))))
+        return sum(terms, start=Differentiated(0.0, np.zeros(len(self.equations.free))))
 
     def by_work(self, name: str) -> float:
         """Derivative of a scalar in the absolute work of the motors [1/J]."""
@@ -311,7 +281,7 @@ class ExactScalars:
 
     def candidates(self, name: str) -> list[Candidate]:
         """The values whose extremum a scalar is."""
-        arcs = list(enumerate(self._s.arcs))
+        arcs = list(enumerate(self.arcs))
         match name:
             case "peak_torque":
                 torques = [(f"torque {j} {k}", curve) for k, arc in arcs for j, curve in enumerate(arc.torque)]
@@ -335,10 +305,10 @@ class ExactScalars:
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
         """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
-        t, scales = self._t, self._s.dynamics.scales
-        for k, arc in enumerate(self._s.arcs):
+        t, scales = self.equations, self.dynamics.scales
+        for k, arc in enumerate(self.arcs):
             last, mode = t.layout.arcs[k].intervals, arc.arc.mode
-            for (name, curve), unit in zip(arc.margins.items(), self._s.dynamics.margin_units(mode), strict=True):
+            for (name, curve), unit in zip(arc.margins.items(), self.dynamics.margin_units(mode), strict=True):
                 if name in EVENT_MARGINS:
                     continue
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 from gaitopt import solve, verify
 from gaitopt.design.exact import EXTREMA, RADIUS
 from gaitopt.design.neighbourhood import neighbourhood
-from gaitopt.design.sensitivity import DifferentiatedCurve, ExactScalars, sensitivity
+from gaitopt.design.sensitivity import DifferentiatedCurve, Sensitivity
 from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
 from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
@@ -35,7 +35,7 @@ def transcribed(gait, free):
 def scalars_at(t, w, p, freed):
     moved = w.copy()
     moved[-len(freed) :] = freed
-    return ExactScalars(sensitivity(polish(Solution(t, moved, p))))
+    return Sensitivity(polish(Solution(t, moved, p)))
 
 
 def test_exact_scalars_are_those_that_every_gait_is_measured_by(stable_slip):
