@@ -12,7 +12,7 @@ of the control, the step is cut into arcs again.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
+from gaitopt.threads import cached_property
 
 RADIUS = "spectral_radius"
 EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum}

@@ -1,14 +1,16 @@
-"""An independent check of a design: random neighbours that meet the constraints, none of which may be better.
+"""An independent check of a design: no random neighbour that meets the constraints may be better.
 
-It uses no gradient of the design's own search: at other freed parameters the gait is solved again by Newton's method
-and measured like any other; violated constraints are corrected by Gauss-Newton steps with finite differences.
+    v = v* + d,      v <- v - C^+ c(v)  until c(v) >= 0 or = 0,      f(v) >= f(v*)     for random directions d
+
+The check uses no gradient of the search for the design v*. At each neighbour v the gait is solved again by Newton's method
+and measured like any other gait. Violated constraints c are corrected by Gauss-Newton steps, with their Jacobian C by
+finite differences.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.design.exact import RADIUS, SMALL, freed_sizes
@@ -35,11 +37,11 @@ SOLVED = 1e-10
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neighbourhood:
-    """The result of a search among neighbours.
+    """The result of a search for a better neighbour of a design.
 
     Attributes
     ----------
-    tried, feasible : number of neighbours, and of those that meet all constraints.
+    tried, feasible : number of neighbours, and number of those that meet all constraints.
     gain : largest gain of a feasible neighbour, relative to the objective; negative if all are worse.
     freed : ndarray, shape (n_free,) - the freed parameters of that neighbour.
     """
@@ -55,7 +57,7 @@ class Neighbourhood:
 
     @property
     def words(self) -> str:
-        """The result in a sentence."""
+        """The result as a sentence."""
         seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
         if self.gain > BETTER:
             return f"{seen}; NOT an optimum, one of them is better by {self.gain:.2g} of the objective"
@@ -107,10 +109,11 @@ def neighbourhood(
 
 
 class _Search:
-    """Neighbours of one gait."""
+    """Neighbours of one gait. Of its constraints, the inequalities come first and the equalities last."""
 
     def __init__(self, gait: Gait) -> None:
-        self._gait = gait
+        self._gait, spans = gait, gait.problem.constraints.values()
+        self._n_equalities = sum(span.minimum == span.maximum for span in spans)
         free = free_parameters(gait.problem, gait.system)
         self._bounds = np.array(list(free.values())).T
         self.freed = np.array([gait.freed[name] for name in free])
@@ -125,10 +128,10 @@ class _Search:
             ahead, behind = self._values(self.freed + step), self._values(self.freed - step)
             if ahead is None or behind is None:
                 raise SolveError(f"{gait.problem.name}: the gait is lost at once when its parameters change")
-            by_freed.append((ahead.rows - behind.rows) / (2 * step.sum()))
-            slopes.append((ahead.w - behind.w) / (2 * step.sum()))
-        self._by_freed, self._slopes = np.array(by_freed).T, np.array(slopes).T
-        self._objective = sum(weight * gait.scalar(name) for name, weight in gait.problem.objective.items())
+            slopes.append((ahead[0] - behind[0]) / (2 * step.sum()))
+            by_freed.append((ahead[2] - behind[2]) / (2 * step.sum()))
+        self._slopes, self._by_freed = np.array(slopes).T, np.array(by_freed).T
+        self._objective = _objective(gait)
 
     def feasible(self, freed: Array) -> tuple[float, Array] | None:
         """Relative gain and place of the feasible point next to ``freed``; None where there is none."""
@@ -137,69 +140,55 @@ class _Search:
             values = self._values(freed)
             if values is None:
                 return None
-            wrong = np.where(values.equality, np.abs(values.rows), -values.rows) > FEASIBLE
+            _, objective, rows = values
+            equality = np.arange(rows.size) >= rows.size - self._n_equalities
+            wrong = np.where(equality, np.abs(rows), -rows) > FEASIBLE
             if not wrong.any():
-                return (self._objective - values.objective) / abs(self._objective), freed
-            wrong |= values.equality
+                return (self._objective - objective) / abs(self._objective), freed
+            wrong |= equality
             matrix = self._by_freed[wrong] * self.sizes
-            freed = freed - self.sizes * np.linalg.lstsq(matrix, values.rows[wrong], rcond=1e-8)[0]
+            freed = freed - self.sizes * np.linalg.lstsq(matrix, rows[wrong], rcond=1e-8)[0]
         return None
 
-    def _values(self, freed: Array) -> "_Values | None":
-        """The gait at other freed parameters, measured."""
-        t, gait = self._equations, self._gait
+    def _values(self, freed: Array) -> tuple[Array, float, Array] | None:
+        """Unknowns, objective and constraints at other freed parameters; None where there is no gait."""
         w = self._w + self._slopes @ (freed - self.freed)
         w[-freed.size :] = freed
-        at = polish(Solution(t, w, gait.p))
+        at = polish(Solution(self._equations, w, self._gait.p))
         if not at.size < SOLVED or not at.in_order:
             return None
-        solved = assemble_gait(gait.problem, at, errors=np.zeros(t.n_phases), message="", solver={})
-        return _measured(solved, at.w)
+        errors = np.zeros(self._equations.n_phases)
+        gait = assemble_gait(self._gait.problem, at, errors=errors, message="", solver={})
+        return at.w, _objective(gait), _constraints(gait)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Values:
-    """A gait's nodes and durations, its objective, and its constraints: rows that are not negative, or zero."""
-
-    w: Array
-    objective: float
-    rows: Array
-    equality: NDArray[np.bool_]
+def _objective(gait: Gait) -> float:
+    return sum(weight * gait.scalar(name) for name, weight in gait.problem.objective.items())
 
 
-def _measured(gait: Gait, w: Array) -> _Values:
-    rows = [(value, False) for value in _margins(gait)]
+def _constraints(gait: Gait) -> Array:
+    """Margins and constraints in natural units: those that must not be negative, and then those that must be zero."""
+    (step,) = gait.steps
+    scales, rows, zero = gait.dynamics.scales, list[float](), list[float]()
+    for arc in step.arcs:
+        names, units = gait.system.transitions.margin_names(arc.mode), gait.dynamics.margin_units(arc.mode)
+        margins = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states) / units
+        guarded = (row for name, row in zip(names, margins.T, strict=True) if name not in EVENT_MARGINS)
+        rows += [-curves.maximum(-row)[1] for row in guarded]
+    impact, friction = step.final_impact, gait.dynamics.static_friction
+    if impact.mode.sticks:
+        f_t, f_n = impact.stick_impulse / scales.impulse
+        rows += [f_n, friction * f_n + f_t, friction * f_n - f_t]
+    else:
+        rows += [impact.impulse[1] / scales.impulse, impact.mode.direction * impact.state[-1] / scales.speed]
     for name, span in gait.problem.constraints.items():
         unit = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
         values = np.abs(gait.multipliers) if name == RADIUS else np.array([gait.scalar(name)])
         if span.minimum == span.maximum:
-            rows.append((span.maximum - values.max(), True))
+            zero.append(span.maximum - values.max())
             continue
         if np.isfinite(span.maximum):
-            rows += [((span.maximum - value) / unit, False) for value in values]
+            rows += [(span.maximum - value) / unit for value in values]
         if np.isfinite(span.minimum):
-            rows.append(((values.max() - span.minimum) / unit, False))
-    objective = sum(weight * gait.scalar(name) for name, weight in gait.problem.objective.items())
-    values, equality = (np.array(column) for column in zip(*rows, strict=True))
-    return _Values(w=w, objective=objective, rows=values, equality=equality)
-
-
-def _margins(gait: Gait) -> list[float]:
-    """The least value of every margin along every arc, and those of the impact, in natural units."""
-    (step,) = gait.steps
-    system, scales, rows = gait.system, gait.dynamics.scales, list[float]()
-    for arc in step.arcs:
-        values = system.margins(arc.mode)(arc.times[None, :], arc.states.T, gait.p, system.control.data(arc.segment))
-        names = system.transitions.margin_names(arc.mode)
-        for name, row, unit in zip(names, np.asarray(values), gait.dynamics.margin_units(arc.mode), strict=True):
-            if name not in EVENT_MARGINS:
-                rows.append(-curves.maximum(-row)[1] / float(unit))
-    impact, friction = step.final_impact, gait.dynamics.static_friction
-    if impact.mode.sticks:
-        f_t, f_n = impact.stick_impulse / scales.impulse
-        return [*rows, f_n, friction * f_n + f_t, friction * f_n - f_t]
-    return [
-        *rows,
-        float(impact.impulse[1]) / scales.impulse,
-        impact.mode.direction * float(impact.state[-1]) / scales.speed,
-    ]
+            rows.append((values.max() - span.minimum) / unit)
+    return np.array([*rows, *zero], dtype=float)
