@@ -2,9 +2,9 @@
 
     v = v* + d,      v <- v - C^+ c(v)  until c(v) >= 0 or = 0,      f(v) >= f(v*)     for random directions d
 
-The check uses no gradient of the search for the design v*. At each neighbour v the gait is solved again by Newton's method
-and measured like any other gait. Violated constraints c are corrected by Gauss-Newton steps, with their Jacobian C by
-finite differences.
+The check uses no gradient of the search for the design v*. At each neighbour v the gait is solved again by Newton's
+method and measured like any other gait. Violated constraints c are corrected by Gauss-Newton steps, with their Jacobian
+C by finite differences.
 """
 
 from collections.abc import Callable
