@@ -12,11 +12,11 @@ of the control, the step is cut into arcs again.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.building import built_once
 from gaitopt.design.sensitivity import Sensitivity
 from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
 from gaitopt.nlp.newton import Solution, polish, section_sensitivity
@@ -195,7 +195,7 @@ class ExactProblem:
         )
 
 
-@lru_cache(maxsize=8)
+@built_once(maxsize=8)
 def _return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
     return ReturnMapGradient(equations)
 
