@@ -239,27 +239,24 @@ class Family:
         )  # fmt: skip
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
             raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
-        with self._solving:
-            return self._solve_from_last(problem)
-
-    def _solve_from_last(self, problem: Problem) -> Gait:
         began = time.perf_counter()
         dynamics = Dynamics(self.gait.system, self.gait.system.values(problem.parameters))
-        refined, iterations = self._by_chords(dynamics.p)
-        causes = () if refined is None else rejection_reason(refined)
-        status, message = Status.CONVERGED, "solved"
-        if refined is None or causes:
-            end = self._program.solve(self._solved[-1].w, dynamics.p)
-            status, message, iterations = end.status, end.words, iterations + end.iterations
-            if end.converged:
-                refined = refine(polish(end))
-                causes = rejection_reason(refined)
-                status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
-        solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
-        if refined is None or status is not Status.CONVERGED:
-            return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
-        if refined.equations is self._equations:  # a finer mesh is not kept
-            self._solved.append(refined)
+        with self._solving:
+            refined, iterations = self._by_chords(dynamics.p)
+            causes = () if refined is None else rejection_reason(refined)
+            status, message = Status.CONVERGED, "solved"
+            if refined is None or causes:
+                end = self._program.solve(self._solved[-1].w, dynamics.p)
+                status, message, iterations = end.status, end.words, iterations + end.iterations
+                if end.converged:
+                    refined = refine(polish(end))
+                    causes = rejection_reason(refined)
+                    status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
+            solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
+            if refined is None or status is not Status.CONVERGED:
+                return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
+            if refined.equations is self._equations:  # a finer mesh is not kept
+                self._solved.append(refined)
         return solved_gait(problem, refined, message=message, solver=solver)
 
     @overflow_allowed()

@@ -198,11 +198,11 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
     mapped = dynamics.after_impact(cycle.impact, state)[:n]
     A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
-    way, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
-    if not np.isfinite(way).all():
+    travel, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
+    if not np.isfinite(travel).all():
         return LONGEST_STEP * time
-    moving = (way > 0) & (rates > 0)
-    return float(np.min(way[moving] / rates[moving], initial=LONGEST_STEP * time)) if moving.any() else time
+    moving = (travel > 0) & (rates > 0)
+    return float(np.min(travel[moving] / rates[moving], initial=LONGEST_STEP * time)) if moving.any() else time
 
 
 class _ModeFlow:
@@ -240,8 +240,10 @@ class _ModeFlow:
                 points.append((integration.t, integration.y))
                 upright, margins = margins[self._upright] >= 0, integration.outputs[0] / self._units
                 fallen = armed & (margins <= 0)
-                if upright and margins[self._upright] <= 0:
-                    return self._until_fall(points)
+                if upright and margins[self._upright] <= 0:  # the walker has fallen at the last point
+                    motion = self._motion(points)
+                    fall = self._root(motion, points[-2][0], points[-1][0], self._upright)
+                    return self._motion([*points[:-1], (fall, motion(np.array([fall]))[:, 0])])
                 if waiting and fallen[self._ending]:
                     return self._motion(points)
                 waiting = waiting and not fallen[self._touchdown]
@@ -251,10 +253,10 @@ class _ModeFlow:
     def end(self, motion: PhaseMotion) -> float | None:
         """Time since impact at which the phase ends; None if its event does not happen before touchdown."""
         times, margins = self._along(motion)
-        landing = self._fall(motion, times, margins, self._touchdown)
+        landing = self._first_fall(motion, times, margins, self._touchdown)
         if self._ending == self._touchdown:
             return landing
-        end = self._fall(motion, times, margins, self._ending)
+        end = self._first_fall(motion, times, margins, self._ending)
         return None if end is None or (landing is not None and landing < end) else end
 
     def lost_end(self, motion: PhaseMotion, transit: float) -> float:
@@ -283,29 +285,26 @@ class _ModeFlow:
             step=self._within, p=self._p, times=np.array(times), states=np.array(states), data=np.array(data)
         )
 
-    def _until_fall(self, points: Sequence[tuple[float, Array]]) -> PhaseMotion:
-        """The motion while the walker is upright; it has fallen at the last point."""
-        motion = self._motion(points)
-        time = self._root(motion, points[-2][0], points[-1][0], self._upright)
-        return self._motion([*points[:-1], (time, motion(np.array([time]))[:, 0])])
+    def _along(self, motion: PhaseMotion) -> tuple[Array, Array]:
+        """Times on a grid, and all margins there in natural units, shape (n, n_margins)."""
+        steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
+        times = np.append(steps, motion.end)
+        rows = [self._margins_at(time, z) for time, z in zip(times.tolist(), motion(times).T, strict=True)]
+        return times, np.array(rows)
 
-    def _fall(self, motion: PhaseMotion, times: Array, margins: Array, row: int) -> float | None:
+    def _first_fall(self, motion: PhaseMotion, times: Array, margins: Array, row: int) -> float | None:
         """First time at which a margin falls through zero after it was positive; None if it does not."""
         values = margins[:, row]
         falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
         return self._root(motion, times[falls[0]], times[falls[0] + 1], row) if falls.size else None
 
     def _root(self, motion: PhaseMotion, before: float, after: float, row: int) -> float:
+        """Time between two others at which a margin is zero."""
+
         def margin(time: float) -> float:
             return float(self._margins_at(time, motion(np.array([time]))[:, 0])[row])
 
         return bracketed_root(margin, before, after, ROOT * self._scales.time)
-
-    def _along(self, motion: PhaseMotion) -> tuple[Array, Array]:
-        """Times of the grid, and all margins there in natural units, shape (n, n_margins)."""
-        times = _grid(motion)
-        rows = [self._margins_at(time, z) for time, z in zip(times.tolist(), motion(times).T, strict=True)]
-        return times, np.array(rows)
 
     def _margins_at(self, time: float, z: Array) -> Array:
         """All margins in natural units."""
@@ -319,8 +318,3 @@ def _rate_and_margins(system: HybridSystem, mode: Mode) -> Function:
     flow, margins = system.flow(mode), system.margins(mode)
     inputs = flow.sx_in()
     return Function("rate_and_margins", inputs, [flow(*inputs), margins(*inputs)])
-
-
-def _grid(motion: PhaseMotion) -> Array:
-    steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
-    return np.append(steps, motion.end)
