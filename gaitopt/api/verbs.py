@@ -30,6 +30,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait
+from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.search import solve as single
 from gaitopt.search.find import STARTS, Gaits, SearchPlan, opened, search
@@ -509,8 +510,12 @@ def prove(
     return proof
 
 
-def check_proof(path: str | Path) -> "Proof":
+def check_proof(path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> "Proof":
     """Verify the certificate of a proof again, without any search.
+
+    Parameters
+    ----------
+    walkers : classes of walkers that the certificate may name besides those that are registered.
 
     Raises
     ------
@@ -532,7 +537,7 @@ def check_proof(path: str | Path) -> "Proof":
     except (OSError, ValueError) as error:
         raise StorageError(f"cannot read {file}: {reason(error)}") from error
     try:
-        return check(parse_certificate(content))
+        return check(parse_certificate(content), walkers=walkers)
     except StorageError as error:
         raise StorageError(f"{file} is no certificate of a proof: {error}") from error
 

@@ -393,7 +393,7 @@ class Continuation:
                 gait = finer.gait.verified(check.to_record())
             if not check.passed:
                 worst = next(claim for claim in check.claims if not claim.passed)
-                reason = f"the simulator disagrees: {worst.name} {worst.figure:.3g}, {worst.note}"
+                reason = f"the simulator disagrees: {worst.words}"
                 end = replace(self._special("end", self.point, "guess", reason), gait=gait)
                 yield self._vanishing() or end
                 return

@@ -69,6 +69,7 @@ Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, max_length=LONGEST_TEXT), AfterValidator(_plain)]
 Word = Annotated[str, Field(strict=True, max_length=200, pattern=r"^[\w .:,+=-]+$")]
 """A name, safe to print and to draw."""
+OutcomeWord = Annotated[str, Field(strict=True, pattern=r"^(holds|fails|not_examined|no_linear_range)$")]
 ModeText = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_mode)]
 Numbers = Annotated[list[Number], Len(max_length=LONGEST_LIST)]
 
@@ -139,7 +140,7 @@ class ClaimRecord(TypedDict):
     tolerance: Number
     passed: Flag
     note: Text
-    outcome: NotRequired[Word]  # not in records of earlier versions
+    outcome: NotRequired[OutcomeWord]  # not in records of earlier versions
 
 
 class VerificationRecord(TypedDict):
@@ -159,6 +160,8 @@ def _passed(record: VerificationRecord) -> VerificationRecord:
     for claim in record["claims"]:
         if claim["passed"] and (claim["figure"] is None or claim["figure"] > claim["tolerance"]):
             raise PydanticCustomError("claim", "A claim has passed with a figure beyond its tolerance")
+        if "outcome" in claim and claim["passed"] != (claim["outcome"] == "holds"):
+            raise PydanticCustomError("outcome", "The outcome of a claim is holds if and only if it has passed")
     figures = {claim["name"]: claim["figure"] for claim in record["claims"]}
     errors = {
         "period": record["period_error"],

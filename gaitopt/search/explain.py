@@ -185,7 +185,7 @@ def _refuted(gait: Gait) -> tuple[Cause, ...]:
     return tuple(
         Cause(
             what=claim.name,
-            words=f"the simulator disagrees: {claim.name}, {claim.note}",
+            words=f"the simulator disagrees: {claim.words}",
             needed=claim.tolerance,
             available=claim.figure,
         )

@@ -18,7 +18,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import GUESSES, SAME, WALKS, SearchJob, search_family, search_part, varied
 from gaitopt.systems import problem_dynamics, solve_sequence
-from gaitopt.verification.verify import verify
+from gaitopt.verification.verify import recorded_claims, verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
 
 Item = TypeVar("Item")
@@ -95,9 +95,11 @@ def gaits_of(
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
-        if not gait.converged or gait.verification is None or not gait.verification["passed"]:
-            words = gait.message if not gait.converged else "the simulator does not confirm it"
-            rejected.append({"sequence": str(gait.problem.cycle), "reason": words, "starts": starts})
+        claims = [] if gait.verification is None else recorded_claims(gait.verification)
+        refuted = [claim.words for claim in claims if not claim.passed]
+        if not gait.converged or refuted:
+            reason = f"the simulator does not confirm it: {'; '.join(refuted)}" if gait.converged else gait.message
+            rejected.append({"sequence": str(gait.problem.cycle), "reason": reason, "starts": starts})
             continue
         record = gait.to_record()
         known_starts = next((s for other, s in listed if _same(other.to_record(), record, SAME_GAIT)), None)

@@ -15,6 +15,7 @@ from rich.table import Table
 
 from gaitopt.gait.branch import TERMINAL, Branch, cascades
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.cycle import Cycle, ModeSequence, mode_words
 from gaitopt.model.modes import Mode
@@ -28,7 +29,7 @@ from gaitopt.runs.multistart import Optimum
 from gaitopt.runs.sweep import Sweep
 from gaitopt.search.explain import Explanation
 from gaitopt.search.find import Gaits
-from gaitopt.verification.verify import Verification
+from gaitopt.verification.verify import OUTCOMES, Verification, recorded_claims
 from gaitopt.verification.walk import Walk
 
 GAP = 3
@@ -178,17 +179,17 @@ def print_walk(console: Console, record: Mapping[str, Any]) -> None:
     _print_motion(console, record, last=" of the last step")
 
 
-def print_verification(console: Console, record: Mapping[str, Any]) -> None:
+def print_verification(console: Console, record: VerificationRecord) -> None:
     """Every claim with its figure and tolerance."""
     rows = (
         (
-            c["name"],
-            f"{c['figure']:.2g}" if c["figure"] is not None else "-",
-            f"{c['tolerance']:.2g}",
-            "ok" if c["passed"] else "FAILED",
-            c["note"],
+            claim.name,
+            f"{claim.figure:.2g}" if math.isfinite(claim.figure) else "-",
+            f"{claim.tolerance:.2g}",
+            "ok" if claim.passed else OUTCOMES[claim.outcome].upper(),
+            claim.note,
         )
-        for c in record["claims"]
+        for claim in recorded_claims(record)
     )
     title = "verified by forward simulation" if record["passed"] else "NOT verified by forward simulation"
     section(console, title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2))

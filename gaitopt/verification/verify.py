@@ -14,7 +14,7 @@ errors in the natural units of the walker.
    its derivative by saltation (multipliers), which in turn agrees with differences of perturbed walks (perturbation).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -76,6 +76,15 @@ class Outcome(StrEnum):
     NO_LINEAR_RANGE = "no_linear_range"
 
 
+OUTCOMES: Mapping[str, str] = {
+    Outcome.HOLDS: "holds",
+    Outcome.FAILS: "fails",
+    Outcome.NOT_EXAMINED: "not examined",
+    Outcome.NO_LINEAR_RANGE: "no linear range",
+}
+"""Outcomes in words."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Claim:
     """One statement about a gait, and the error that was measured for it.
@@ -96,6 +105,12 @@ class Claim:
     passed: bool
     note: str = ""
     outcome: Outcome = Outcome.HOLDS
+
+    @property
+    def words(self) -> str:
+        """Name, outcome, figure and note, as in ``period: fails (1.2e-07, limit 1e-09), relative error``."""
+        figure = f" ({self.figure:.2g}, limit {self.tolerance:.2g})" if np.isfinite(self.figure) else ""
+        return f"{self.name}: {OUTCOMES[self.outcome]}{figure}" + (f", {self.note}" if self.note else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +154,19 @@ class Verification(Tabulated):
                 for claim in self.claims
             ],
         }
+
+
+def recorded_claims(record: VerificationRecord) -> list[Claim]:
+    """The claims of a record of ``Verification.to_record``; records of early versions name no outcomes."""
+    claims = []
+    for entry in record["claims"]:
+        name, figure, limit = entry["name"], entry["figure"], entry["tolerance"]
+        outcome = Outcome(entry.get("outcome", Outcome.HOLDS if entry["passed"] else Outcome.FAILS))
+        known = np.inf if figure is None else figure
+        claims.append(
+            Claim(name=name, figure=known, tolerance=limit, passed=entry["passed"], note=entry["note"], outcome=outcome)
+        )
+    return claims
 
 
 def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:

@@ -1,5 +1,6 @@
 """Proofs of gaits: closed forms lie inside, this project's values lie next to them, and what is false is refused."""
 
+import json
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache
@@ -9,7 +10,7 @@ import pytest
 flint = pytest.importorskip("flint")
 from flint import arb, arb_mat, ctx  # noqa: E402
 
-from gaitopt import load_problem, parse_problem, prove, simulate, solve  # noqa: E402
+from gaitopt import check_proof, load_problem, parse_problem, prove, simulate, solve  # noqa: E402
 from gaitopt.errors import StorageError, UnknownNameError  # noqa: E402
 from gaitopt.gait.measures import measure  # noqa: E402
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
@@ -395,12 +396,16 @@ class ForeignWheel(RimlessWheel):
     model = "foreign_wheel"
 
 
-def test_a_walker_that_is_not_registered_is_proved_and_checked_with_its_class():
+def test_a_walker_that_is_not_registered_is_proved_and_checked_with_its_class(tmp_path):
     text = load_problem("rimless-wheel-stick").text.replace("model: rimless_wheel", "model: foreign_wheel")
     result = prove(solve(parse_problem(text, walkers=[ForeignWheel])))
     assert result.proved, failed(result)
     assert check(dict(result.certificate), walkers=[ForeignWheel]).proved
     assert "foreign_wheel" in failures(result.certificate)["statement"]
+    file = tmp_path / "proof.json"
+    file.write_text(json.dumps(result.certificate))
+    assert check_proof(file, walkers=[ForeignWheel]).proved
+    assert "foreign_wheel" in failed(check_proof(file))["statement"]
 
 
 def test_a_certificate_of_an_older_format_is_named():

@@ -1,12 +1,14 @@
 """Candidates of a search, counted once: cycles without repetitions, from one of their states, and gaits behind them."""
 
-from dataclasses import replace
+from io import StringIO
 
 import pytest
 from named import named, verification
+from rich.console import Console
 
 from gaitopt.search.candidates import cycle_record
 from gaitopt.search.find import gaits_of
+from gaitopt.show.tables import print_gaits
 
 
 @pytest.fixture(scope="module")
@@ -38,9 +40,21 @@ def test_starts_that_lead_to_a_known_gait_are_counted_with_it(gait):
     assert gaits.searched["starts"] == {"simulation": 2}
 
 
-def test_a_gait_that_the_simulator_refutes_is_rejected(gait):
-    refuted = replace(gait, verification={"passed": False})
+def test_a_gait_that_the_simulator_refutes_is_rejected_with_the_claims_that_do_not_hold_and_their_outcomes(gait):
+    changes = {
+        "period": {"figure": 2e-7, "passed": False, "outcome": "fails"},
+        "multipliers": {"figure": None, "passed": False, "outcome": "not_examined", "note": "the wheel falls"},
+        "perturbation": {"figure": None, "passed": False, "outcome": "no_linear_range", "note": "too bent"},
+    }
+    claims = [claim | changes.get(claim["name"], {}) for claim in gait.verification["claims"]]
+    refuted = gait.verified({**gait.verification, "passed": False, "claims": claims})
     open_problem = gait.problem.replace({"gait.phases": "auto"})
     gaits = gaits_of(open_problem, [part([cycle_record(gait.system, gait.steps, "a")])], known=[refuted])
     assert not gaits
-    assert gaits.searched["rejected"][0]["reason"] == "the simulator does not confirm it"
+    (rejected,) = gaits.searched["rejected"]
+    assert rejected["reason"].startswith("the simulator does not confirm it: period: fails (2e-07, limit 1e-09)")
+    assert "; multipliers: not examined, the wheel falls" in rejected["reason"]
+    assert rejected["reason"].endswith("; perturbation: no linear range, too bent")
+    console = Console(file=StringIO(), width=1000)
+    print_gaits(console, gaits.to_record())
+    assert rejected["reason"] in console.file.getvalue()
