@@ -1,19 +1,19 @@
-"""Control laws: joint torques u(t, q, dq) with t the time since the last impact.
+"""Control laws: joint torques u(t, q, dq), with t the time since the last impact.
 
-A law is smooth between its breakpoints (fixed times since impact). On each segment between two breakpoints it
-reads ``segment data`` r, so that one compiled function serves all of them.
+    u = -kp (theta - theta_r(t)) - kd (dtheta - dtheta_r(t))              Gamus & Or (2013), section V, gait III
 
-Reference motion of the joints over the time since the last impact: a curve with breakpoints.
+A law is smooth between its breakpoints, which are fixed times since the impact. On each segment between two breakpoints
+it reads ``segment data`` r, so that one compiled function serves all segments.
 
-Each piece is smooth, a Chebyshev series on [start, end]; pieces meet at breakpoints, where the curve may have
-a kink or, with ``off``, cease to act. The last piece holds for all later times up to ``horizon``.
+A ``Reference`` theta_r consists of Chebyshev series, one piece per segment. Pieces meet at breakpoints, where the curve
+may have a kink or, with ``off``, the control ends. The last piece applies up to ``horizon``.
 
-PD tracking of Bezier curves whose control points are parameters, so that they can be set, freed or continued.
+``BezierTracking`` has Bezier curves whose control points c_k are parameters that can be set, freed or continued,
 
     theta_r(t) = sum_k c_k B_k(s),    B_k(s) = C(n, k) s^k (1 - s)^(n - k),    s = t / duration,    t < duration
 
-A Bezier curve stays within the range of its control points and starts and ends at the first and the last one, with
-the rate n (c_1 - c_0) / duration there, which is all that its continuation past the end has to know.
+Such a curve stays within the range of its control points. It starts at the first and ends at the last one, and its rate
+at the end, n (c_n - c_(n-1)) / duration, determines its continuation.
 """
 
 from abc import ABC, abstractmethod
@@ -29,11 +29,11 @@ from numpy.polynomial import chebyshev
 from gaitopt.arrays import Array
 
 BLOCK = 6
-"""Terms of a series that are summed directly; about the root of their number, which is 33 for a phase of walking."""
+"""Terms of a series that are summed directly: about the root of their number, which is 33 for a phase of walking."""
 
 
 class BeyondEnd(StrEnum):
-    """What a reference does past its own end."""
+    """Continuation of a reference after its end."""
 
     FLOW = "flow"
     LINEAR = "linear"
@@ -59,10 +59,16 @@ class Piece:
     rates: Array
     active: bool = True
 
+    def __call__(self, t: float) -> tuple[Array, Array]:
+        """Angles [rad] and rates [rad/s] at a time since impact [s], shape (n_u,) each."""
+        s = 2 * (t - self.start) / (self.end - self.start) - 1
+        angles, rates = (np.asarray(chebyshev.chebval(s, table.T)) for table in (self.angles, self.rates))
+        return angles, rates
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """Pieces in order of time; ``horizon`` is the time since impact up to which they are valid [s]."""
+    """Pieces in order of time; they are defined up to ``horizon``, a time since impact [s]."""
 
     pieces: tuple[Piece, ...]
     horizon: float = np.inf
@@ -87,21 +93,15 @@ class Reference:
         """Angles [rad] and rates [rad/s] at times since impact [s]; both of shape (n_u, n)."""
         t = np.asarray(times, dtype=float)
         index = np.searchsorted(self.breakpoints, t, side="right")
-        columns = [self._at(self.pieces[k], s) for k, s in zip(index, t, strict=True)]
+        columns = [self.pieces[k](time) for k, time in zip(index, t, strict=True)]
         angles, rates = zip(*columns, strict=True)
         return np.column_stack(angles), np.column_stack(rates)
 
-    @staticmethod
-    def _at(piece: Piece, t: float) -> tuple[Array, Array]:
-        s = 2 * (t - piece.start) / (piece.end - piece.start) - 1
-        angles, rates = (np.asarray(chebyshev.chebval(s, table.T)) for table in (piece.angles, piece.rates))
-        return angles, rates
-
 
 def evaluate(data: SX, t: SX, n_tracked: int, degree: int, weights: tuple[SX, SX]) -> tuple[SX, SX]:
-    """Weighted sums of angle and rate of every joint, and the activity, from the layout of ``Reference.data``.
+    """Weighted sum of angle and rate of every joint, and whether the control acts, from ``Reference.data``.
 
-    The series are added before they are evaluated, as half as many remain.
+    The series of angle and rate are added before they are evaluated, which halves their number.
     """
     s = 2 * (t - data[0]) / (data[1] - data[0]) - 1
     angles, rates = (reshape(rows, degree + 1, n_tracked) for rows in vertsplit(data[3:], (degree + 1) * n_tracked))
@@ -111,12 +111,12 @@ def evaluate(data: SX, t: SX, n_tracked: int, degree: int, weights: tuple[SX, SX
 
 
 def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Reference:
-    """``pieces`` that end at ``end``, followed by ``linear``, ``hold`` or ``off``.
+    """The reference of ``pieces`` up to the time ``end``, then ``linear``, ``hold`` or ``off``.
 
-    ``flow`` needs the equations of motion of the reference's own walker and is not built here.
+    ``flow`` needs the equations of motion of the walker that moves so; see ``gaitopt.systems``.
     """
     last = pieces[-1]
-    angles, rates = Reference._at(last, end)
+    angles, rates = last(end)
     if beyond_end is not BeyondEnd.LINEAR:
         rates = np.zeros_like(rates)
     # on [end, end + 1] the series variable is s = 2 (t - end) - 1, so that angle = (angle + rate/2) + rate/2 s
@@ -142,8 +142,8 @@ def _sum(c: list[SX], T: list[SX]) -> SX:
     """Chebyshev series sum_k c_k T_k from T_0, ..., T_m: blocks of m terms, and Clenshaw's recurrence over T_jm.
 
     With T_jm+k = 2 T_jm T_k - T_jm-k the series is sum_j q_j T_jm, where q_j is a sum over T_0, ..., T_m-1 and T_jm is
-    T_j(T_m). It takes a product of variables per block instead of one per term: those are what a Taylor series of the
-    motion spends its time on.
+    T_j(T_m). This takes one product of variables per block instead of one per term, and such products dominate the cost
+    of a Taylor series of the motion.
     """
     m, c = len(T) - 1, list(c)
     for n in reversed(range(m + 1, len(c))):
@@ -158,16 +158,16 @@ def _sum(c: list[SX], T: list[SX]) -> SX:
 
 
 class Control(ABC):
-    """Base of the control laws; ``parameters`` are the scalars that may be set, freed or continued."""
+    """Base of the control laws."""
 
     @property
     @abstractmethod
     def parameters(self) -> Mapping[str, float]:
-        """Values of the law's scalars by their name in the problem file."""
+        """Values of the scalars that can be set, freed or continued, by their name in the problem file."""
 
     @property
     def unknowns(self) -> Mapping[str, tuple[float, float]]:
-        """Bounds of those of ``parameters`` that only a design determines, not the problem file."""
+        """Bounds of the parameters that a design determines rather than the problem file."""
         return {}
 
     @abstractmethod
@@ -193,7 +193,7 @@ class Control(ABC):
         return np.inf
 
     def data(self, segment: int) -> Array:
-        """Segment data r; always of the same length."""
+        """Segment data r, of the same length in all segments."""
         return np.zeros(0)
 
 
@@ -223,16 +223,13 @@ class ConstantTorque(Control):
         return self.torques
 
     def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        """The constants themselves."""
+        """The parameters."""
         return p
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProportionalDerivative(Control):
-    """PD tracking of a reference with phase reset: u = -kp (theta - theta_r) - kd (dtheta - dtheta_r).
-
-    Gamus & Or (2013), section V, gait III. The clock of the reference restarts at every impact.
-    """
+    """PD tracking of a reference whose clock restarts at every impact."""
 
     kp: float
     kd: float
@@ -245,7 +242,7 @@ class ProportionalDerivative(Control):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Kinks of the reference."""
+        """Times at which pieces of the reference meet."""
         return self.reference.breakpoints
 
     @property
@@ -254,7 +251,7 @@ class ProportionalDerivative(Control):
         return self.reference.horizon
 
     def data(self, segment: int) -> Array:
-        """The piece of the reference that holds in ``segment``."""
+        """The numbers of the piece of the reference in this segment."""
         return self.reference.data(segment)
 
     def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
@@ -265,14 +262,14 @@ class ProportionalDerivative(Control):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BezierTracking(Control):
-    """PD tracking with phase reset of one Bezier curve per joint: u = -kp (theta - theta_r) - kd (dtheta - dtheta_r).
+    """PD tracking of one Bezier curve per joint, whose clock restarts at every impact.
 
     Attributes
     ----------
     kp, kd : gains [N m/rad], [N m s/rad].
-    points : control points of the curve of each tracked joint [rad]; all of the same number.
+    points : control points of the curve of each tracked joint [rad], the same number for all joints.
     duration : of the curves [s]; the step may end earlier or later.
-    beyond_end : what holds after ``duration``: ``linear``, ``hold`` or ``off``.
+    beyond_end : continuation after ``duration``: ``linear``, ``hold`` or ``off``.
     within : bound of the modulus of control points that are unknowns [rad].
     """
 
@@ -305,41 +302,39 @@ class BezierTracking(Control):
         return (self.duration,)
 
     def data(self, segment: int) -> Array:
-        """Whether the curve holds, and whether its continuation does."""
+        """Weights of the curve and of its continuation: (1, 0), then (0, 1)."""
         return np.array([1.0, 0.0] if segment == 0 else [0.0, 1.0])
 
     def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
         """Feedback on the error of each tracked joint."""
         points = reshape(p[2:], self.degree + 1, len(self.points))
-        inside = self._feedback(p, angles, rates, *self._curve(points, t / self.duration))
-        if self.beyond_end is BeyondEnd.OFF:
-            return r[0] * inside
-        return r[0] * inside + r[1] * self._feedback(p, angles, rates, *self._continuation(points, t))
 
-    def _feedback(self, p: SX, angles: SX, rates: SX, target_angles: SX, target_rates: SX) -> SX:
-        return -p[0] * (angles - target_angles) - p[1] * (rates - target_rates)
+        def feedback(target_angles: SX, target_rates: SX) -> SX:
+            return -p[0] * (angles - target_angles) - p[1] * (rates - target_rates)
+
+        within = r[0] * feedback(*self._curve(points, t / self.duration))
+        if self.beyond_end is BeyondEnd.OFF:
+            return within
+        end, rate = self._curve(points, SX(1))
+        if self.beyond_end is BeyondEnd.HOLD:
+            return within + r[1] * feedback(end, SX.zeros(rate.numel()))
+        return within + r[1] * feedback(end + rate * (t - self.duration), rate)
 
     def _curve(self, points: SX, s: SX) -> tuple[SX, SX]:
         """Angles and rates of the curves at the phase ``s``."""
         slopes = self.degree / self.duration * (points[1:, :] - points[:-1, :])
         return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
 
-    def _continuation(self, points: SX, t: SX) -> tuple[SX, SX]:
-        end, rate = self._curve(points, SX(1))
-        if self.beyond_end is BeyondEnd.HOLD:
-            return end, SX.zeros(rate.numel())
-        return end + rate * (t - self.duration), rate
-
 
 def control_points(phases: Array, angles: Array, degree: int) -> Array:
-    """Control points (n, degree + 1) of the Bezier curves that come closest to ``angles`` (n, m) at ``phases`` (m,)."""
+    """Control points (n, degree + 1) of the Bezier curves that fit ``angles`` (n, m) at ``phases`` (m,) best."""
     k = np.arange(degree + 1)
     basis = np.array([comb(degree, j) for j in k]) * phases[:, None] ** k * (1 - phases[:, None]) ** (degree - k)
     return np.asarray(np.linalg.lstsq(basis, angles.T, rcond=None)[0].T, dtype=float)
 
 
 def _bernstein(degree: int, s: SX) -> SX:
-    """B_k(s) for all k; powers by products, because a symbol's power has no derivative at 0."""
+    """B_k(s) for all k; powers are products, because the power of a symbol has no derivative at 0."""
     rising, falling = [SX(1)], [SX(1)]
     for _ in range(degree):
         rising.append(rising[-1] * s)
