@@ -1,8 +1,8 @@
-"""Whether the class of a walker is well formed, and the one way in which its methods are called.
+"""The class of a walker: checks of its attributes, and calls of its methods with checks of their results.
 
-A class may come from any package. Its attributes are checked before they are used, and what its methods return is
-checked before it enters an equation: each expression has the right shape and depends on nothing else than it may.
-Whatever is wrong is one sentence that names the class and the attribute or method.
+A class may come from any package. Its attributes are checked before they are used. The results of its methods are
+checked before they enter an equation: each expression has the right shape and depends only on the arguments that it may
+depend on. An error is one sentence that names the class and the attribute or method.
 """
 
 import inspect
@@ -24,11 +24,11 @@ from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
 from gaitopt.model.walker import Body, Damper, Mechanism, Walker
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
-"""Of coordinates, actuators, stops and switches: they become parts of keys, columns and compiled functions."""
+"""Names of coordinates, actuators, stops and switches, which occur in keys, columns and compiled functions."""
 NAME_WORDS = "a name of ASCII letters and digits, with single underscores between them"
-FOOT = ("x", "y")
+FOOT_COORDINATES = ("x", "y")
 RESERVED = ("mode", "contact", "impact", "model", "type", "touchdown", "upright", "clearance", "painleve")
-"""Words that mean something else where the names of stops, switches and actuators are used."""
+"""Words with another meaning where the names of stops, switches and actuators occur."""
 DERIVED = (
     "contacts",
     "modes",
@@ -41,25 +41,25 @@ DERIVED = (
     "model_post_init",
 )
 """Methods of ``Walker`` that follow from the class attributes."""
-STATED = ("mechanism", "after_impact", "rates_after_impact", "landing", "outline", "contact")
+OVERRIDABLE = ("mechanism", "after_impact", "rates_after_impact", "landing", "outline", "contact")
 """Methods that a class may define."""
 ATTRIBUTES = tuple(Walker.__annotations__)
 LISTS = ("shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked")
 """Class attributes that are tuples of names."""
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
-"""Of what a method may return where an expression belongs."""
+"""Types of a method's results where an expression belongs."""
 MODEL = re.compile(r"\w[\w.-]*")
 _PASSED: WeakSet[type[Walker]] = WeakSet()
-"""Classes that have passed ``check_class``: every point of a branch builds a problem of the same class."""
+"""Classes that have passed ``check_class``; every point of a branch builds a problem of the same class."""
 
 
 def check_class(walker: object) -> None:
-    """Refuse a class whose attributes or parameters are not those of a walker; nothing of it is called.
+    """Check the attributes and parameters of a class; none of its methods is called.
 
     Raises
     ------
     ProblemError
-        If something is missing, has the wrong type, is named twice, or contradicts another attribute.
+        If an attribute is missing, has the wrong type, names something twice, or contradicts another attribute.
     """
     if not (isinstance(walker, type) and issubclass(walker, Walker)):
         raise ProblemError(f"{shown(walker)} is no subclass of gaitopt.Walker")
@@ -76,12 +76,12 @@ def check_class(walker: object) -> None:
 
 @contextmanager
 def calling(walker: type[Walker], what: str) -> Iterator[None]:
-    """Turn whatever a class raises into one sentence.
+    """Turn any exception of a class into one sentence.
 
     Raises
     ------
     ProblemError
-        If the body of the ``with`` raises any exception, SystemExit included; KeyboardInterrupt passes.
+        If the body of the ``with`` raises an exception, SystemExit included; KeyboardInterrupt passes.
     """
     try:
         yield
@@ -92,7 +92,7 @@ def calling(walker: type[Walker], what: str) -> Iterator[None]:
 
 
 def raised(error: BaseException) -> str:
-    """Type and first line of what was raised."""
+    """Type and first line of an exception."""
     try:
         lines = str(error).splitlines()
     except Exception:  # noqa: BLE001 - someone's exception may not even have a text
@@ -101,17 +101,17 @@ def raised(error: BaseException) -> str:
 
 
 def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """``Walker.mechanism`` with every entry checked, and all of them SX.
+    """``Walker.mechanism`` with all entries checked and converted to SX.
 
     Parameters
     ----------
-    q, p : coordinates (shape, x, y) and parameters by name; those coordinates that are no symbols are not checked.
+    q, p : coordinates (shape, x, y) and parameters by name; coordinates that are not symbols are not checked.
 
     Raises
     ------
     ProblemError
-        If it raises, an entry has the wrong type or shape, or depends on what it may not depend on; if counts differ,
-        or a body does not move along with the stance foot.
+        If the method raises, an entry has the wrong type or shape or depends on a forbidden argument, the number of
+        entries is wrong, or a body does not move with the stance foot.
     """
     with calling(walker, "mechanism"):
         stated = walker.mechanism(q, p)
@@ -126,7 +126,15 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         if depends_on(jacobian(gap, read.shape), read.shape):
             raise ProblemError(f"{walker.__name__}: Mechanism.stops[{name!r}] must be affine in the shape coordinates")
     mechanism = Mechanism(
-        bodies=tuple(_read_body(read, f"Mechanism.bodies[{k}]", body) for k, body in enumerate(stated.bodies)),
+        bodies=tuple(
+            Body(
+                mass=read.scalar(f"Mechanism.bodies[{k}].mass", body.mass, "parameters"),
+                position=read.vector(f"Mechanism.bodies[{k}].position", body.position, 2, "all"),
+                inertia=read.scalar(f"Mechanism.bodies[{k}].inertia", body.inertia, "parameters"),
+                angle=read.scalar(f"Mechanism.bodies[{k}].angle", body.angle, "shape"),
+            )
+            for k, body in enumerate(stated.bodies)
+        ),
         gravity=read.vector("Mechanism.gravity", stated.gravity, 2, "parameters"),
         swing_foot=read.vector("Mechanism.swing_foot", stated.swing_foot, 2, "all"),
         touchdown=read.scalar("Mechanism.touchdown", stated.touchdown, "height"),
@@ -149,8 +157,14 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         ),
         push=None if stated.push is None else read.vector("Mechanism.push", stated.push, 2, "shape"),
     )
-    if vertcat(q.x, q.y).is_valid_input():  # symbols, and no given place of the foot
-        _check_dependence(walker, mechanism, q)
+    if vertcat(q.x, q.y).is_valid_input():  # symbols rather than a given position of the foot
+        if not depends_on(mechanism.touchdown, _symbols(_entries(q).values())):
+            raise ProblemError(f"{walker.__name__}: Mechanism.touchdown is the same in every posture")
+        points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
+        for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
+            with_foot = jacobian(point, vertcat(q.x, q.y))
+            if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
+                raise ProblemError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")
     return mechanism
 
 
@@ -160,7 +174,7 @@ def state_after_impact(walker: type[Walker], free: SimpleNamespace, p: SimpleNam
     Raises
     ------
     ProblemError
-        If one of the two methods raises, or returns something else than one expression per shape coordinate.
+        If one of the two methods raises, or does not return one expression per shape coordinate.
     """
     read, results = _Reader(walker, free, p), []
     for name in ("after_impact", "rates_after_impact"):
@@ -176,7 +190,7 @@ def state_landing(walker: type[Walker], q: SimpleNamespace, dq: SimpleNamespace,
     Raises
     ------
     ProblemError
-        If ``Walker.landing`` raises, or returns something else than two sequences of expressions.
+        If ``Walker.landing`` raises, or does not return two sequences of expressions.
     """
     with calling(walker, "landing"):
         stated = walker.landing(q, dq, p)
@@ -195,7 +209,7 @@ def state_picture(
     Raises
     ------
     ProblemError
-        If one of the two methods raises, or returns something else.
+        If one of the two methods raises, or does not return these.
     """
     read = _Reader(walker, q, p)
     with calling(walker, "outline"):
@@ -213,13 +227,13 @@ def state_picture(
 
 
 class _Reader:
-    """Reads what the methods of a walker return, given the coordinates ``q`` and parameters ``p`` by name."""
+    """Reads the results of a walker's methods, whose arguments are coordinates ``q`` and parameters ``p`` by name."""
 
     def __init__(self, walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> None:
-        self._walker = walker
+        self.walker = walker
         entries, parameters = _entries(q), _entries(p)
-        self._known = _symbols([*entries.values(), *parameters.values()])
-        foot = {name: entries.pop(name) for name in FOOT if name in entries}
+        self.symbols = _symbols([*entries.values(), *parameters.values()])
+        foot = {name: entries.pop(name) for name in FOOT_COORDINATES if name in entries}
         self.shape, self.height = _symbols(entries.values()), _symbols([foot["y"]] if "y" in foot else [])
         along = _symbols([foot["x"]] if "x" in foot else [])
         everything = vertcat(self.shape, self.height, along)
@@ -235,18 +249,18 @@ class _Reader:
         return self.vector(what, value, 1, of)
 
     def vector(self, what: str, value: Any, size: int, of: str) -> SX:
-        """A column of expressions; ``of`` says what they may depend on, a key of the table of what they may not."""
-        name = self._walker.__name__
+        """A column of expressions, which depend on the arguments ``of``: a key of ``_forbidden``."""
+        name = self.walker.__name__
         form = "one number or expression" if size == 1 else f"a column of {size}, vertcat(...)"
         strange = isinstance(value, bool) or (isinstance(value, np.ndarray) and value.dtype.kind not in "iuf")
         if strange or not isinstance(value, KINDS):
             raise ProblemError(f"{name}: {what} is {shown(value)}, but must be {form} of CasADi's type SX")
-        with calling(self._walker, f"reading {what}"):
+        with calling(self.walker, f"reading {what}"):
             expression = SX(value)
         if expression.shape != (size, 1):
             rows, columns = expression.shape
             raise ProblemError(f"{name}: {what} has shape ({rows}, {columns}), but must be {form}")
-        foreign = Function("foreign", [self._known], [expression], {"allow_free": True}).free_sx()
+        foreign = Function("foreign", [self.symbols], [expression], {"allow_free": True}).free_sx()
         if foreign:
             words = ", ".join(str(symbol) for symbol in foreign)
             raise ProblemError(f"{name}: {what} holds {words}, which is none of the symbols that the method was given")
@@ -256,18 +270,9 @@ class _Reader:
         return expression
 
 
-def _read_body(read: _Reader, what: str, body: Body) -> Body:
-    return Body(
-        mass=read.scalar(f"{what}.mass", body.mass, "parameters"),
-        position=read.vector(f"{what}.position", body.position, 2, "all"),
-        inertia=read.scalar(f"{what}.inertia", body.inertia, "parameters"),
-        angle=read.scalar(f"{what}.angle", body.angle, "shape"),
-    )
-
-
 def _read_shape(read: _Reader, method: str, stated: object) -> SX:
     """One expression per shape coordinate, as a column."""
-    walker = read._walker
+    walker = read.walker
     if not isinstance(stated, tuple | list):
         words = "a tuple of one expression per shape coordinate"
         raise ProblemError(f"{walker.__name__}: {method} returns {shown(stated)}, but must return {words}")
@@ -282,20 +287,20 @@ def _checked_switch(
     read: _Reader, name: str, margin: Callable[[SimpleNamespace], SX]
 ) -> Callable[[SimpleNamespace], SX]:
     """The margin of a switch, checked wherever it is evaluated."""
-    walker, what = read._walker, f"Mechanism.switches[{name!r}]"
+    walker, what = read.walker, f"Mechanism.switches[{name!r}]"
 
     def checked(rates: SimpleNamespace) -> SX:
         with calling(walker, what):
             value = margin(rates)
-        known = vertcat(read._known, _symbols(_entries(rates).values()))
-        return _Reader(walker, SimpleNamespace(known=known), SimpleNamespace()).scalar(what, value, "all")
+        symbols = vertcat(read.symbols, _symbols(_entries(rates).values()))
+        return _Reader(walker, SimpleNamespace(symbols=symbols), SimpleNamespace()).scalar(what, value, "all")
 
-    checked(SimpleNamespace(**{rate: SX.sym(rate) for rate in (*walker.shape, *FOOT)}))
+    checked(SimpleNamespace(**{rate: SX.sym(rate) for rate in (*walker.shape, *FOOT_COORDINATES)}))
     return checked
 
 
 def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[str]:
-    """Whether the containers of a mechanism are containers, and hold what the class attributes announce."""
+    """Messages about the containers of a mechanism, whose entries the class attributes announce."""
     parts: dict[str, Any] = {part.name: getattr(mechanism, part.name) for part in fields(mechanism)}
     for part, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
         if not _is_list(parts[part], kind):
@@ -314,11 +319,6 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         if (*parts[part],) != declared:
             words = ", ".join(map(str, parts[part])) or "none"
             yield f"Mechanism.{part} has {words}, but {part} are {declared}"
-    yield from _state_faults(walker, parts)
-
-
-def _state_faults(walker: type[Walker], parts: Mapping[str, Any]) -> Iterator[str]:
-    """Whether switches are functions, and further energies act in states that the walker has."""
     strange = [name for name, margin in parts["switches"].items() if not callable(margin)]
     if strange:
         words = f"{shown(parts['switches'][strange[0]])}, but must be a function of the rates, lambda dq: ..."
@@ -330,27 +330,17 @@ def _state_faults(walker: type[Walker], parts: Mapping[str, Any]) -> Iterator[st
         yield f"Mechanism.potential_while names {shown(unknown[0])}; allowed: {', '.join(states)}"
 
 
-def _check_dependence(walker: type[Walker], mechanism: Mechanism, q: SimpleNamespace) -> None:
-    """Whether the guard depends on the posture, and every body and the swing foot move along with the stance foot.
-
-    Raises
-    ------
-    ProblemError
-        If not.
-    """
-    if not depends_on(mechanism.touchdown, _symbols(_entries(q).values())):
-        raise ProblemError(f"{walker.__name__}: Mechanism.touchdown is the same in every posture")
-    points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
-    for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
-        with_foot = jacobian(point, vertcat(q.x, q.y))
-        if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
-            raise ProblemError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")
-
-
 def _class_faults(walker: type[Walker]) -> Iterator[str]:
-    """What is wrong with the attributes, methods and parameters of a class."""
-    yield from _type_faults(walker)
-    yield from _method_faults(walker)
+    """Messages about the attributes, methods and parameters of a class."""
+    yield from _attribute_faults(walker)
+    for name in OVERRIDABLE:
+        if not isinstance(inspect.getattr_static(walker, name), classmethod | staticmethod):
+            yield f"{name} must be a class method: write @classmethod above it"
+    for name in DERIVED:
+        if inspect.getattr_static(walker, name) is not inspect.getattr_static(Walker, name):
+            yield f"{name} must not be overridden: it follows from the class attributes"
+    if walker.massless_feet and inspect.getattr_static(walker, "landing") is inspect.getattr_static(Walker, "landing"):
+        yield "has massless feet, but does not define how they land: define landing"
     yield from _name_faults(walker)
     for name, field in walker.model_fields.items():
         why = _field_fault(name, field)
@@ -359,68 +349,54 @@ def _class_faults(walker: type[Walker]) -> Iterator[str]:
     config = walker.model_config
     if not config.get("frozen") or config.get("extra") != "forbid":
         yield "model_config must keep frozen=True and extra='forbid'"
-    yield from _exchange_faults(walker)
+    exchanged = _exchanged(walker.exchanged)
+    unknown = {*exchanged} - {*walker.model_fields}
+    if unknown:
+        yield f"exchanged names {', '.join(sorted(unknown))}, which is no parameter"
+    if _doubles(exchanged):
+        yield f"exchanged names {_doubles(exchanged)} twice: each parameter changes places with one other"
 
 
-def _type_faults(walker: type[Walker]) -> Iterator[str]:
-    """Whether each class attribute is there, with a value of its type."""
+def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
+    """Messages about class attributes that are missing or have values of a wrong type."""
     for name in ATTRIBUTES:
         if name in walker.model_fields:
             yield f"{name} has an annotation of a type, which makes it a parameter: write {name} = ... without one"
         elif not hasattr(walker, name):
-            yield f"does not say its {name}"
-    yield from _value_faults({name: getattr(walker, name) for name in ATTRIBUTES})
-
-
-def _value_faults(stated: Mapping[str, Any]) -> Iterator[str]:
-    """Whether each class attribute has a value of its type."""
+            yield f"does not define its {name}"
+    stated: dict[str, Any] = {name: getattr(walker, name) for name in ATTRIBUTES}
     if not (isinstance(stated["model"], str) and MODEL.fullmatch(stated["model"])):
         yield f"model is {shown(stated['model'])}, but must be a word, by which problem files name the walker"
     for name in LISTS:
-        if not (name == "section_rates" and stated[name] is None):
-            yield from _list_faults(name, stated[name])
+        value = stated[name]
+        if name == "section_rates" and value is None:
+            continue
+        if not isinstance(value, tuple):
+            remedy = f"; write {name} = ({value!r},)" if isinstance(value, str) else ""
+            yield f"{name} is {shown(value)}, but must be a tuple of names{remedy}"
+        strange = [entry for entry in value if not _is_name(entry)]
+        if strange:
+            yield f"{name} has the entry {shown(strange[0])}, but must be a tuple of names, each {NAME_WORDS}"
+        if _doubles(value) and name != "tracked":
+            yield f"{name} names {_doubles(value)} twice"
     for name in ("flies", "massless_feet", "pushes"):
         if not isinstance(stated[name], bool):
             yield f"{name} is {shown(stated[name])}, but must be True or False"
     largest = stated["largest_angle"]
-    if not (_is_number(largest) and 0 < largest <= math.pi):
+    is_number = isinstance(largest, int | float) and not isinstance(largest, bool)
+    if not (is_number and 0 < largest <= math.pi):
         yield f"largest_angle is {shown(largest)}, but must be a number above 0 and at most pi"
     if not (isinstance(stated["exchanged"], Mapping) and all(map(_is_name, _exchanged(stated["exchanged"])))):
         yield f"exchanged is {shown(stated['exchanged'])}, but must be a mapping from parameters to parameters"
 
 
-def _list_faults(name: str, value: Any) -> Iterator[str]:
-    """Whether a class attribute is a tuple of names, each given once."""
-    if not isinstance(value, tuple):
-        remedy = f"; write {name} = ({value!r},)" if isinstance(value, str) else ""
-        yield f"{name} is {shown(value)}, but must be a tuple of names{remedy}"
-    strange = [entry for entry in value if not _is_name(entry)]
-    if strange:
-        yield f"{name} has the entry {shown(strange[0])}, but must be a tuple of names, each {NAME_WORDS}"
-    doubles = _doubles(value)
-    if doubles and name != "tracked":
-        yield f"{name} names {doubles} twice"
-
-
-def _method_faults(walker: type[Walker]) -> Iterator[str]:
-    """Whether a class defines the methods that it may, as class methods, and no others of ``Walker``."""
-    for name in STATED:
-        if not isinstance(inspect.getattr_static(walker, name), classmethod | staticmethod):
-            yield f"{name} must be a class method: write @classmethod above it"
-    for name in DERIVED:
-        if inspect.getattr_static(walker, name) is not inspect.getattr_static(Walker, name):
-            yield f"{name} must not be overridden: it follows from the class attributes"
-    if walker.massless_feet and inspect.getattr_static(walker, "landing") is inspect.getattr_static(Walker, "landing"):
-        yield "has massless feet, but does not say how they land: define landing"
-
-
 def _name_faults(walker: type[Walker]) -> Iterator[str]:
-    """Whether the names of a class go together."""
+    """Messages about names in the attributes that contradict each other."""
     if not walker.shape:
         yield "shape is empty: a walker has at least one coordinate besides its foot"
-    if set(walker.shape) & {*FOOT}:
+    if set(walker.shape) & {*FOOT_COORDINATES}:
         yield "shape names x or y, which are the coordinates of the stance foot"
-    names = (*walker.shape, *FOOT, *(f"d{name}" for name in (*walker.shape, *FOOT)))
+    names = (*walker.shape, *FOOT_COORDINATES, *(f"d{name}" for name in (*walker.shape, *FOOT_COORDINATES)))
     if _doubles(names):
         yield f"{_doubles(names)} would be both a coordinate and the rate of another one: rename it in shape"
     for part in ("section", "section_rates", "lengths", "tracked"):
@@ -440,9 +416,9 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
 
 
 def _field_fault(name: str, field: FieldInfo) -> str | None:
-    """What is wrong with one parameter."""
+    """Message about one parameter."""
     if hasattr(Walker, name) or name in ATTRIBUTES:
-        return "has the name of something else of a walker: rename it"
+        return "has the name of an attribute or method of Walker: rename it"
     if not NAME.fullmatch(name):
         return f"must have {NAME_WORDS}"
     if field.annotation not in (float, int):
@@ -457,16 +433,6 @@ def _field_fault(name: str, field: FieldInfo) -> str | None:
     return None
 
 
-def _exchange_faults(walker: type[Walker]) -> Iterator[str]:
-    """Whether the parameters that are exchanged are pairs of parameters, each in one pair."""
-    names = _exchanged(walker.exchanged)
-    unknown = {*names} - {*walker.model_fields}
-    if unknown:
-        yield f"exchanged names {', '.join(sorted(unknown))}, which is no parameter"
-    if _doubles(names):
-        yield f"exchanged names {_doubles(names)} twice: each parameter changes places with one other"
-
-
 def _exchanged(pairs: Mapping[str, str]) -> tuple[str, ...]:
     return (*pairs, *pairs.values())
 
@@ -475,16 +441,12 @@ def _is_name(value: object) -> bool:
     return isinstance(value, str) and NAME.fullmatch(value) is not None
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
 def _is_list(value: object, kind: type | UnionType) -> bool:
     return isinstance(value, tuple | list) and all(isinstance(entry, kind) for entry in value)
 
 
 def _doubles(names: tuple[str, ...]) -> str:
-    """Those names that are there twice, in words."""
+    """The names that occur twice, as a list in words."""
     return ", ".join(sorted({name for name in names if names.count(name) > 1}))
 
 

@@ -242,7 +242,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "pushes a number": (CompassBiped, {"pushes": 1}, "pushes is 1, but must be True or False"),
     "pushes without push": (CompassBiped, {"pushes": True}, "pushes is True, which Mechanism.push contradicts"),
     "push without pushes": (PushOffCompass, {"pushes": False}, "pushes is False, which"),
-    "massless feet": (CompassBiped, {"massless_feet": True}, "has massless feet, but does not say how they land"),
+    "massless feet": (CompassBiped, {"massless_feet": True}, "has massless feet, but does not define how they land"),
     "foot as shape": (CompassBiped, {"shape": ("theta1", "x")}, "shape names x or y"),
     "rate as shape": (CompassBiped, {"shape": ("theta", "dtheta"), "section": ("theta",)}, "dtheta would be both"),
     "no shape": (CompassBiped, {"shape": (), "section": ()}, "shape is empty"),
