@@ -9,9 +9,9 @@ Array = NDArray[np.float64]
 
 
 class ReadOnlyArrays:
-    """Base of frozen dataclasses: their arrays are read-only views of those that they are given.
+    """Base of frozen dataclasses whose arrays are read-only views of the given arrays.
 
-    Copies and pickles hold the fields alone, not what was derived from them.
+    Copies and pickles contain the fields, but no cached properties.
     """
 
     __slots__ = ()
@@ -24,10 +24,10 @@ class ReadOnlyArrays:
 
     def __reduce__(self) -> tuple[Any, ...]:
         names = self.__dataclass_fields__  # type: ignore[attr-defined]  # of every subclass
-        return _remade, (type(self), {name: getattr(self, name) for name in names})
+        return _of_fields, (type(self), {name: getattr(self, name) for name in names})
 
 
-def _remade(kind: type[Any], values: dict[str, Any]) -> Any:
+def _of_fields(kind: type[Any], values: dict[str, Any]) -> Any:
     return kind(**values)
 
 

@@ -1,6 +1,7 @@
-"""What results show of themselves: tables, pictures and pages, made by a layer above that is named here as text.
+"""Methods by which results show themselves: ``plot``, ``animate``, ``report``, ``save``, and tables in notebooks.
 
-As with the plotting backend of pandas, the name is data, so that no result has to import figures, pages or files.
+A layer above does the work. Its name is text, as that of the plotting backend of pandas, so that no result imports
+figures, pages or files.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 BACKEND = "gaitopt.api.pictures"
-"""The module whose functions ``plot``, ``animate``, ``report``, ``save`` and ``html`` do the work."""
+"""The module with the functions ``plot``, ``animate``, ``report``, ``save`` and ``html``."""
 
 
 FRAME_HEIGHT = 620
@@ -23,7 +24,7 @@ FRAME_HEIGHT = 620
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """One HTML page that needs no network: shown inside a notebook, or written to a file."""
+    """One HTML page that needs no network: a notebook shows it, ``save`` writes it to a file."""
 
     title: str
     text: str
@@ -55,27 +56,27 @@ class Plotted(Tabulated):
     __slots__ = ()
 
     def plot(self, what: str | None = None) -> "Axes":
-        """Draw one figure, and show it in a notebook; see ``gaitopt.plot``."""
+        """Draw one figure; see ``gaitopt.plot``."""
         return _call("plot", self, what)
 
 
 class Reported(Plotted):
-    """A result with figures and a page of its own."""
+    """A result with figures and a report."""
 
     __slots__ = ()
 
     def report(self) -> Page:
-        """Everything about it as one offline HTML page; see ``gaitopt.report``."""
+        """The result as one offline HTML page; see ``gaitopt.report``."""
         return _call("report", self)
 
 
 class Moving(Reported):
-    """A motion: its walker moves on a page, and it is stored in a run folder."""
+    """A motion, with an animation and a run folder."""
 
     __slots__ = ()
 
     def animate(self) -> Page:
-        """The moving walker as an offline page, shown in a notebook; see ``gaitopt.animate``."""
+        """The moving walker as an offline page; see ``gaitopt.animate``."""
         return _call("animate", self)
 
     def save(self, path: str | Path | None = None) -> Path:

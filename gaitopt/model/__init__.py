@@ -1,1 +1,19 @@
-"""Walkers, contact modes, friction, impacts, control laws, and the hybrid system compiled from them."""
+"""Walkers, the hybrid automaton, friction, impacts and control laws, and the hybrid system compiled from them.
+
+walker        the definition of a walker: parameters, mechanism, class attributes
+declaration   checks of a walker's class and of the results of its methods
+checks        consistency of a walker where its feet swap roles
+registry      walkers by name, from this package and from plugins
+units         natural units, ranges of numbers, types of parameters
+modes         states of the foot, the joint stops and the switches
+cycle         mode sequences of a step and of a cycle
+friction      coefficients of friction, and the tangential law of impacts
+transitions   the table of modes: margins, events, resets and next modes
+control       control laws and their references
+lagrangian    equations of motion
+contact       motion with a sticking, slipping or lifted foot; impacts
+system        everything above as compiled CasADi functions
+dynamics      the compiled system at fixed parameters, as numbers
+buffered      calls of CasADi functions without overhead
+walkers       the walkers that come with gaitopt
+"""

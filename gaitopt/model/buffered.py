@@ -1,7 +1,7 @@
-"""A CasADi function called through its buffers: one call costs little more than its arithmetic (1 us, not 20).
+"""Calls of CasADi functions through buffers, which cost little more than the arithmetic: 1 us instead of 20.
 
 A call overwrites its buffers, and CasADi lets other threads run during a call. Functions that are kept and shared
-therefore have buffers per thread.
+therefore have buffers of their own in every thread.
 """
 
 import threading
@@ -19,10 +19,10 @@ WIDTH = 256
 
 
 class Buffers:
-    """A function of vectors with fixed memory, for one user at a time: a call overwrites the outputs of the last one.
+    """A function of vectors with fixed memory, for one user: a call overwrites the outputs of the previous one.
 
-    In a hot loop write ``inputs``, call ``evaluate`` and read ``outputs``; elsewhere call it with all its arguments.
-    Whatever is kept for several users needs a ``BufferedFunction`` instead.
+    A hot loop writes ``inputs``, calls ``evaluate`` and reads ``outputs``; other code calls the object with all
+    arguments. Objects with several users are ``BufferedFunction``.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Buffers:
 
 
 class BufferedFunction(threading.local):
-    """A function of vectors that several threads may call at once: every thread has buffers of its own.
+    """A function of vectors with buffers of their own for every thread.
 
     Parameters
     ----------
@@ -88,12 +88,12 @@ class BufferedFunction(threading.local):
 
 
 class BufferedMap(threading.local):
-    """A function of vectors, evaluated at a fixed number of points in one call; every thread has its own buffers.
+    """A function of vectors, evaluated at a fixed number of points in one call, with buffers for every thread.
 
     Parameters
     ----------
     function : of vectors.
-    count : how many points.
+    count : number of points.
     """
 
     def __init__(self, function: Function, count: int) -> None:  # once in every thread
@@ -143,7 +143,7 @@ class RowMap:
             for memory, array in zip(inputs, arrays, strict=True):
                 if array.ndim == 2:
                     memory[:count] = array[start : start + count]
-                    memory[count:] = array[start]  # what is left over must not raise, and is not read
+                    memory[count:] = array[start]  # fills the map with valid inputs, whose outputs are not read
             self._mapped.evaluate()
             for output, memory in zip(outputs, self._mapped.outputs, strict=True):
                 output[start : start + count] = memory.reshape(WIDTH, -1)[:count]

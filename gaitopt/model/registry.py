@@ -1,4 +1,4 @@
-"""Walkers by name: ours, and those that other packages register under the entry-point group ``gaitopt.walkers``."""
+"""Walkers by name, from this package and from plugins: the entry-point group ``gaitopt.walkers``."""
 
 import warnings
 from collections.abc import Mapping
@@ -15,18 +15,18 @@ OWN_PACKAGE = "gaitopt.model.walkers."
 
 
 def registered_walkers() -> Mapping[str, type[Walker]]:
-    """Every walker that a problem file may name: ours, and those of the entry-point group ``gaitopt.walkers``."""
+    """The walkers that a problem file may name, by name."""
     return _plugins()[0]
 
 
 def refused_walkers() -> Mapping[str, str]:
-    """Why a registered name cannot be used, by name."""
+    """Messages about registered walkers that cannot be used, by name."""
     return _plugins()[1]
 
 
 @lru_cache(maxsize=1)
 def _plugins() -> tuple[dict[str, type[Walker]], dict[str, str]]:
-    """Walkers by name, and why the others are refused; warns once of those."""
+    """Walkers by name, and messages about those that cannot be used; the first call warns of these."""
     walkers: dict[str, type[Walker]] = {}
     refused: dict[str, str] = {}
     points = sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: (point.name, point.value))
@@ -59,7 +59,7 @@ def _load(point: EntryPoint) -> type[Walker]:
     """
     try:
         walker = point.load()
-    except (Exception, SystemExit) as error:  # importing someone's module may raise anything
+    except (Exception, SystemExit) as error:  # the import of another package's module may raise anything
         raise ProblemError(f"the plugin {point.value} cannot be imported: {raised(error)}") from error
     try:
         check_class(walker)

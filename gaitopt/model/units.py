@@ -1,17 +1,13 @@
-"""Numbers with units as users write them: angles in ``deg`` or ``rad``, everything else SI.
+"""Units: the natural units of a walker, ranges of numbers in these units, and the types of parameters.
 
-The table is closed: a general units library would parse (and evaluate) arbitrary expressions.
+    length l,    time sqrt(l / g),    mass m,    speed sqrt(g l),    force m g,    torque and energy m g l
 
-Natural units of a walker, in which every tolerance, time limit and step length is stated.
+l is the distance of the farthest body from the stance foot with all shape coordinates zero: the length of a straight
+leg. Every tolerance, time limit and step length is in natural units, so that dimensionless results do not depend on the
+units of a problem. A number outside its possible range is an error, outside its usual range a remark.
 
-    length l,      time sqrt(l / g),      mass m,      force m g,      speed sqrt(g l)
-
-l is the distance from the stance foot to the farthest body with all shape coordinates zero: the length of a
-straight leg. Dimensionless results then do not depend on the units in which a problem is stated.
-
-Ranges of numbers in natural units of the walker: beyond the possible a number is refused, beyond the usual remarked.
-
-l leg length,      sqrt(l/g) time,      m g weight,      m g l torque and energy
+Numbers in problem files are in SI units; angles may be in ``deg`` or ``rad``. This table of units is closed, because a
+general units library would parse and evaluate arbitrary expressions.
 """
 
 import math
@@ -74,7 +70,7 @@ UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "inertia": (" m l^2", lambda s: s.mass * s.length**2),
     "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
 }
-"""Natural units: in words, and their value in SI; l is the leg length, m the whole mass, g gravity."""
+"""Natural units: symbol and value in SI; l is the length of a leg, m the total mass, g gravity."""
 Interval = tuple[float, float]
 ANY: Interval = (-math.inf, math.inf)
 
@@ -86,8 +82,8 @@ class Within:
     Attributes
     ----------
     unit : a key of ``UNITS``.
-    possible : lower and upper bound, beyond which no walker goes.
-    usual : bounds beyond which a value is more likely a mistake than meant.
+    possible : lower and upper bound; values outside are errors.
+    usual : lower and upper bound; values outside are probably mistakes.
     """
 
     unit: str = "one"
@@ -99,27 +95,27 @@ class Within:
         return UNITS[self.unit][1](scales)
 
     def bounds(self, scales: Scales) -> Interval:
-        """What is possible, in SI."""
+        """The possible range in SI."""
         size = self.size(scales)
         return self.possible[0] * size, self.possible[1] * size
 
     def objection(self, lower: float, upper: float, scales: Scales) -> str | None:
-        """Why no value from ``lower`` to ``upper`` [SI] is possible, if so."""
+        """Message if no value from ``lower`` to ``upper`` [SI] is possible; else None."""
         least, most = self.bounds(scales)
         if upper >= least and lower <= most:
             return None
         value = upper if upper < least else lower
-        words, own = _words((least, most), ""), _words(self.possible, UNITS[self.unit][0])
-        return f"{value:g} is impossible: must be {words}{f' ({own})' if own != words else ''}"
+        words, natural = _words((least, most), ""), _words(self.possible, UNITS[self.unit][0])
+        return f"{value:g} is impossible: must be {words}{f' ({natural})' if natural != words else ''}"
 
     def remark(self, lower: float, upper: float, scales: Scales) -> str | None:
-        """What is unusual about all values from ``lower`` to ``upper`` [SI], if so."""
+        """Message if all values from ``lower`` to ``upper`` [SI] are unusual; else None."""
         word, size = UNITS[self.unit][0], self.size(scales)
         if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
             return None
         value = upper if upper < self.usual[0] * size else lower
-        own = f", that is {value / size:.3g}{word}" if word else ""
-        return f"{value:g}{own} is unusual; usually {_words(self.usual, word)}"
+        natural = f", that is {value / size:.3g}{word}" if word else ""
+        return f"{value:g}{natural} is unusual; usually {_words(self.usual, word)}"
 
     def __str__(self) -> str:
         word = UNITS[self.unit][0]
@@ -144,7 +140,7 @@ def _words(span: Interval, unit: str) -> str:
 
 
 def shorter(part: str, whole: str) -> Any:
-    """A validator of a model for its class body: the distance of a mass from its foot is less than the leg, in m."""
+    """A validator for the body of a walker's class: the distance ``part`` of a mass is less than ``whole``, in m."""
 
     def check(model: Checked) -> Checked:
         length, limit = getattr(model, part), getattr(model, whole)
@@ -179,7 +175,7 @@ def parse_angle(value: object) -> object:
 
 
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Masses, lengths and forces stay so far from zero and infinity that their products exist in any units."""
+"""Bounds of masses, lengths and forces, within which their products neither vanish nor overflow in any units."""
 STEEPEST = math.radians(80)
 """Steady walking needs friction tan(slope) [rad]: nearly 6 here."""
 
@@ -194,14 +190,14 @@ NonNegative = Annotated[Number, Field(ge=0)]
 Angle = Annotated[Number, BeforeValidator(parse_angle)]
 """A finite angle [rad]; texts such as ``1 deg`` are converted."""
 Stiffness = Annotated[NonNegative, Within(unit="stiffness", possible=(0, 1e6), usual=(0, 1e4))]
-"""Of a spring along a line [N/m]."""
+"""Stiffness of a spring along a line [N/m]."""
 TurningStiffness = Annotated[NonNegative, Within(unit="torque", possible=(0, 1e6), usual=(0, 1e3))]
-"""Of a spring that turns a joint [N m/rad]."""
+"""Stiffness of a spring in a joint [N m/rad]."""
 Damping = Annotated[NonNegative, Within(unit="drag", possible=(0, 1e4), usual=(0, 100))]
 """Coefficient of a damper along a line [N s/m]."""
 TurningDamping = Annotated[NonNegative, Within(unit="damping", possible=(0, 1e4), usual=(0, 100))]
 """Coefficient of a damper in a joint [N m s/rad]."""
 Inertia = Annotated[NonNegative, Within(unit="inertia", possible=(0, 100), usual=(0, 1))]
-"""About the centre of mass [kg m^2]."""
+"""Moment of inertia about the centre of mass [kg m^2]."""
 Slope = Annotated[Angle, Field(ge=-STEEPEST, le=STEEPEST), Within(usual=symmetric(math.radians(30)))]
 """An inclination of the ground [rad]."""

@@ -1,1 +1,14 @@
-"""The walkers that come with gaitopt, one class each."""
+"""The walkers that come with gaitopt, one class each.
+
+rimless_wheel      a rigid star of spokes
+compass_biped      two straight legs joined at the hip
+push_off           the compass with an impulsive push-off
+unequal_compass    the compass with legs that differ
+round_feet         the compass on arc feet
+torso              the compass with a torso
+kneed              the compass with a knee that locks
+telescopic         the compass with a swing leg that a spring shortens
+slip_runner        the spring-loaded inverted pendulum
+slip_runner_foot   the same with an unsprung foot that may slide
+hopper             a body on a springy leg, driven by a thrust
+"""

@@ -4,8 +4,8 @@
 
     hip = stance foot + l (sin theta1, cos theta1),      swing foot = hip + l (sin theta2, -cos theta2)
 
-Torques: the ankle acts between ground and stance leg, the hip between the legs, equal and opposite in the
-laboratory sense of the angles: Q_theta1 = ankle + hip, Q_theta2 = hip (theta2 is measured the other way round).
+The ankle motor acts between ground and stance leg, the hip motor between the legs: Q_theta1 = ankle + hip and
+Q_theta2 = hip, because theta2 is measured in the opposite direction.
 """
 
 from types import SimpleNamespace

@@ -1,10 +1,10 @@
-"""Hopper: a body on a springy leg with an unsprung foot, which a constant thrust drives up. Raibert (1986).
+"""Hopper: a body on a springy leg with an unsprung foot, driven by a constant thrust. Raibert (1986).
 
-``shortening`` is by how much the leg is shorter than its full length, at which the spring has no force and a stop ends
-its extension. While the leg shortens only the spring acts; from the turn on a constant thrust extends it as well. The
-leg hits its stop, takes the foot along and stays locked in flight, until the foot comes down.
+``shortening`` is the difference between the full length of the leg and its length. At full length the spring has no
+force and a stop ends the extension. Only the spring acts while the leg shortens; after maximum compression a constant
+thrust extends it as well. The leg hits its stop, pulls the foot off the ground, and stays locked until the foot lands.
 
-The speed of touchdown and its multiplier have closed forms; with rho = m_b / (m_b + m_f), A = (rho^-2 - 1) m_b / (2 F),
+The speed of touchdown and its multiplier have closed forms. With rho = m_b / (m_b + m_f), A = (rho^-2 - 1) m_b / (2 F),
 
     v* = sqrt(m_b (1 + 2 A g) / (k A^2)),      multiplier rho^2 + (1 - rho^2) / (2 (1 + A g))
 """
@@ -20,7 +20,7 @@ from gaitopt.model.walker import Body, Mechanism, Walker, coil
 
 
 class Hopper(Walker):
-    """Hopper on the spot."""
+    """Hopper that hops on the spot."""
 
     model = "hopper"
     shape = ("shortening",)
@@ -37,7 +37,7 @@ class Hopper(Walker):
     stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of the leg [N/m]")]
     thrust: Annotated[
         Positive,
-        Field(description="force that extends the leg after its turn [N]"),
+        Field(description="force that extends the leg after maximum compression [N]"),
         Within(unit="force", possible=(0, 1e4), usual=(0, 100)),
     ]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]

@@ -1,8 +1,8 @@
-"""Kneed walker: the compass whose swing leg bends at a knee, which locks before the foot comes down. McGeer (1990).
+"""Kneed walker: a compass with a knee in the swing leg, which locks before the foot comes down. McGeer (1990).
 
 ``theta1`` is the angle of the straight stance leg, ``theta2`` that of the swing thigh and ``theta3`` that of the swing
-shank, all from the slope's normal and measured as those of the compass. The knee bends backward: its gap
-theta2 - theta3 is positive while it is free. It locks by a plastic impact when the leg is straight.
+shank, all measured as those of the compass. The knee bends backward: its gap theta2 - theta3 is positive while it is
+free. It locks with a plastic impact when the leg is straight.
 """
 
 from types import SimpleNamespace

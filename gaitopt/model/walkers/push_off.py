@@ -1,7 +1,7 @@
 """Compass biped that pushes off: an impulse along the stance leg just before the swing foot lands. Kuo (2002).
 
-The push acts between ground and foot in the direction of the leg, so that it needs friction tan(theta1); with less the
-motion ends as ``push_slips``. Everything else is that of the compass.
+The push acts between ground and foot in the direction of the leg and needs friction tan(theta1). With less friction
+the motion ends with ``push_slips``. Otherwise the walker is the compass.
 """
 
 from dataclasses import replace

@@ -38,7 +38,7 @@ class RimlessWheel(Walker):
             gravity=inclined(p.gravity, p.slope),
             swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
             touchdown=q.theta - half_angle,
-            upright=q.theta + half_angle,  # zero when the wheel rocks back onto the previous spoke
+            upright=q.theta + half_angle,  # zero where the wheel falls back on the previous spoke
             relabel=SX(q.theta - 2 * half_angle),
         )
 

@@ -5,9 +5,9 @@ velocity of the foot at its contact with the ground is
 
     dx = dX - R dtheta1,        x = X - R theta1
 
-and so x, which says how far the foot has slid, takes the place of the stance foot among the coordinates: a foot that
-rolls keeps its x while its point of contact, at x + R theta1, moves along. The force at the contact then acts on x and
-y alone, as that of a point foot does. The angles are those of the compass.
+The coordinate x of the stance foot is therefore the distance that it has slid: a rolling foot keeps its x, while its
+contact with the ground, at x + R theta1, moves. The contact force then acts on x and y alone, as for a point foot. The
+angles are those of the compass.
 """
 
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ ARC = tuple(k / 10 for k in range(-6, 7))
 
 
 class RoundFeetCompass(Walker):
-    """Compass biped with a point mass at the hip, and rigid legs whose feet are arcs about a centre on the leg."""
+    """Compass biped with a point mass at the hip, and rigid legs with feet that are arcs about a centre on the leg."""
 
     model = "round_feet_compass"
     shape = ("theta1", "theta2")

@@ -1,9 +1,9 @@
 """Spring-loaded inverted pendulum: a point mass that runs on massless springy legs. Blickhan (1989), Geyer (2006).
 
-``theta`` is the angle of the stance leg from the slope's normal and ``shortening`` by how much the leg is shorter than
-its full length, at which it leaves the ground. In flight the next leg is held at the angle of attack (from the ground);
-it lands without an impulse. Energy is conserved, so that the return map would have a multiplier of exactly one:
-``energy`` prescribes it, and the section at touchdown keeps one free rate.
+``theta`` is the angle of the stance leg from the slope's normal; ``shortening`` is the difference between the full
+length of the leg, at which it takes off, and its length. In flight the next leg is held at the angle of attack,
+measured from the ground; it lands without an impulse. Energy is conserved, which would give the return map a multiplier
+of one. The parameter ``energy`` removes it: one rate is free on the section at touchdown.
 """
 
 from types import SimpleNamespace
@@ -31,10 +31,12 @@ class SlipRunner(Walker):
     mass: Annotated[Positive, Field(description="point mass [kg]")]
     leg_length: Annotated[Positive, Field(description="full length of a leg [m]")]
     stiffness: Annotated[Stiffness, Field(ge=SMALLEST, description="stiffness of a leg [N/m]")]
-    attack: Annotated[Angle, Field(ge=0.01, le=pi - 0.01, description="angle of attack, from the ground [rad]")]
+    attack: Annotated[
+        Angle, Field(ge=0.01, le=pi - 0.01, description="angle of attack, measured from the ground [rad]")
+    ]
     energy: Annotated[
         Positive,
-        Field(description="mechanical energy, from the ground [J]"),
+        Field(description="mechanical energy relative to the ground [J]"),
         Within(unit="torque", possible=(0, 1e4), usual=(0, 100)),
     ]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
@@ -56,7 +58,7 @@ class SlipRunner(Walker):
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
-        """The spring from the foot to the body; in flight from where the next foot is held."""
+        """The spring from the foot to the body; in flight from the position of the next foot."""
         body = vertcat(q.x, q.y) + polar(p.leg_length - q.shortening, q.theta)
         held = body - polar(p.leg_length, p.attack - pi / 2)
         on_ground = if_else(q.shortening > 0, vertcat(q.x, q.y), held)
@@ -66,7 +68,7 @@ class SlipRunner(Walker):
     def landing(
         cls, q: SimpleNamespace, dq: SimpleNamespace, p: SimpleNamespace
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """The body moves on; of its velocity the part along the leg is what its energy leaves for it."""
+        """The velocity of the body is continuous; its component along the leg follows from the energy."""
         leg = p.leg_length - q.shortening
         velocity = vertcat(
             -dq.shortening * sin(q.theta) + leg * dq.theta * cos(q.theta),
@@ -84,6 +86,6 @@ class SlipRunner(Walker):
 
     @classmethod
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """Kinetic energy is what the energy leaves above the height of touchdown."""
+        """The kinetic energy is the energy less the potential energy at touchdown."""
         square = 2 * (p.energy / p.mass - p.gravity * p.leg_length * sin(p.attack))
         return (free.dtheta, sqrt(square - (p.leg_length * free.dtheta) ** 2))

@@ -1,8 +1,8 @@
-"""Runner with a springy leg and a foot that has mass: the spring-loaded inverted pendulum whose foot may slide.
+"""Runner on a springy leg with an unsprung foot: a spring-loaded inverted pendulum whose foot may slide.
 
-``theta`` is the angle of the leg from the slope's normal, ``shortening`` by how much it is shorter than its full
-length, at which a stop ends its extension and takes the foot along into flight. A spring between the leg and the body,
-whose attitude is held, swings the leg forward again. What the foot's impacts take, the slope gives.
+``theta`` is the angle of the leg from the slope's normal; ``shortening`` is the difference between its full length and
+its length. At full length a stop ends the extension and pulls the foot off the ground. A spring between the leg and the
+body, whose orientation is fixed, swings the leg forward again. The slope balances the loss in impacts.
 """
 
 from types import SimpleNamespace
@@ -35,7 +35,7 @@ class SlipRunnerFoot(Walker):
         TurningStiffness, Field(ge=SMALLEST, description="stiffness of the spring that turns the leg [N m/rad]")
     ]
     hip_rest: Annotated[
-        Angle, Field(ge=-pi, le=pi, description="angle of the leg at which that spring has no torque [rad]")
+        Angle, Field(ge=-pi, le=pi, description="angle of the leg at which this spring has no torque [rad]")
     ]
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")]
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")]

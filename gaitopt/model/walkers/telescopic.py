@@ -1,8 +1,8 @@
-"""Compass biped whose swing leg is shortened by a spring, so that its foot clears the ground, and locks when extended.
+"""Compass biped with a spring that shortens the swing leg, so that its foot clears the ground; it locks when extended.
 
 ``theta1`` and ``theta2`` are the angles of stance and swing leg, measured as those of the compass; ``retraction`` is
-the part of its length by which the swing leg is shorter. A stop holds a leg that is fully extended until it has been
-the stance leg and its foot leaves the ground; then spring and damper act on its length until it is extended again:
+the fraction of its length by which the swing leg is shorter. A stop locks a leg at its full length, until its foot
+leaves the ground after the next step. Then spring and damper act on its length until it is extended again:
 
     V_spring = k/2 (l retraction - travel)^2        damper across l retraction
 """
@@ -34,7 +34,7 @@ class TelescopicCompass(Walker):
     stiffness: Annotated[Stiffness, Field(description="stiffness of the spring in each leg [N/m]")]
     travel: Annotated[
         NonNegative,
-        Field(description="by how much a leg is shortened where its spring is at rest [m]"),
+        Field(description="shortening of a leg at which its spring is at rest [m]"),
         Within(unit="length", possible=(0, 1)),
     ]
     damping: Annotated[Damping, Field(description="coefficient of the damper in each leg [N s/m]")]
@@ -73,7 +73,7 @@ class TelescopicCompass(Walker):
 
     @classmethod
     def rates_after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """The swing leg was locked until the impact."""
+        """The leg that swings now was locked until the impact."""
         return (free.dtheta1, free.dtheta2, 0.0)
 
     @classmethod

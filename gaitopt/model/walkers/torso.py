@@ -1,9 +1,9 @@
-"""Compass biped with a torso, held on the bisector of the legs by a spring and a damper at the hip of either leg.
+"""Compass biped with a torso, which springs and dampers at both hips hold on the bisector of the legs.
 
     V_spring = k/2 (torso - theta1)^2 + k/2 (torso + theta2)^2        dampers across the same two angles
 
-A swap of the feet leaves both as they are. The legs are measured as those of the compass, ``torso`` from the slope's
-normal.
+A swap of the feet changes neither. The angles of the legs are measured as those of the compass, ``torso`` from the
+slope's normal.
 """
 
 from types import SimpleNamespace

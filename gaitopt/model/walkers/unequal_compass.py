@@ -1,8 +1,8 @@
-"""Compass biped whose legs differ: it limps, and its gaits repeat themselves after two steps.
+"""Compass biped whose legs differ: it limps, and its gaits repeat after two steps.
 
-``theta1`` is the angle of the stance leg and ``theta2`` that of the swing leg, whichever these are, measured as those
-of the compass. In the first step of a cycle the leg stands that ``leg_mass`` and ``leg_com`` describe, and the other
-one swings; in the next step they have changed places.
+``theta1`` is the angle of the stance leg and ``theta2`` that of the swing leg, measured as those of the compass. In the
+first step of a cycle ``leg_mass`` and ``leg_com`` belong to the stance leg; they swap places with those of the other
+leg at every touchdown.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from gaitopt.model.walkers.compass_biped import CompassBiped
 
 
 class UnequalCompass(CompassBiped):
-    """Compass biped with a point mass at the hip and one on each leg, which may differ in size and place."""
+    """Compass biped with a point mass at the hip and one on each leg; those of the legs may differ."""
 
     model = "unequal_compass"
     exchanged = {"leg_mass": "other_leg_mass", "leg_com": "other_leg_com"}  # noqa: RUF012 - a class variable of Walker
