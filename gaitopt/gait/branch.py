@@ -1,5 +1,7 @@
 """A family of gaits along a parameter: its points, its special points, and cascades of period doublings.
 
+The distances of period doublings shrink by a ratio that converges,
+
     ratio_k = (p_k - p_{k-1}) / (p_{k+1} - p_k)  ->  4.669...
 
 References
@@ -13,12 +15,20 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast, overload
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Reported
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import BranchRecord, ContinuationStateRecord, PointRecord, SpecialRecord, special_gait
+from gaitopt.gait.records import (
+    BranchRecord,
+    ContinuationStateRecord,
+    PointRecord,
+    SpecialRecord,
+    first_fault,
+    special_gait,
+)
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import unit_of
@@ -32,6 +42,7 @@ if TYPE_CHECKING:
 TERMINAL = ("end", "vanishing", "lift_off", "painleve")
 """Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")
+_STATE = TypeAdapter(ContinuationStateRecord)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,22 +77,17 @@ class ContinuationState(ReadOnlyArrays):
             If an entry is missing or of another type.
         """
         try:
-            state = ContinuationState(
-                unknowns=np.array(record["unknowns"], dtype=float),
-                direction=np.array(record["direction"], dtype=float),
-                arcs=tuple(_arc(*arc) for arc in record["arcs"]),
-                origin=float(record["origin"]),
-                metric=np.array(record["metric"], dtype=float),
-                earlier=record["earlier"],
-            )
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"walk: an entry is missing or of another type ({error})") from error
-        vectors = (state.unknowns, state.direction, state.metric)
-        if not all(vector.ndim == 1 and np.isfinite(vector).all() for vector in vectors):
-            raise ValueError("walk: unknowns, direction and metric must be lists of finite numbers")
-        if not np.isfinite(state.origin) or state.earlier not in (0, 1):
-            raise ValueError("walk: origin must be finite, and earlier 0 or 1")
-        return state
+            _STATE.validate_python(record)
+        except ValidationError as error:
+            raise ValueError(f"walk: {first_fault(error)}") from error
+        return ContinuationState(
+            unknowns=np.array(record["unknowns"], dtype=float),
+            direction=np.array(record["direction"], dtype=float),
+            arcs=tuple((k, segment, start, end, n) for k, segment, start, end, n in record["arcs"]),
+            origin=record["origin"],
+            metric=np.array(record["metric"], dtype=float),
+            earlier=record["earlier"],
+        )
 
     def to_record(self) -> ContinuationStateRecord:
         """One JSON object; decimal digits keep every bit."""
@@ -196,9 +202,12 @@ class SpecialPoint(ReadOnlyArrays):
 
 @dataclass(frozen=True, kw_only=True)
 class Branch(Reported):
-    """A family of gaits in the order in which it was computed.
+    """A family of gaits along a parameter: its points and its special points, in the order of the continuation.
 
-    Index and slice it like a list of points; ``values`` and ``column`` give arrays to plot.
+    Each point has a gait. Points of the same mode sequence have the same branch number; at a special point a branch
+    ends or others begin. Index and slice it like a list of points; ``values`` and ``column(name)`` are arrays to plot,
+    ``branch(number)`` is the part with one mode sequence, ``special(type)`` lists special points of a type, from which
+    ``gaitopt.continuation`` follows other branches.
 
     Attributes
     ----------
@@ -273,7 +282,7 @@ class Branch(Reported):
 
         Units are in ``attrs["units"]``.
         """
-        header, rows = self._table()
+        header, rows = branch_table(self.to_records())
         return data_frame(header, rows, self._units(header), parameter=self.parameter)
 
     def to_xarray(self) -> "Dataset":
@@ -281,7 +290,7 @@ class Branch(Reported):
 
         ``multiplier_re`` and ``multiplier_im`` run over ``multiplier`` too, NaN where a gait has fewer.
         """
-        header, rows = self._table()
+        header, rows = branch_table(self.to_records())
         columns = columns_of(header, rows[: len(self.points)])
         variables: dict[str, tuple[Sequence[str], Any]] = {
             name: (("point",), values) for name, values in columns.items() if name != "type"
@@ -295,11 +304,6 @@ class Branch(Reported):
         places = {name: variables.pop(name) for name in _PLACE}
         return data_set(variables, places, self._units(header), parameter=self.parameter)
 
-    def _table(self) -> tuple[list[str], list[list[Any]]]:
-        records = self.to_records()
-        header = branch_header(records)
-        return header, list(branch_rows(records, header))
-
     def _units(self, header: Sequence[str]) -> dict[str, str]:
         return {name: unit_of(name) for name in header} | {"value": unit_of(self.parameter)}
 
@@ -311,32 +315,17 @@ def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> 
     return Branch(parameter=parameter, points=points, specials=specials)
 
 
-def _arc(
-    phase: int, segment: int, start: float | None, end: float | None, intervals: int
-) -> tuple[int, int, float | None, float | None, int]:
-    """An arc of a ``ContinuationState`` whose entries are of the right types."""
-    whole = all(isinstance(entry, int) for entry in (phase, segment, intervals))
-    times = all(entry is None or isinstance(entry, float) for entry in (start, end))
-    if not (whole and times and phase >= 0 and segment >= 0 and intervals >= 1):
-        raise ValueError(f"no arc: {[phase, segment, start, end, intervals]}")
-    return phase, segment, start, end, intervals
-
-
 def ends_by_request(record: Mapping[str, Any]) -> bool:
     """Whether the record of a special point is the end of the request, and not of the family."""
     return bool(record.get("bound") or record.get("open"))
 
 
-def branch_header(records: Sequence[BranchRecord]) -> list[str]:
-    """Columns of the table of a branch, from its JSON records."""
+def branch_table(records: Sequence[BranchRecord]) -> tuple[list[str], list[list[Any]]]:
+    """Header and rows of the table of a branch: points and special points in the order of their records."""
     first = next(record for record in records if record["record"] == "point")
     scalars = [key for key, value in first.items() if isinstance(value, int | float) and key not in _PLACE]
-    states = [f"state.{name}" for name in first["state"]]
-    return [*_PLACE, "type", "phases", "impact", *states, *scalars]
-
-
-def branch_rows(records: Iterable[BranchRecord], header: Sequence[str]) -> Iterator[list[Any]]:
-    """Rows of that table: points and special points in the order of the continuation."""
+    header = [*_PLACE, "type", "phases", "impact", *(f"state.{name}" for name in first["state"]), *scalars]
+    rows = list[list[Any]]()
     for record in records:
         gait = record if record["record"] == "point" else special_gait(record)
         row: dict[str, Any] = {**(gait or {}), **record, "phases": ""}
@@ -344,7 +333,8 @@ def branch_rows(records: Iterable[BranchRecord], header: Sequence[str]) -> Itera
         if gait is not None:
             row |= {f"state.{name}": value for name, value in gait["state"].items()}
             row["phases"] = " ".join(Mode.from_record(phase) for phase in gait["phases"])
-        yield [row.get(column) for column in header]
+        rows.append([row.get(column) for column in header])
+    return header, rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

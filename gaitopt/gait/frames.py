@@ -60,14 +60,11 @@ def sample_set(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Unit
 
 def columns_of(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, Any]:
     """The columns of a table by name: floats with NaN for None, or words."""
-    table = list(zip(*rows, strict=True))
-    return {name: _array(column) for name, column in zip(header, table, strict=True)}
-
-
-def _array(column: Sequence[Any]) -> Any:
-    if any(isinstance(value, str) for value in column):
-        return np.array(["" if value is None else value for value in column])
-    return np.array([np.nan if value is None else value for value in column])
+    columns = dict[str, Any]()
+    for name, column in zip(header, zip(*rows, strict=True), strict=True):
+        missing = "" if any(isinstance(value, str) for value in column) else np.nan
+        columns[name] = np.array([missing if value is None else value for value in column])
+    return columns
 
 
 def _package(name: str) -> Any:

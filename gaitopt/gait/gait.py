@@ -204,7 +204,12 @@ class Shooting(ReadOnlyArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait(WalkerMotion):
-    """A periodic cycle of steps, or a failed solve: only ``status == converged`` is a gait.
+    """A periodic cycle of steps; or a failed solve, whose ``status`` is not ``converged``.
+
+    Ask it for its motion (``state``, ``period``, ``phases``, ``steps``), its stability (``multipliers``,
+    ``spectral_radius``) and its numbers (``measures``, ``scalar(name)``). ``gaitopt.verify`` and ``simulate`` check it
+    by an independent method, ``continuation`` follows it along a parameter. A failed solve has ``message`` and
+    ``causes`` instead.
 
     Attributes
     ----------
@@ -244,8 +249,8 @@ class Gait(WalkerMotion):
         ReadOnlyArrays.__post_init__(self)
         if self.steps and self.steps[0].arcs[0].dynamics is not self.dynamics:  # replaced: of all arcs
             steps = (
-                replace(step, arcs=tuple(replace(arc, dynamics=own) for arc in step.arcs))
-                for step, own in zip(self.steps, cycle(self.dynamics.steps), strict=False)
+                replace(step, arcs=tuple(replace(arc, dynamics=of_step) for arc in step.arcs))
+                for step, of_step in zip(self.steps, cycle(self.dynamics.steps), strict=False)
             )
             object.__setattr__(self, "steps", tuple(steps))
 

@@ -12,16 +12,16 @@ import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, NotRequired, cast
 
-from annotated_types import Ge, Gt, Len
+from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
-    SkipValidation,
     Tag,
     TypeAdapter,
+    ValidationError,
     ValidationInfo,
     with_config,
 )
@@ -35,6 +35,8 @@ from gaitopt.problem.scalars import SCALARS
 LARGEST, MOST, MOST_STEPS, MOST_MULTIPLIERS = 1e30, 1_000_000_000, 64, 100
 """Limits of a number, a count, the steps of a cycle and the multipliers; far beyond any walker."""
 LONGEST_LIST, LONGEST_TEXT = 100_000, 100_000
+LONGEST_KEY = 200
+"""Characters of the key in a message."""
 SAME = 1e-9
 """Relative difference of two numbers that are equal up to rounding."""
 CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
@@ -54,17 +56,10 @@ def _mode(text: str) -> str:
     return text
 
 
-def _limited(value: Any) -> Any:
-    """Refuse huge integers early, as the message of pydantic would print all their digits."""
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > LARGEST:
-        raise PydanticCustomError("large", "A number beyond {largest}", {"largest": LARGEST})
-    return value
-
-
-Number = Annotated[float, BeforeValidator(_limited), Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Positive = Annotated[Number, Gt(0)]
 NotNegative = Annotated[Number, Ge(0)]
-Count = Annotated[int, BeforeValidator(_limited), Field(strict=True, ge=0, le=MOST)]
+Count = Annotated[int, Field(strict=True, ge=0, le=MOST)]
 Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, max_length=LONGEST_TEXT), AfterValidator(_plain)]
 Word = Annotated[str, Field(strict=True, max_length=200, pattern=r"^[\w .:,+=-]+$")]
@@ -253,14 +248,14 @@ CheckedGait = Annotated[GaitRecord, *Complete]
 
 
 class ContinuationStateRecord(TypedDict):
-    """``ContinuationState``, which checks its entries itself."""
+    """``ContinuationState``; an arc is its phase, segment, start and end [s], and its number of intervals."""
 
-    unknowns: list[float]
-    direction: list[float]
-    arcs: list[tuple[int, int, float | None, float | None, int]]
-    origin: float
-    metric: list[float]
-    earlier: int
+    unknowns: Numbers
+    direction: Numbers
+    arcs: list[tuple[Count, Count, Number | None, Number | None, Annotated[Count, Ge(1)]]]
+    origin: Number
+    metric: Numbers
+    earlier: Annotated[Count, Le(1)]
 
 
 class PointRecord(GaitRecord):
@@ -273,7 +268,7 @@ class PointRecord(GaitRecord):
     tangent: Numbers
     length: Number
     intervals: NotRequired[list[Count]]
-    walk: NotRequired[Annotated[ContinuationStateRecord | None, SkipValidation]]
+    walk: NotRequired[ContinuationStateRecord | None]
 
 
 CheckedPoint = Annotated[PointRecord, *Complete]
@@ -496,6 +491,13 @@ class PartRecord(SearchRecord):
     """A line of the file of a search: a part with its key."""
 
     part: Word
+
+
+def first_fault(error: ValidationError) -> str:
+    """Key and message of the first fault of a record; no value, which may be huge or unprintable."""
+    first = error.errors(include_input=False, include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"])[:LONGEST_KEY]
+    return f"{key}: {first['msg']}" if key else first["msg"]
 
 
 def differing(stated: Any, true: Any, rel: float = 1e-7, key: str = "") -> str:

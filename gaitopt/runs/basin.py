@@ -23,7 +23,7 @@ from gaitopt.display import Plotted
 from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.frames import data_set
 from gaitopt.gait.gait import Attractor, Gait
-from gaitopt.gait.records import BasinRecord, differing
+from gaitopt.gait.records import BasinRecord
 from gaitopt.model.modes import CONTACTS
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
@@ -32,7 +32,7 @@ from gaitopt.runs.jobs import Plan, Stored
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.outcomes import ENDINGS, phase_names
 from gaitopt.store.files import read_bytes, write_whole
-from gaitopt.store.formats import damaged, json_file, validated
+from gaitopt.store.formats import check_agrees, json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.verification.step_map import StepMap, section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
@@ -88,24 +88,24 @@ def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Stop = 
     past_steps = np.zeros((MAX_PERIOD, n, 2), dtype=np.int64)
     past[0] = xi
     periods, steps, endings = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, UNDECIDED)
-    going = np.arange(n)
+    walking = np.arange(n)
     for _ in range(max_steps):
-        if not going.size:
+        if not walking.size:
             break
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
-        walked = step_map(past[0, going])
+        walked = step_map(past[0, walking])
         completed = walked.completed
-        back = _returns(np.abs(walked.states - past[:, going]).max(axis=2)) & completed
+        back = _returns(np.abs(walked.states - past[:, walking]).max(axis=2)) & completed
         for row in (past, past_steps):
-            row[1:, going] = row[:-1, going]
-        past[0, going] = walked.states
-        past_steps[0, going] = np.column_stack([walked.phases, walked.impacts])
-        steps[going] += completed
+            row[1:, walking] = row[:-1, walking]
+        past[0, walking] = walked.states
+        past_steps[0, walking] = np.column_stack([walked.phases, walked.impacts])
+        steps[walking] += completed
         settled = back.any(axis=0)
-        periods[going] = np.where(settled, np.argmax(back, axis=0) + 1, 0)
-        endings[going] = np.where(settled, 0, np.where(completed, UNDECIDED, walked.endings))
-        going = going[completed & ~settled]
+        periods[walking] = np.where(settled, np.argmax(back, axis=0) + 1, 0)
+        endings[walking] = np.where(settled, 0, np.where(completed, UNDECIDED, walked.endings))
+        walking = walking[completed & ~settled]
     first = _first_of_cycle(past, periods)
     rows = np.arange(n)
     phases, impacts = past_steps[first, rows].T
@@ -140,7 +140,17 @@ def claim(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes
     labels, waiting, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
     while waiting.size:
         if index == len(gaits):
-            gaits.append(_attractor(outcomes, waiting[0], problem))
+            row = waiting[0]
+            gaits.append(
+                Attractor(
+                    problem=problem,
+                    state=outcomes.states[row],
+                    period=int(outcomes.periods[row]),
+                    phases=phase_names(int(outcomes.phases[row]), problem.walker.modes()),
+                    impact=CONTACTS[outcomes.impacts[row]],
+                    count=0,
+                )
+            )
         gait = gaits[index]
         near = np.abs(outcomes.states[waiting] - gait.state).max(axis=1) < SAME_GAIT
         on_it = near & (outcomes.periods[waiting] == gait.period)
@@ -148,13 +158,6 @@ def claim(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes
         gaits[index] = replace(gait, count=gait.count + int(on_it.sum()))
         waiting, index = waiting[~on_it], index + 1
     return labels
-
-
-def _attractor(outcomes: Outcomes, row: np.intp, problem: Problem) -> Attractor:
-    """The gait on which one outcome lies."""
-    phases = phase_names(int(outcomes.phases[row]), problem.walker.modes())
-    state, period, impact = outcomes.states[row], int(outcomes.periods[row]), CONTACTS[outcomes.impacts[row]]
-    return Attractor(problem=problem, state=state, period=period, phases=phases, impact=impact, count=0)
 
 
 def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
@@ -254,9 +257,7 @@ def read_basin(place: Path) -> Basin:
     grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
     basin = assembled(run, run.problem(), grid, stored["base"])
-    key = differing(record, basin.to_record())
-    if key:
-        raise damaged(place / BASIN_FILE, f"{key}: is not what its tiles give")
+    check_agrees(place / BASIN_FILE, record, basin.to_record(), "the grid of tiles")
     return basin
 
 

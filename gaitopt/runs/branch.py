@@ -19,7 +19,7 @@ from gaitopt.branches.continuation import follow_family, resumable
 from gaitopt.branches.request import Request, family_of
 from gaitopt.callbacks import Stop
 from gaitopt.errors import StorageError
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_header, branch_rows
+from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_table
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, SpecialRecord
 from gaitopt.problem.problem import Problem
@@ -133,8 +133,8 @@ class BranchPlan:
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
         _, records = read_branch(self.run, self.problem)
-        header = branch_header(records)
-        self.run.write({BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=branch_rows(records, header)))})
+        header, rows = branch_table(records)
+        self.run.write({BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=rows))})
 
 
 def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:

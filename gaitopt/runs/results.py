@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from gaitopt.errors import SolveError, StorageError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
 from gaitopt.gait.measures import measure
-from gaitopt.gait.records import CheckedGait, WalkRecord, differing
+from gaitopt.gait.records import CheckedGait, WalkRecord
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
@@ -24,7 +23,7 @@ from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
-from gaitopt.store.formats import Table, damaged, validated
+from gaitopt.store.formats import Table, check_agrees, validated
 from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps
 from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, WALK_FILES, Run
@@ -58,7 +57,7 @@ def restore_gait(folder: Path) -> Gait:
         gait = gait_from_record(problem, dynamics, record, steps, measure(steps))
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
-    _check_same(path, record, gait.to_record())
+    check_agrees(path, record, gait.to_record(), "the table beside it")
     return gait
 
 
@@ -83,15 +82,8 @@ def restore_walk(folder: Path) -> Walk:
     trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
     states = np.array(gait).reshape(-1, len(system.state_names))
     walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
-    _check_same(folder / WALK_FILE, record, walk.to_record())
+    check_agrees(folder / WALK_FILE, record, walk.to_record(), "the table beside it")
     return walk
-
-
-def _check_same(path: Path, record: Mapping[str, Any], restored: Mapping[str, Any]) -> None:
-    """Refuse a record that differs from what its table says."""
-    key = differing(record, restored)
-    if key:
-        raise damaged(path, f"{key}: is not what the table beside it gives")
 
 
 def _only_front(folder: Path) -> Front:

@@ -16,7 +16,7 @@ from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Status
-from gaitopt.gait.records import SweepRecord, differing
+from gaitopt.gait.records import SweepRecord
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
@@ -25,8 +25,8 @@ from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, problem_job, solv
 from gaitopt.store.formats import (
     Table,
     cell_rows,
+    check_agrees,
     csv_text,
-    damaged,
     json_file,
     parse_cell,
     parsed,
@@ -142,9 +142,7 @@ def read_sweep(place: Path) -> Sweep:
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]
     swept = Sweep(problem=run.problem(), grid=grid, records=records, folder=place)
     expected = {key: value for key, value in swept.to_record().items() if key != "set_aside"}  # not in the table
-    key = differing(record, expected)
-    if key:
-        raise damaged(place / SWEEP_FILE, f"{key}: is not what {TABLE_FILE} gives")
+    check_agrees(place / SWEEP_FILE, record, expected, TABLE_FILE)
     return swept
 
 

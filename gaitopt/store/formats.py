@@ -20,13 +20,11 @@ from typing import Any, TypeVar, cast
 from pydantic import TypeAdapter, ValidationError
 
 from gaitopt.errors import StorageError
-from gaitopt.gait.records import STATES
+from gaitopt.gait.records import STATES, differing, first_fault
 
 Parsed = TypeVar("Parsed")
 Model = TypeVar("Model")
 _adapter = lru_cache(TypeAdapter)
-LONGEST_KEY = 200
-"""Characters of the key that an error names."""
 
 
 def validated(
@@ -46,9 +44,7 @@ def validated(
     try:
         value = _adapter(model).validate_python(record, context={STATES: states})  # type: ignore[arg-type]
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        key = ".".join(str(part) for part in first["loc"])[:LONGEST_KEY]
-        raise damaged(path, f"{key}: {first['msg']}" if key else first["msg"], line) from error
+        raise damaged(path, first_fault(error), line) from error
     return cast(Model, record if isinstance(value, dict) else value)  # with every digit, and entries of later versions
 
 
@@ -192,6 +188,13 @@ def reason(error: OSError | ValueError) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     return getattr(error, "strerror", None) or str(error)
+
+
+def check_agrees(path: Path, record: Mapping[str, Any], true: Mapping[str, Any], source: str) -> None:
+    """Refuse a record that differs from the ``true`` one, which follows from the ``source``."""
+    key = differing(record, true)
+    if key:
+        raise damaged(path, f"{key}: is not what {source} gives")
 
 
 TEXTS = (".csv", ".json", ".yaml")

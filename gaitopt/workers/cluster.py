@@ -51,11 +51,8 @@ def check_address(scheduler: str) -> None:
     matched = ADDRESS.fullmatch(scheduler)
     if matched is None or not 0 < int(matched["port"]) < 2**16:
         raise UnknownNameError(f"--scheduler {scheduler}: write tcp://HOST:PORT or tls://HOST:PORT")
-    if matched["scheme"] == "tls":
-        _check_certificates(scheduler)
-
-
-def _check_certificates(scheduler: str) -> None:
+    if matched["scheme"] != "tls":
+        return
     from distributed.security import Security
 
     remedy = "set distributed.comm.tls.ca-file, client.cert and client.key in the configuration of Dask"
@@ -79,7 +76,8 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
         If the scheduler does not answer.
     """
     import dask
-    from distributed import Client
+    from distributed import Client, LocalCluster
+    from distributed.security import Security
 
     if scheduler is not None:
         check_address(scheduler)
@@ -101,24 +99,17 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
         stack.enter_context(dask.config.set({**SETTINGS, METHOD: method, "temporary-directory": scratch}))
         stack.enter_context(script_not_repeated())
         with uninterrupted():
-            cluster = _local_cluster(count)
+            cluster = LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                protocol="tls://",
+                security=Security.temporary(),
+                dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
+                silence_logs=logging.CRITICAL,
+            )
             stack.enter_context(_closed_at_last(cluster))
             stack.callback(_end_workers, cluster)
         yield stack.enter_context(_closed_at_last(Client(cluster)))
-
-
-def _local_cluster(count: int) -> Any:
-    from distributed import LocalCluster
-    from distributed.security import Security
-
-    return LocalCluster(
-        n_workers=count,
-        threads_per_worker=1,
-        protocol="tls://",
-        security=Security.temporary(),
-        dashboard_address="127.0.0.1:0",  # any free port: None would insist on 8787
-        silence_logs=logging.CRITICAL,
-    )
 
 
 @contextmanager

@@ -122,7 +122,7 @@ def run_jobs(
         from gaitopt.workers.cluster import connected  # takes long to import, and is not needed for one process
 
         with connected(len(first), workers.scheduler) as client:
-            yield from _Run(client, task, chain(first, jobs), known).results(should_stop)
+            yield from _Submissions(client, task, chain(first, jobs), known).results(should_stop)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,7 +194,7 @@ def _result_of(parent: str | None, results: Mapping[str, Any]) -> Any:
     return None if isinstance(result, FailedJob) else result
 
 
-class _Run:
+class _Submissions:
     """Submitted jobs, and those that wait for their parents."""
 
     def __init__(self, client: Any, task: Callable[..., Any], jobs: Iterator[Job], results: Mapping[str, Any]) -> None:
@@ -255,8 +255,8 @@ class _Run:
             return FailedJob(reason=f"{ALLOWED_DEATHS + 1} workers died on it")
         if error is not None:
             return FailedJob(reason=f"{type(error).__name__}: {error}")
-        kept = self._client.get_metadata([future.key], default=None)
-        return FailedJob(reason="the scheduler dropped it") if kept is None else loads(kept)
+        result = self._client.get_metadata([future.key], default=None)
+        return FailedJob(reason="the scheduler dropped it") if result is None else loads(result)
 
 
 def perform(task: Callable[..., Any], key: str, argument: Any, parent: Any) -> None:
