@@ -242,13 +242,6 @@ def _without_about(data: Any) -> Any:
     return data
 
 
-DURATIONS: Key = ("gait", "guess", "durations")
-SLIP_VELOCITY: Key = ("gait", "guess", "state", "dx")
-_REPLACED = (("steps", ("phases", "impact")), ("phases", ("steps",)))
-_OPENED = (("phases", ("impact", "steps")),)
-"""Keys of a gait that are removed when another one is set: by one step or several, and by an open sequence."""
-
-
 def override(
     data: dict[str, Any], overrides: Mapping[str, object], faults: list[Fault], label: str = ""
 ) -> OverridePlace:
@@ -276,18 +269,20 @@ def override(
         return any(path[: len(key)] == key for key in place.keys.values())
 
     guess, is_open = gait["guess"], gait.get("phases") == OPEN
+    replaced = {"steps": ("phases", "impact"), "phases": ("steps",)}  # one step and several exclude each other
+    if is_open:
+        replaced = {} if was_open else {"phases": ("impact", "steps")}
+    for key, others in replaced.items():
+        for other in others:
+            if is_set(("gait", key)) and not is_set(("gait", other)):
+                gait.pop(other, None)
     if is_open and not was_open:
         guess.pop("durations", None)
-    for key, others in () if is_open and was_open else _OPENED if is_open else _REPLACED:
-        if is_set(("gait", key)):
-            for other in others:
-                if not is_set(("gait", other)):
-                    gait.pop(other, None)
-    if _phase_counts(gait) not in (None, phase_counts) and not is_set(DURATIONS):
+    if _phase_counts(gait) not in (None, phase_counts) and not is_set(("gait", "guess", "durations")):
         guess.pop("durations", None)
     last = next(iter(_steps(gait)[-1:]), None)
     sticks = isinstance(last, Mapping) and last.get("impact") == Mode.STICK
-    if sticks and not is_set(SLIP_VELOCITY) and isinstance(guess.get("state"), dict):
+    if sticks and not is_set(("gait", "guess", "state", "dx")) and isinstance(guess.get("state"), dict):
         guess["state"].pop("dx", None)
     return place
 

@@ -10,7 +10,7 @@ test function has opposite signs there:
     others             a margin of the mode or of the impact
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
@@ -181,22 +181,12 @@ class Proof:
         }
 
 
-def silent(words: str) -> None:
-    """Progress that is not shown."""
-
-
-def check(
-    certificate: Mapping[str, Any],
-    progress: Callable[[str], None] = silent,
-    *,
-    walkers: Sequence[type[Walker]] = (),
-) -> Proof:
+def check(certificate: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Proof:
     """Verify a certificate.
 
     Parameters
     ----------
     certificate : the JSON object that ``gaitopt prove`` has written.
-    progress : called with a text after every box.
     walkers : walkers that the problem may name besides those that are registered.
 
     Raises
@@ -216,7 +206,6 @@ def check(
             boxes: list[CheckedBox] = []
             for k, record in enumerate(records):
                 boxes.append(check_box(statement, record, at_end=k in (0, len(records) - 1)))
-                progress(f"box {k + 1} of {len(records)}")
                 if boxes[-1].inner is None:
                     break
         except (ValueError, NotProved) as fault:

@@ -41,7 +41,6 @@ from gaitopt.proof.check import (
     check_box,
     conclude,
     sign_change_claim,
-    silent,
 )
 from gaitopt.proof.claims import ProofClaim
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox, deviations, exact_matrix, midpoint_jacobian
@@ -73,10 +72,14 @@ BRACKET_WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Widths of brackets of special points, in the order in which they are tried."""
 
 
+def silent(stage: str) -> None:
+    """Show no progress."""
+
+
 def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent) -> Proof:
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
-    ``gaitopt.prove`` calls this function and documents its arguments; here ``progress`` is called with words.
+    ``gaitopt.prove`` calls this function and documents its arguments; ``progress`` is called with a text at each stage.
     """
     proof = _prove(gait, intervals or {}, progress)
     if intervals and len(intervals) == 1 and not proof.claims[0].proved:  # the orbit moves along the interval
