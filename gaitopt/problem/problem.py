@@ -141,8 +141,14 @@ class Problem(ProblemStatement):
         changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
         if same_phases:
             changes["gait.guess.durations"] = [phase["duration"] for phase in gait["phases"]]
-        points = self._curve_guess(values)
-        changes |= {"control.reference.curve.points": points} if points else {}
+        if isinstance(self.control, PDSpec) and isinstance(self.control.reference, CurveReference):
+            curve, tracked = self.control.reference.curve, self.walker.tracked
+            keys = {name: [f"control.reference.{name}.{k}" for k in range(curve.degree + 1)] for name in tracked}
+            if all(key in values for row in keys.values() for key in row):
+                changes["control.reference.curve.points"] = {
+                    name: [float(np.clip(values[key], -curve.within, curve.within)) for key in row]
+                    for name, row in keys.items()
+                }
         return self.replace(changes | self.free_guesses(values))
 
     def with_gait(self, gait: Mapping[str, Any]) -> "Problem":
@@ -191,21 +197,6 @@ class Problem(ProblemStatement):
         """The problem with its free numbers fixed at values by dotted key, without objective and constraints."""
         plain = replace(self, free={}, objective={}, constraints={})
         return plain.replace({key: values[key] for key in self.free})
-
-    def _curve_guess(self, values: Mapping[str, float]) -> dict[str, list[float]]:
-        """Control points of a free curve, clipped to its bound; empty where the values have not all of them."""
-        if not isinstance(self.control, PDSpec) or not isinstance(self.control.reference, CurveReference):
-            return {}
-        curve = self.control.reference.curve
-        keys = {
-            name: [f"control.reference.{name}.{k}" for k in range(curve.degree + 1)] for name in self.walker.tracked
-        }
-        if not all(key in values for row in keys.values() for key in row):
-            return {}
-        return {
-            name: [float(np.clip(values[key], -curve.within, curve.within)) for key in row]
-            for name, row in keys.items()
-        }
 
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, regardless of other parameters; None if it can."""

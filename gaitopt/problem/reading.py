@@ -82,8 +82,7 @@ class _StatementReader:
 
     def fields(self) -> dict[str, Any]:
         """The fields of the problem."""
-        self._model = self._read_model()
-        self._walker = self._read_walker()
+        self._model, self._walker = self._read_walker()
         fields = self._read_head()
         self._control = self._read_control()
         self._modes, guess = self._read_gait()
@@ -119,36 +118,31 @@ class _StatementReader:
         fields = {} if section is None else {key: getattr(section, key) for key in HeadSection.model_fields}
         return fields | ({"friction": coefficients} if coefficients else {})
 
-    def _read_model(self) -> type[Walker] | None:
+    def _read_walker(self) -> tuple[type[Walker] | None, Walker | None]:
+        """The model, and the walker with its parameters."""
         if "walker" not in self._data:
-            return None
-        section = self._data["walker"]
+            return None, None
+        section, path = self._data["walker"], ("walker", "model")
         if not isinstance(section, Mapping):
             self._fault(("walker",), f"{shown(section)} is not a mapping; keys: model, and the model's parameters")
-            return None
+            return None, None
         name = section.get("model")
-        if isinstance(name, str) and name in self._walkers:
-            return self._walkers[name]
-        if isinstance(name, str) and name in refused_walkers():
-            self._fault(("walker", "model"), refused_walkers()[name])
-            return None
-        wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
-        self._fault(("walker", "model"), f"{wrong}{near_miss(name, tuple(self._walkers))}")
-        return None
-
-    def _read_walker(self) -> Walker | None:
-        if self._model is None:
-            return None
-        parameters = {key: value for key, value in self._data["walker"].items() if key != "model"}
+        model = self._walkers.get(name) if isinstance(name, str) else None
+        if model is None:
+            wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
+            reason = refused_walkers().get(name) if isinstance(name, str) else None
+            self._fault(path, reason or f"{wrong}{near_miss(name, tuple(self._walkers))}")
+            return None, None
         try:
-            with calling(self._model, "reading its parameters"):
-                walker = self._numbers(self._model, parameters, ("walker",))
+            with calling(model, "reading its parameters"):
+                parameters = {key: value for key, value in section.items() if key != "model"}
+                walker = self._numbers(model, parameters, ("walker",))
             if walker is not None:
                 check_walker(walker)
         except ProblemError as error:
             self._fault(("walker",), str(error))
-            return None
-        return walker
+            return model, None
+        return model, walker
 
     def _read_control(self) -> ControlSpec | None:
         data, path = self._data.get("control", {"type": "none"}), ("control", "type")

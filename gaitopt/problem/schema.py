@@ -28,7 +28,7 @@ from gaitopt.model.units import (
     symmetric,
 )
 from gaitopt.model.walker import Walker
-from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, Scalar
+from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS
 
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Of another problem: a name, or a path."""
@@ -314,6 +314,12 @@ def problem_schema() -> dict[str, Any]:
         _section(FrictionCoefficients, may_be_free=tuple(FrictionCoefficients.model_fields))
     )
     scalars = "a scalar of the result, state.NAME, or a freed dotted key"
+    number, constraints = {"type": "number"}, {}
+    for name in DESIGN_SCALARS:  # without the walker only the sign of a scalar can be checked
+        scalar = SCALARS[name]
+        bound: dict[str, Any] = {**number, "minimum": 0} if scalar.within.possible[0] >= 0 else number
+        words = "; ".join(filter(None, (scalar.description, str(scalar.within))))
+        constraints[name] = {"description": words, "anyOf": [bound, _range(number, bound)]}
     head["properties"] |= {
         "walker": {
             "description": "the walker and its parameters",
@@ -335,7 +341,7 @@ def problem_schema() -> dict[str, Any]:
         "constraints": {
             "description": f"values or ranges: {scalars}",
             "type": "object",
-            "properties": {name: _constraint(SCALARS[name]) for name in DESIGN_SCALARS},
+            "properties": constraints,
             "additionalProperties": {"anyOf": [*NUMBER_OR_ANGLE["anyOf"], _range(NUMBER_OR_ANGLE, NUMBER_OR_ANGLE)]},
         },
     }
@@ -397,14 +403,6 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         choices = [value, _free(value)] if key in may_be_free else [value]
         schema["properties"][key] = {"description": entry.get("description", ""), "anyOf": choices}
     return schema
-
-
-def _constraint(scalar: Scalar) -> dict[str, Any]:
-    """A constrained scalar; without the walker only its sign can be checked."""
-    signed = scalar.within.possible[0] >= 0
-    least: dict[str, Any] = {"type": "number", "minimum": 0} if signed else {"type": "number"}
-    words = "; ".join(filter(None, (scalar.description, str(scalar.within))))
-    return {"description": words, "anyOf": [least, _range({"type": "number"}, least)]}
 
 
 def _range(least: dict[str, Any], most: dict[str, Any]) -> dict[str, Any]:
