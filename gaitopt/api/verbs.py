@@ -33,7 +33,7 @@ from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.search import solve as single
-from gaitopt.search.find import STARTS, Gaits, SearchPlan, opened, search
+from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
 from gaitopt.simulation.engine import Engine
 from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify as verify  # a verb as it is
@@ -236,7 +236,7 @@ def find(
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    unknown = opened(_stated(problem))
+    unknown = with_open_modes(_stated(problem))
     unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
     plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=within or {})
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)

@@ -1,18 +1,19 @@
-"""Candidates of a search for gaits: mode sequences with a motion, not yet solved nor verified.
+"""Candidates of a search for gaits: mode sequences with a motion, neither solved nor verified yet.
 
 Three searches propose them:
 
-- walks of the simulator, which finds the modes itself, end near fixed points of the return map, x = P(x); Newton's
-  method converges to those next to near-returns |P^n(x) - x|;
-- a program with complementarity conditions in place of a mode sequence finds motions of any sequence, also where
-  parameters are free and where no walk leads;
-- the family of a known gait is followed a little way in a parameter. Next to mode changes, folds and branch points
-  several gaits exist at the same parameters, some of which attract no walk. Each crossing of a branch with the
-  parameter's original value is a candidate.
+- Simulation: walks of the simulator, which finds the modes itself, end near fixed points of the return map, x = P(x);
+  Newton's method converges to them from near-returns, where |P^n(x) - x| is small.
+- Complementarity: a program with complementarity conditions in place of a mode sequence finds motions of any sequence,
+  also where parameters are free, and gaits that attract no walk.
+- Families: the family of a known gait is followed a little way in a parameter. Next to mode changes, folds and branch
+  points several gaits exist at the same parameters. Each crossing of a branch with the parameter's original value is a
+  candidate.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.branch import BranchPoint
+from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.records import CandidateRecord, SearchRecord, phase_record
 from gaitopt.gait.trajectory import Step
@@ -36,7 +37,7 @@ from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
-from gaitopt.verification.step_map import step_map
+from gaitopt.verification.step_map import StepMap, step_map
 
 Phases = tuple[tuple[Mode, float], ...]
 
@@ -61,18 +62,18 @@ WALKS, GUESSES = 250, 4
 """Number of start states of a simulation job, and of guesses of a complementarity job."""
 
 REACH = 0.25
-"""How far a family is followed to either side, relative to the parameter."""
+"""Distance over which a family is followed to either side, relative to the parameter."""
 MAX_POINTS = 150
 """Maximum number of points in one direction; a family without folds has about forty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartBox:
-    """Range of the start states by section coordinate; ``given`` by the user, or the walker's default."""
+    """Range of the start states by section coordinate; chosen by the user, or the walker's ``default``."""
 
     lower: Array
     upper: Array
-    given: bool
+    default: bool
 
     @property
     def sizes(self) -> Array:
@@ -96,14 +97,10 @@ class SearchJob:
     n_steps: int = 1
 
 
-def search_part(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
+def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
     """Candidates of one job of a search, and the number of its starts."""
-    stop = should_stop or (lambda: False)
-    step = step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))  # once in every process
-    dynamics = step.dynamics
-    box, rng = start_box(job.problem, dynamics, job.within), np.random.default_rng([job.seed, job.number])
-    search = _walks if job.method == "simulation" else _guesses
-    candidates, starts = search(job, dynamics, box, rng, stop)
+    methods = {"simulation": _from_walks, "complementarity": _from_guesses, "families": _from_family}
+    candidates, starts = methods[job.method](job, should_stop or (lambda: False))
     return {"method": job.method, "starts": starts, "candidates": candidates}
 
 
@@ -117,40 +114,55 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[f
     lower, upper = -half, half.copy()
     for name, span in within.items():
         lower[names.index(name)], upper[names.index(name)] = span
-    return StartBox(lower=lower, upper=upper, given=bool(within))
+    return StartBox(lower=lower, upper=upper, default=not within)
 
 
-def _walks(
-    job: SearchJob, dynamics: Dynamics, box: StartBox, rng: np.random.Generator, should_stop: Callable[[], bool]
-) -> tuple[list[CandidateRecord], int]:
-    """Fixed points of the return map and of its powers next to the walks from sampled states."""
-    system = dynamics.system
-    xi, shortest = _samples(dynamics, box, rng), SHORTEST_STEP * dynamics.scales.time
+def _step_map(job: SearchJob) -> StepMap:
+    """The return map of the problem's walker, built once in every process."""
+    return step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))
+
+
+def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
+    """Fixed points of the return map and of its powers next to walks from sampled states."""
+    step, rng = _step_map(job), np.random.default_rng([job.seed, job.number])
+    dynamics, walker = step.dynamics, step.dynamics.system.walker
+    box = start_box(job.problem, dynamics, job.within)
+    xi = _samples(dynamics, box, rng)
     if job.problem.start is not None and job.number == 0:
-        xi[0] = [job.problem.start.state[name] for name in job.problem.walker.section_names(slipping=True)]
-    engine = choose_engine(Engine.AUTO, steps=WALKS * WALK)
-    history = _walk(job.problem, engine, xi, WALK + job.n_steps - 1)
-    simulator = Simulator(dynamics, stepper_class(engine))
-    candidates = list[CandidateRecord]()
-    least = system.walker.steps_per_cycle()
+        xi[0] = [job.problem.start.state[name] for name in walker.section_names(slipping=True)]
+    history = np.full((WALK + job.n_steps, *xi.shape), np.nan)  # section states; NaN after the end of a walk
+    history[0], walking = xi, np.arange(len(xi))
+    for before, after in pairwise(history):
+        walked = step(before[walking])
+        walking = walking[walked.completed]
+        after[walking] = walked.states[walked.completed]
+        if not walking.size:
+            break
+    simulator, candidates = Simulator(dynamics, stepper_class(step.engine)), list[CandidateRecord]()
+    shortest, least = SHORTEST_STEP * dynamics.scales.time, walker.steps_per_cycle()
     for n_returns in range(1, job.n_steps // least + 1):
         maps = {mode: ReturnMap(simulator, mode, n_returns * least) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
-        for row, state in _near_returns(history, n_returns, box):
+        distances = np.abs((history[n_returns:] - history[:-n_returns]) / box.sizes).max(axis=2)
+        distances = np.where(np.isnan(distances), np.inf, distances)
+        nearest = np.argmin(distances, axis=0)
+        closest = distances[nearest, np.arange(nearest.size)]
+        for row in np.argsort(closest)[: min(TRIES, int(np.isfinite(closest).sum()))]:
             if should_stop():
                 raise KeyboardInterrupt
+            state = history[n_returns + nearest[row], row]
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
             n = state.size if state[-1] else state.size - 1
             steps = maps[mode].damped_fixed_point(state[:n], box.sizes[:n])
             if steps is not None and steps[0].period > shortest:
-                candidates.append(cycle_record(system, steps, f"{job.method} {job.number}.{row}"))
+                candidates.append(cycle_record(dynamics.system, steps, f"{job.method} {job.number}.{row}"))
     return candidates, len(xi)
 
 
 def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Array:
-    """Start states, every other one at rest, in boxes of all sizes unless a box is given; shape (WALKS, n_xi)."""
+    """Start states, every other one at rest, in boxes of all sizes if the box is the default; shape (WALKS, n_xi)."""
     walker = dynamics.system.walker
     xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
-    if not box.given:
+    if box.default:
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
         if not walker.flies:
             _turn_forward(dynamics, xi)
@@ -172,37 +184,14 @@ def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     xi[step_lengths < 0, :n_section] *= -1
 
 
-def _walk(problem: Problem, engine: Engine, xi: Array, steps: int) -> Array:
-    """Section states of walks from ``xi``, shape (steps + 1, n, n_xi); NaN where a walk has ended."""
-    history = np.full((steps + 1, *xi.shape), np.nan)
-    history[0], going, step = xi, np.arange(len(xi)), step_map(problem, None, engine)
-    for k in range(steps):
-        walked = step(history[k, going])
-        going = going[walked.completed]
-        history[k + 1, going] = walked.states[walked.completed]
-        if not going.size:
-            break
-    return history
-
-
-def _near_returns(history: Array, n_steps: int, box: StartBox) -> Iterator[tuple[int, Array]]:
-    """Rows of ``history`` with the closest near-returns after ``n_steps``, and the states there; the closest first."""
-    distances = np.abs((history[n_steps:] - history[:-n_steps]) / box.sizes).max(axis=2)
-    distances = np.where(np.isnan(distances), np.inf, distances)
-    nearest = np.argmin(distances, axis=0)
-    best = distances[nearest, np.arange(nearest.size)]
-    for row in np.argsort(best)[: min(TRIES, int(np.isfinite(best).sum()))]:
-        yield int(row), history[n_steps + nearest[row], row]
-
-
-def _guesses(
-    job: SearchJob, dynamics: Dynamics, box: StartBox, rng: np.random.Generator, should_stop: Callable[[], bool]
-) -> tuple[list[CandidateRecord], int]:
+def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
+    dynamics, rng = _step_map(job).dynamics, np.random.default_rng([job.seed, job.number])
     walker = dynamics.system.walker
     if walker.steps_per_cycle() > 1 or walker.modes() != CONTACTS or walker.pushes:
         return [], 0  # the conditions assume equal legs, one of which is always on the ground
-    time, n = dynamics.scales.time, len(job.problem.walker.section)
+    box = start_box(job.problem, dynamics, job.within)
+    time, n = dynamics.scales.time, len(walker.section)
     within = {
         name.removeprefix("state."): (span.minimum, span.maximum)
         for name, span in job.problem.constraints.items()
@@ -214,7 +203,7 @@ def _guesses(
             dynamics, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
         )
         xi = rng.uniform(box.lower, box.upper, (GUESSES * n_steps, box.lower.size))
-        if not box.given:
+        if box.default:
             _turn_forward(dynamics, xi)
         for number, shapes in enumerate(np.split(xi[:, :n], GUESSES)):
             period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
@@ -231,9 +220,45 @@ def _guesses(
     return candidates, GUESSES * job.n_steps
 
 
+def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
+    """Crossings of the family of the job's gait with the value of a parameter at which it began."""
+    gait, candidates = solve_sequence(job.problem, should_stop=should_stop), list[CandidateRecord]()
+    if gait.converged:
+        value, start = job.problem.parameters[job.parameter], f"{job.method} {job.number}, {job.parameter}"
+        follow = {"branch_points": 1, "mode_changes": 1, "doublings": job.n_steps // (2 * len(gait.steps))}
+        for side in (-1, 1):
+            request = Request(
+                parameter=job.parameter,
+                to=(value * (1 + side * REACH),),
+                max_points=MAX_POINTS,
+                verify_every=0,
+                follow=follow,
+            )
+            before: BranchPoint | None = None
+            for point in family(gait, request, should_stop):
+                if not isinstance(point, BranchPoint):
+                    continue
+                same = before is not None and before.branch == point.branch
+                if before is not None and same and (before.value - value) * (point.value - value) < 0:
+                    crossing = min(before, point, key=lambda point: abs(point.value - value)).gait
+                    candidates.append(cycle_record(gait.system, crossing.steps, start))
+                before = point
+    if should_stop():
+        raise KeyboardInterrupt
+    return candidates, 1
+
+
+def family(gait: Gait, request: Request, should_stop: Stop) -> Iterator[BranchPoint | SpecialPoint]:
+    """The points of a family as far as it can be followed; none if it cannot be followed in this parameter."""
+    try:
+        yield from follow_family(gait, request, should_stop=should_stop)
+    except (ProblemError, SolveError):
+        return
+
+
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> CandidateRecord:
     """The candidate of a simulated cycle."""
-    sequences = [(step.phases, step.impact.mode) for step in steps if step.impact is not None]
+    sequences = [(step.phases, step.final_impact.mode) for step in steps]
     return _record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
 
 
@@ -245,8 +270,12 @@ def _record(
     start: str,
 ) -> CandidateRecord:
     """The candidate of a cycle without repetitions, starting at its smallest state in lexical order."""
-    least = system.walker.steps_per_cycle()
-    n = next(k for k in range(least, len(steps) + 1, least) if len(steps) % k == 0 and _repeats(states, k))
+    least, size = system.walker.steps_per_cycle(), np.abs(states[0]).max()
+
+    def repeats(n: int) -> bool:
+        return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
+
+    n = next(n for n in range(least, len(steps) + 1, least) if len(steps) % n == 0 and repeats(n))
     first = min(range(0, n, least), key=lambda k: tuple(states[k]))
     return {
         "steps": [
@@ -257,54 +286,3 @@ def _record(
         "parameters": dict(freed),
         "start": start,
     }
-
-
-def _repeats(states: Sequence[Array], n: int) -> bool:
-    """Whether the states repeat after ``n`` steps."""
-    size = np.abs(states[0]).max()
-    return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
-
-
-def varied(problem: Problem) -> list[str]:
-    """Parameters along which families are followed: the coefficients of friction and the slope."""
-    keys = [key for key in problem.parameters if key.partition(".")[0] == "friction" or key == "walker.slope"]
-    return [key for key in keys if problem.parameters[key]]
-
-
-def search_family(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
-    """Candidates on the family of the gait of the job's problem, followed in the job's parameter."""
-    gait = solve_sequence(job.problem, should_stop=should_stop)
-    candidates = list[CandidateRecord]()
-    if gait.converged:
-        value, start = job.problem.parameters[job.parameter], f"{job.method} {job.number}, {job.parameter}"
-        for side in (-1, 1):
-            candidates += [
-                cycle_record(gait.system, crossing.steps, start)
-                for crossing in _crossings(gait, job, value * (1 + side * REACH), should_stop)
-            ]
-    if should_stop is not None and should_stop():
-        raise KeyboardInterrupt
-    return {"method": job.method, "starts": 1, "candidates": candidates}
-
-
-def _crossings(gait: Gait, job: SearchJob, to: float, should_stop: Stop) -> Iterator[Gait]:
-    """Gaits of a family, on the way to a value, next to which a branch crosses the value at which it began."""
-    value = job.problem.parameters[job.parameter]
-    request = Request(
-        parameter=job.parameter,
-        to=(to,),
-        max_points=MAX_POINTS,
-        verify_every=0,
-        follow={"branch_points": 1, "mode_changes": 1, "doublings": job.n_steps // (2 * len(gait.steps))},
-    )
-    before: BranchPoint | None = None
-    try:
-        for record in follow_family(gait, request, should_stop=should_stop):
-            if not isinstance(record, BranchPoint):
-                continue
-            same = before is not None and before.branch == record.branch
-            if before is not None and same and (before.value - value) * (record.value - value) < 0:
-                yield min(before, record, key=lambda point: abs(point.value - value)).gait
-            before = record
-    except (ProblemError, SolveError):  # the family cannot be followed in this parameter at all, or no further
-        return

@@ -5,38 +5,38 @@ from that of the problem's file towards the changed values, and from gaits of ot
 special point on the way is located to rounding; its parameter is the answer.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Tabulated
-from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.branch import BranchPoint, SpecialPoint
+from gaitopt.errors import SolveError
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.cycle import Cycle
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Free
-from gaitopt.search.find import STARTS, Gaits, SearchPlan, opened, search
+from gaitopt.search.candidates import family
+from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
 from gaitopt.search.solve import file_gait, solve
 from gaitopt.verification.verify import verify
 from gaitopt.verification.walk import Walk, simulate
 from gaitopt.workers.jobs import ResumableJobs, Workers
 
-ENDS = ("fold", "mode_change", "impact_change", "vanishing", "lift_off", "painleve", "end")
+ENDS = ("fold", "mode_change", "impact_change", *TERMINAL)
 """Special points beyond which a mode sequence does not continue, or not in the same direction."""
 MAX_POINTS = 200
 """Maximum number of points of one family; an answer takes some tens."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
 """Largest friction and slope [rad] of the search."""
-INDIRECT = ("search", "motion", "event", "periodicity", "duration", "touchdown", "slip_velocity", "equations")
-"""Causes that only say where the solver ended; the end of a family of gaits is listed before them."""
+OF_THE_SEARCH = ("search", "motion", "event", "periodicity", "duration")
+"""Causes that only say where the solver ended, besides the events of the mode sequence that do not happen."""
 LONGEST = 120
 """Maximum length of a cause in one line [characters]."""
 WALK = 20
@@ -116,7 +116,7 @@ def explain(
     progress: Callable[[str], None] | None = None,
     should_stop: Stop = None,
 ) -> Explanation:
-    """As ``gaitopt.explain``; ``progress`` is called with what is done next."""
+    """As ``gaitopt.explain``; ``progress`` is called with a description of the next step."""
     say = progress or (lambda _: None)
     say(f"solving {problem.name}")
     try:
@@ -126,71 +126,51 @@ def explain(
         return Explanation(problem=problem, gait=None, exists=False, causes=(cause,))
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    refuted = _refuted(gait)
-    if gait.converged and not refuted:
-        return Explanation(problem=problem, gait=gait, exists=True)
+    direct = gait.causes
+    if gait.converged:
+        direct = tuple(
+            Cause(
+                what=claim.name,
+                words=f"the simulator disagrees: {claim.words}",
+                needed=claim.tolerance,
+                available=claim.figure,
+            )
+            for claim in verify(gait).claims
+            if not claim.passed
+        )
+        if not direct:
+            return Explanation(problem=problem, gait=gait, exists=True)
     say("searching for gaits of any mode sequence")
     jobs = ResumableJobs(workers=Workers(count=workers), should_stop=should_stop)
 
     def gaits_at(given: Problem) -> Gaits:
-        plan = SearchPlan(problem=opened(given), starts=starts, seed=seed)
+        plan = SearchPlan(problem=with_open_modes(given), starts=starts, seed=seed)
         return search(plan, jobs)
 
     instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    gait_of_file, nearest = _begins(problem, gait, instead, gaits_at, say, should_stop)
-    causes = _causes(problem, gait, refuted or gait.causes, nearest, gait_of_file)
+    given, gait_of_file, nearest = _given(problem, gait), None, list[Nearest]()
+    if given is not None:
+        say("following families of gaits to where the mode sequence begins")
+        gait_of_file = file_gait(problem, should_stop=should_stop)
+        others: Sequence[Gait] = instead
+        if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
+            others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
+        nearest = nearest_values(given, gait_of_file, others, problem.free, should_stop)
+    causes = _causes(problem, gait, direct, nearest, gait_of_file)
     return Explanation(
         problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk, nearest=tuple(nearest)
     )
 
 
-def _begins(
-    problem: Problem,
-    attempt: Gait,
-    instead: Gaits,
-    gaits_at: Callable[[Problem], Gaits],
-    say: Callable[[str], None],
-    should_stop: Stop,
-) -> tuple[Gait | None, list[Nearest]]:
-    """The gait of the problem's own file, and the nearest values at which the mode sequence begins to exist."""
-    given = _given(problem, attempt)
-    if given is None:
-        return None, []
-    say("following families of gaits to where the mode sequence begins")
-    gait_of_file = file_gait(problem, should_stop=should_stop)
-    others: Sequence[Gait] = instead
-    if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
-        others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
-    return gait_of_file, nearest_values(given, gait_of_file, others, problem.free, should_stop)
-
-
 def _given(problem: Problem, gait: Gait) -> Problem | None:
-    """The problem with its free numbers as in the attempt, and nothing required of them; None without a sequence.
+    """The problem with its free numbers as in the failed solve, and without requirements.
 
-    A curve that is to be designed has no numbers that could be given one by one.
+    None without a mode sequence, and for a curve that is to be designed, which has no numbers.
     """
     if problem.is_open or free_parameters(problem, gait.system).keys() != problem.free.keys():
         return None
-    if not problem.free:
-        return problem
-    return problem.with_fixed(gait.dynamics.parameters)
-
-
-def _refuted(gait: Gait) -> tuple[Cause, ...]:
-    """The claims about a gait that the simulator does not confirm."""
-    if not gait.converged:
-        return ()
-    claims = [claim for claim in verify(gait).claims if not claim.passed]
-    return tuple(
-        Cause(
-            what=claim.name,
-            words=f"the simulator disagrees: {claim.words}",
-            needed=claim.tolerance,
-            available=claim.figure,
-        )
-        for claim in claims
-    )
+    return problem.with_fixed(gait.dynamics.parameters) if problem.free else problem
 
 
 def _causes(
@@ -202,8 +182,12 @@ def _causes(
     comes first if the gait could not be followed to the problem's values.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
+    if not nearest:
+        return causes
+    table, cycle = gait.system.transitions, problem.cycle
+    events = {table.between(mode, cycle.after(k)).guard for k, mode in enumerate(cycle.phases)}
     here = gait.solver.get("followed", 1.0) == 1.0
-    if (here and causes[0].what not in INDIRECT) or not nearest:
+    if here and causes[0].what not in {*OF_THE_SEARCH, *events}:
         return causes
     values, changed = problem.parameters, [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     along = [n for n in nearest if n.parameter in changed] or nearest
@@ -219,26 +203,6 @@ def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
     return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
 
 
-def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
-    """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
-    cycle, request = gait.problem.cycle, _request(parameter, value)
-    for record in follow_family(gait, request, should_stop=should_stop):
-        if isinstance(record, SpecialPoint) and record.type in ENDS:
-            is_there = np.isclose(record.value, value, rtol=1e-12, atol=1e-14)
-            return None if is_there else _nearest(parameter, record)
-        if isinstance(record, BranchPoint) and record.gait.problem.cycle != cycle:
-            return None
-    return None
-
-
-def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
-    """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
-    for record in follow_family(gait, _request(parameter, value), should_stop=should_stop):
-        if isinstance(record, SpecialPoint) and record.after == cycle:
-            return _nearest(parameter, record)
-    return None
-
-
 def nearest_values(
     problem: Problem,
     gait_of_file: Gait | None,
@@ -246,12 +210,14 @@ def nearest_values(
     free: Mapping[str, Free],
     should_stop: Stop = None,
 ) -> list[Nearest]:
-    """For friction, slope, free numbers and what differs from the file the nearest value at which the modes exist.
+    """The nearest values of single parameters at which the mode sequence of a problem exists.
+
+    The parameters are those that differ from the file, friction, slope and the numbers that a design leaves free.
 
     Parameters
     ----------
-    problem : with all its numbers given.
-    gait_of_file : the gait of the problem's own file.
+    problem : without free numbers.
+    gait_of_file : the gait of the problem's file.
     others : gaits of other mode sequences at the problem's parameters.
     free : numbers that a design leaves free, with their ranges.
     """
@@ -262,46 +228,54 @@ def nearest_values(
     ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
     answers = list[Nearest]()
     for parameter in dict.fromkeys([*changed, *ranges]):
-        best: Nearest | None = None
+        value, best = values[parameter], None
         if gait_of_file is not None and changed == [parameter]:
-            best = _attempt(end_of_family, gait_of_file, parameter, values[parameter], should_stop)
+            best = end_of_family(gait_of_file, parameter, value, should_stop)
         for gait in gaits:
             for bound in ranges.get(parameter, ()):
-                target = _no_further(values[parameter], bound, best)
-                if target != values[parameter]:
-                    closer = _attempt(begin_of_sequence, gait, parameter, target, problem.cycle, should_stop)
-                    best = closer or best
+                reach = np.inf if best is None else abs(best.value - value)  # no further than the best answer so far
+                target = float(np.clip(bound, value - reach, value + reach))
+                if target != value:
+                    best = begin_of_sequence(gait, parameter, target, problem.cycle, should_stop) or best
         if best is not None:
             answers.append(best)
     return answers
 
 
-def _no_further(value: float, bound: float, best: Nearest | None) -> float:
-    """The bound, or the value on its side that is as far from ``value`` as what is known already."""
-    reach = np.inf if best is None else abs(best.value - value)
-    return float(np.clip(bound, value - reach, value + reach))
+def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
+    """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
+    cycle = gait.problem.cycle
+    for point in _on_the_way(gait, parameter, value, should_stop):
+        if isinstance(point, SpecialPoint) and point.type in ENDS:
+            is_there = np.isclose(point.value, value, rtol=1e-12, atol=1e-14)
+            return None if is_there else _nearest(parameter, point)
+        if isinstance(point, BranchPoint) and point.gait.problem.cycle != cycle:
+            return None
+    return None
 
 
-def _attempt(follow: Callable[..., Nearest | None], gait: Gait, *arguments: Any) -> Nearest | None:
-    """The answer of a family; None where the family cannot be followed in this parameter at all."""
-    try:
-        return follow(gait, *arguments)
-    except (ProblemError, SolveError):
-        return None
+def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
+    """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
+    for point in _on_the_way(gait, parameter, value, should_stop):
+        if isinstance(point, SpecialPoint) and point.after == cycle:
+            return _nearest(parameter, point)
+    return None
 
 
-def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
-    """The range of a free number and as much again on either side, where the walker can have it."""
-    width = span.upper - span.lower
-    wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))
-    return tuple(bound if problem.objection(key, beyond) else beyond for beyond, bound in wide)
-
-
-def _request(parameter: str, value: float) -> Request:
-    return Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
+def _on_the_way(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Iterator[BranchPoint | SpecialPoint]:
+    """The points of the family of a gait on the way to a value of a parameter."""
+    request = Request(parameter=parameter, to=(value,), max_points=MAX_POINTS, verify_every=0)
+    return family(gait, request, should_stop)
 
 
 def _nearest(parameter: str, special: SpecialPoint) -> Nearest:
     return Nearest(
         parameter=parameter, value=special.value, type=special.type, reason=special.reason, gait=special.gait
     )
+
+
+def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
+    """The range of a free number and as much again on either side, if the walker can have these values."""
+    width = span.upper - span.lower
+    wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))
+    return tuple(bound if problem.objection(key, beyond) else beyond for beyond, bound in wide)

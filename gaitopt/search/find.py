@@ -16,7 +16,7 @@ from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidates import GUESSES, SAME, WALKS, SearchJob, search_family, search_part, varied
+from gaitopt.search.candidates import GUESSES, SAME, WALKS, SearchJob, find_candidates
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import recorded_claims, verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
@@ -85,13 +85,28 @@ def gaits_of(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gaits:
-    """The gaits of the candidates of all jobs of a search; ``known`` gaits are not solved again."""
+    """The gaits of the candidates of all jobs of a search.
+
+    Candidates with more steps than the problem allows, or without the impact that it requires, are skipped.
+
+    Parameters
+    ----------
+    parts : results of the jobs.
+    known : verified gaits, which are not solved again.
+    """
     done = [part for part in parts if not isinstance(part, FailedJob)]
     candidates = [candidate for part in done for candidate in part["candidates"]]
     tolerance = np.inf if problem.free or problem.objective else SAME  # a design ends at the same optimum
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
-    for group in grouped([c for c in candidates if _fits(problem, c)], lambda a, b: _same(a, b, tolerance)):
+    most, impact = longest_cycle(problem), getattr(problem.modes, "impact", None)
+    fitting = [
+        candidate
+        for candidate in candidates
+        if len(candidate["steps"]) <= most
+        and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
+    ]
+    for group in grouped(fitting, lambda a, b: _same(a, b, tolerance)):
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
         gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
@@ -107,14 +122,19 @@ def gaits_of(
             listed.append((gait, starts))
         else:
             known_starts.extend(starts)
-    listed.sort(key=lambda entry: _rank(entry[0]))
+
+    def rank(entry: tuple[Gait, list[str]]) -> tuple[bool, float, float]:
+        gait, _ = entry
+        return not is_stable(gait), float(gait.solver.get("objective", 0.0)), gait.spectral_radius or 0.0
+
+    listed.sort(key=rank)  # stable gaits first
     methods = dict.fromkeys(part["method"] for part in done)
     searched = {
         "starts": {method: sum(part["starts"] for part in done if part["method"] == method) for method in methods},
         "candidates": len(candidates),
         "rejected": rejected,
         "failed": [part.reason for part in parts if isinstance(part, FailedJob)],
-        "n_steps": getattr(problem.modes, "steps", 1),
+        "n_steps": most,
     }
     return Gaits(
         problem=problem,
@@ -139,13 +159,6 @@ def _solved(problem: Problem, candidates: Sequence[CandidateRecord], progress: V
     return gait
 
 
-def _fits(problem: Problem, candidate: CandidateRecord) -> bool:
-    """Whether a candidate has no more steps than the problem allows, and the impact that the problem requires."""
-    impact = getattr(problem.modes, "impact", None)
-    short = len(candidate["steps"]) <= getattr(problem.modes, "steps", 1)
-    return short and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
-
-
 def grouped(items: Iterable[Item], same: Callable[[Item, Item], bool]) -> list[list[Item]]:
     """Items in groups; an item joins the first group whose first item is the ``same``."""
     groups: list[list[Item]] = []
@@ -162,14 +175,14 @@ def _same(first: Mapping[str, Any], second: Mapping[str, Any], tolerance: float)
     return bool(near) and Cycle.from_record(first) == Cycle.from_record(second)
 
 
-def _rank(gait: Gait) -> tuple[bool, float, float]:
-    """Stable gaits first; then the better objective, then the smaller spectral radius."""
-    return not is_stable(gait), float(gait.solver.get("objective", 0.0)), gait.spectral_radius or 0.0
-
-
 def is_stable(gait: Gait) -> bool:
     """Whether all multipliers lie within the unit circle."""
     return (gait.spectral_radius or 0.0) < 1
+
+
+def longest_cycle(problem: Problem) -> int:
+    """Largest number of steps of a cycle that a problem with an open mode sequence asks for."""
+    return getattr(problem.modes, "steps", 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,11 +193,6 @@ class SearchPlan:
     starts: int = STARTS
     seed: int = 0
     within: Within = field(default_factory=dict)
-
-    @property
-    def n_steps(self) -> int:
-        """Length of the longest cycle of the search."""
-        return getattr(self.problem.modes, "steps", 1)
 
     def check(self) -> None:
         """Refuse a search that cannot be made.
@@ -212,7 +220,7 @@ class SearchPlan:
             seed=self.seed,
             within=self.within,
             parameter=parameter,
-            n_steps=self.n_steps,
+            n_steps=longest_cycle(self.problem),
         )
         identity = {entry.name: getattr(search_job, entry.name) for entry in fields(search_job)}
         return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=search_job)
@@ -239,12 +247,12 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
     plan.check()
     counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-plan.starts // WALKS)}
     searches = [plan.job(plan.problem, method, number) for method, count in counts.items() for number in range(count)]
-    parts = jobs.complete(search_part, searches, len(searches))
+    parts = jobs.complete(find_candidates, searches, len(searches))
     gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=jobs.should_stop)
     families = family_jobs(plan, gaits)
     if not families:
         return gaits
-    parts += jobs.complete(search_family, families, len(families))
+    parts += jobs.complete(find_candidates, families, len(families))
     return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=jobs.should_stop)
 
 
@@ -263,19 +271,22 @@ def best_gait(gaits: Gaits) -> Gait:
     return replace(best, problem=replace(best.problem, origin=problem))
 
 
-def opened(problem: Problem) -> Problem:
+def with_open_modes(problem: Problem) -> Problem:
     """The problem with an open mode sequence."""
     return problem if problem.is_open else problem.replace({"gait.phases": "auto"})
 
 
 def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
-    """The jobs that follow families of gaits; none for designs, whose parameters are not given."""
+    """The jobs that follow families in friction and slope; none for designs, whose parameters are not given."""
     if plan.problem.free or plan.problem.objective:
         return []
+    values = plan.problem.parameters
+    varied = [key for key in values if key.partition(".")[0] == "friction" or key == "walker.slope"]
     return [
         plan.job(plan.problem.with_gait(gait.to_record()), "families", number, parameter)
         for number, gait in enumerate(gaits)
-        for parameter in varied(plan.problem)
+        for parameter in varied
+        if values[parameter]
     ]
 
 

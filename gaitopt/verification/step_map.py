@@ -97,7 +97,7 @@ class StepMap:
     """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
 
     def __init__(self, dynamics: Dynamics, engine: Engine) -> None:
-        self.dynamics, self._engine = dynamics, engine
+        self.dynamics, self.engine = dynamics, engine
         system = dynamics.system
         self.names = system.walker.section_names(slipping=True)
         self._indices = system.section(Mode.SLIP_FORWARD)
@@ -117,7 +117,7 @@ class StepMap:
     @cached_property
     def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
         """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
-        if self._engine is Engine.HEYOKA:
+        if self.engine is Engine.HEYOKA:
             from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
 
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]

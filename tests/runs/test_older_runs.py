@@ -10,7 +10,7 @@ from gaitopt.errors import StorageError
 from gaitopt.runs import jobs as kept
 from gaitopt.runs.branch import BRANCH_FILE
 from gaitopt.runs.jobs import SEARCHED, FindPlan
-from gaitopt.search.find import SearchPlan, opened
+from gaitopt.search.find import SearchPlan, with_open_modes
 from gaitopt.show.catalogue import folder_figures
 from gaitopt.store.files import lines_text
 from gaitopt.store.run import Run
@@ -66,7 +66,7 @@ def plan(monkeypatch):
         return jobs.complete(part, [plan.job(plan.problem, "simulation", number) for number in range(2)], 2)
 
     monkeypatch.setattr(kept, "search", search)
-    return SearchPlan(problem=opened(go.load_problem("rimless-wheel-stick")))
+    return SearchPlan(problem=with_open_modes(go.load_problem("rimless-wheel-stick")))
 
 
 def find(plan, folder):

@@ -9,8 +9,8 @@ from gaitopt import find, solve
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait.gait import Status
 from gaitopt.problem.problem import load_problem
-from gaitopt.search.candidates import SearchJob, search_family, search_part, start_box
-from gaitopt.search.find import SearchPlan, family_jobs, gaits_of, opened
+from gaitopt.search.candidates import SearchJob, find_candidates, start_box
+from gaitopt.search.find import SearchPlan, family_jobs, gaits_of, with_open_modes
 from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
@@ -53,13 +53,13 @@ def test_the_record_has_gaits_with_the_keys_of_solve_and_what_was_searched(wheel
 
 
 def test_a_known_sequence_is_ignored(wheel):
-    assert opened(load_problem("rimless-wheel-slip")).is_open
-    assert opened(wheel.problem) is wheel.problem
+    assert with_open_modes(load_problem("rimless-wheel-slip")).is_open
+    assert with_open_modes(wheel.problem) is wheel.problem
 
 
 def test_where_nothing_walks_nothing_is_listed():
     uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
-    part = search_part(SearchJob(problem=uphill, method="simulation", number=0, seed=0, within={}))
+    part = find_candidates(SearchJob(problem=uphill, method="simulation", number=0, seed=0, within={}))
     gaits = gaits_of(uphill, [part])
     assert (len(gaits), gaits.to_record()["gaits"]) == (0, [])
 
@@ -97,7 +97,7 @@ def test_a_requested_impact_excludes_the_others():
 
 def test_candidates_do_not_depend_on_other_parts_of_the_search():
     job = SearchJob(problem=open_problem("rimless-wheel-slip"), method="simulation", number=3, seed=7, within={})
-    assert search_part(job) == search_part(job)
+    assert find_candidates(job) == find_candidates(job)
 
 
 def test_start_states_lie_within_the_box_that_is_given():
@@ -124,7 +124,7 @@ def test_on_the_family_of_a_gait_there_are_others_to_which_no_walk_leads():
     """Between the period doubling and the fold of the limping family, two unstable ones lie beside gait B."""
     gait_b = load_problem("compass-passive-b").replace({"friction": 0.1447})
     job = {"method": "families", "number": 0, "seed": 0, "within": {}, "parameter": "friction"}
-    part = search_family(SearchJob(problem=gait_b, n_steps=2, **job))
+    part = find_candidates(SearchJob(problem=gait_b, n_steps=2, **job))
     limping = gaits_of(gait_b.replace({"gait": {"phases": "auto", "steps": 2}}), [part])
     assert [len(gait.steps) for gait in limping] == [2, 2]
     assert all(gait.repeats_after == 2 and gait.spectral_radius > 1 for gait in limping)
