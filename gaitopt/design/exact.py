@@ -2,12 +2,12 @@
 
     min f(u)    s.t.    c(u) >= 0 or = 0,          u = (freed parameters, levels)
 
-An extremum that is minimised has a level: a further unknown above all values whose extremum it is. Every value is a
-constraint of its own, so that f and c are smooth where the extremum passes from one value to another. The spectral
-radius is bounded by the circle inequalities of ``spectral_radius``.
+An extremum that is minimised has a level: a further unknown that bounds all values whose extremum it is. Every value
+has its own constraint, so that f and c are smooth where another value becomes the extremum. The spectral radius is
+bounded by the circle inequalities of ``spectral_radius``.
 
-The gait at given freed parameters is solved by Newton's method from the one before; where a switch passes a breakpoint
-of the control, the step is cut into arcs again.
+The gait at given freed parameters is solved by Newton's method from a nearby one. Where a switch passes a breakpoint of
+the control, the step is cut into arcs again.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,18 +33,18 @@ EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.e
 SOLVED = 1e-10
 """Largest residual of the equations of the step at a gait."""
 CLEARANCE = 1e-10
-"""Distance in natural units that a design keeps from the edge of the friction cone, where optima like to lie: more than
-the rounding that would decide there, and less than anyone could measure."""
+"""Distance in natural units between a design and the edge of the friction cone, where optima often lie: more than the
+rounding that would decide there, and less than anyone could measure."""
 OUTSIDE = 1e-3
-"""Distance of the spectral radius beyond a circle all of whose inequalities hold: two multipliers left it together."""
+"""If the spectral radius is this far outside of a circle whose inequalities all hold, two multipliers left together."""
 INACTIVE = 0.3
-"""An inequality of the circle, a product of numbers of the order of one, that is not about to become zero."""
+"""A larger value of a circle inequality, which is a product of numbers of the order of one, is not close to zero."""
 UNIT = 1e-3
 """Smallest bound that serves as the unit of its scalar."""
 SMALL = 1e-3
-"""Smallest value of an extremum, objective or bound that serves as its typical size."""
+"""Smallest typical size of an extremum, objective or bound."""
 SMALLEST_PART = 0.02
-"""Typical size of a freed parameter, relative to the range of its bounds, is at least this."""
+"""Smallest typical size of a freed parameter, relative to the range of its bounds."""
 
 
 def freed_sizes(freed: Array, bounds: Array) -> Array:
@@ -55,11 +55,11 @@ def freed_sizes(freed: Array, bounds: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Constraint:
-    """``value`` >= 0, or = 0.
+    """The condition ``value`` >= 0, or = 0 for an equality.
 
     Attributes
     ----------
-    name : of the scalar, parameter or margin that it bounds; ``key`` distinguishes it from others of that name.
+    name : of the scalar, parameter or margin that it bounds; ``key`` distinguishes constraints of one name.
     value : in its natural unit.
     gradient : ndarray, shape (n_u,).
     by_work : derivative in the absolute work of the motors.
@@ -74,7 +74,7 @@ class Constraint:
 
     @property
     def violation(self) -> float:
-        """Distance from being met."""
+        """Amount by which it is violated; 0 if it is met."""
         return abs(self.value) if self.equality else max(0.0, -self.value)
 
 
@@ -85,9 +85,9 @@ class Evaluation:
     Attributes
     ----------
     u : ndarray, shape (n_u,) - freed parameters, and levels.
-    objective, gradient : of what is minimised, shape (n_u,).
+    objective, gradient : value and gradient of the objective, shape (n_u,).
     by_work : derivative of the objective in the absolute work of the motors.
-    constraints : all of them.
+    constraints : margins, bounds, levels and constraints of the problem.
     sensitivity : the gait.
     """
 
@@ -146,7 +146,7 @@ class ExactProblem:
         return self._evaluated(solution, levels)
 
     def evaluate_beside(self, here: Evaluation, step: Array) -> Evaluation | None:
-        """The problem a step (n_u,) away; None where Newton's method finds no gait from here."""
+        """The problem at a step (n_u,) from here; None where Newton's method finds no gait."""
         s, n = here.sensitivity, len(self.free)
         w = s.solution.w + s.slopes @ step[:n]
         w[-n:] = np.clip(w[-n:], *self.bounds)  # the step meets them up to rounding
@@ -242,7 +242,7 @@ class _Measured:
             yield Constraint(name=name, key=candidate.key, value=value, gradient=self._in_u(candidate.gradient) / unit)
 
     def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
-        """No value of an extremum exceeds a bound with derivative ``slope``, or undercuts it where ``sense`` is -1."""
+        """All values of an extremum lie below a bound with derivative ``slope``; above it where ``sense`` is -1."""
         if name == RADIUS:
             for row in circle_inequalities(self._return_map[1], bound):
                 if row.value <= INACTIVE:

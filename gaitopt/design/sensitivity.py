@@ -7,8 +7,8 @@ The equalities F(w, v) = 0 leave nodes and durations w as a function of the free
 and with them every state between the nodes, through the derivative of a partial Runge-Kutta step. Derivatives of a
 curve are taken at a fixed fraction of its arc, whose ends move too.
 
-Extrema are located on the curves, also between the nodes; the derivative of an extremum is that of the curve at its
-place, since its place has no effect to first order. |power| is integrated between its located zeros.
+Extrema are located on the curves, also between the nodes. The derivative of an extremum is that of the curve at its
+place, because its place has no effect to first order. |power| is integrated between its zeros.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -32,13 +32,13 @@ from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.scalars import SCALARS
 
 COUNTS = (17, 25, 33, 65, 129, 257)
-"""Numbers of Chebyshev points that are tried in turn until an arc is resolved; every point costs a step."""
+"""Numbers of Chebyshev points, tried in turn until an arc is resolved; every point takes an integration step."""
 EVENT_MARGINS = ("touchdown", "upright")
-"""Margins that are no constraints of a design: the touchdown ends the step, and a gait is upright throughout."""
+"""Margins that are not constraints of a design: the touchdown ends the step, and a gait is always upright."""
 
 
 class Differentiated(NamedTuple):
-    """A number and its derivatives in the freed parameters, shape (n_free,), with the operators that formulas need."""
+    """A number and its gradient in the freed parameters, shape (n_free,), with the operators that formulas need."""
 
     value: float
     gradient: Array
@@ -82,7 +82,7 @@ class DifferentiatedCurve:
         return Differentiated(value, gradient)
 
     def absolute_integral(self) -> Differentiated:
-        """Integral of the absolute value; where the sign changes the value is zero and adds nothing to the slopes."""
+        """Integral of the absolute value; where the sign changes the value is zero and adds nothing to the gradient."""
         weights = curves.signed_weights(self.values)[0] * self.duration / 2
         value = float(weights @ self.values)
         return Differentiated(value, weights @ self.slopes + value * self.stretch / self.duration)
@@ -95,7 +95,7 @@ class DifferentiatedCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArcCurves:
-    """All curves of one arc; ``ahead`` is the swing foot's lead over the stance foot."""
+    """All curves of one arc; ``ahead`` is the distance of the swing foot in front of the stance foot."""
 
     arc: Arc
     force: tuple[DifferentiatedCurve, ...]
@@ -171,7 +171,7 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
 
 
 class Candidate(NamedTuple):
-    """One of the values whose largest (or smallest) is an extremum; ``key`` distinguishes it from the others."""
+    """One of the values whose largest or smallest is an extremum; ``key`` distinguishes it from the others."""
 
     key: str
     value: float
@@ -179,7 +179,7 @@ class Candidate(NamedTuple):
 
 
 IMPACT_SCALARS = ("step_length", "weight", "impulse_t", "impulse_n", "push_work")
-"""Scalars at the end of the step. The impulse is that of a sticking impact; the work is that of the push."""
+"""Scalars at the end of the step; the impulse is that of a sticking impact."""
 
 
 class Sensitivity:

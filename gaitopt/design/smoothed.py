@@ -9,11 +9,11 @@ Integrals are sums over the Lobatto points of every shooting interval, extrema b
 is not smooth is replaced: |power| by sqrt(power^2 + width^2), the spectral radius by the certified radius of
 ``spectral_radius``. The solution is where sequential quadratic programming of the exact problem (``sqp``) starts.
 
-The search keeps near its start: angles, rates and slip velocity at a node change by no more than their largest value
-in the step, which stays clear of motions that are no walk. The same values are the typical sizes of the unknowns.
+The search has a trust region around its start: angles, rates and slip velocity at a node change by no more than their
+largest value in the step, so that the motion remains a walk. The same values are the typical sizes of the unknowns.
 
-In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. ``conflicts`` reads
-from its solution which constraints cannot be met and, from the multipliers, what stands in the way.
+In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. From its solution
+``conflicts`` reads which constraints cannot be met and, by the multipliers, which others are in their way.
 """
 
 from collections.abc import Callable, Iterator
@@ -50,11 +50,11 @@ SMOOTHING = 3e-5
 LONGEST = 3.0
 """Upper bound of a phase's duration in one search, in periods."""
 BOUNDARY = 1e-6
-"""Distance from the boundary of the trust region, relative to its width, below which a solution lies on it."""
+"""A solution closer to the boundary of the trust region, relative to its width, lies on it."""
 MISSED = 1e-6
-"""Slack, relative to the bound or to one, beyond which a constraint is not met."""
+"""A constraint that is violated by more, relative to the bound or to one, is not met."""
 PRESSING = 1e-4
-"""Multiplier above which a bound is in the way; the multipliers of the slacks themselves are of the order of one."""
+"""A bound with a larger multiplier is in the way; the multipliers of the slacks themselves are of the order of one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +132,7 @@ class SmoothedScalars:
         return sum((rates[rate](s) @ s.weights.T for s in self._samples), MX(0))
 
     def bounded(self, name: str, extremum: MX) -> MX:
-        """Rows that are nonnegative where ``extremum`` bounds the curve; the least is zero where it is the extremum."""
+        """Rows that are nonnegative if ``extremum`` bounds the curve; the least row is zero if it is the extremum."""
         match name:
             case "peak_torque":
                 return vertcat(*(vec(extremum - sign * s.torque) for s in self._samples for sign in (1, -1)))
@@ -149,7 +149,7 @@ class SmoothedScalars:
         raise KeyError(name)
 
     def active_rows(self, name: str, w: Array, p: Array) -> list[int]:
-        """Indices of the rows of ``bounded`` that count: of the clearance those after the legs last passed."""
+        """Indices of the rows of ``bounded`` that count: of the clearance those after the legs last pass each other."""
         if name != "foot_clearance":
             return list(range(self.bounded(name, MX(0)).numel()))
         leads = Function("leads", [self._t.w, self._t.parameters], [horzcat(*(s.ahead for s in self._samples))])
@@ -210,29 +210,65 @@ class SmoothedProblem:
         progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
-        self._problem, self.equations, self._p = problem, start.equations, start.p
         equations, p, w = start.equations, start.p, start.w.copy()
         w[-len(equations.free) :] = np.clip(w[-len(equations.free) :], *bounds)
+        self.equations, self._p = equations, p
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
         self._scalars = SmoothedScalars(equations, SMOOTHING * equations.system.weight(equations.p))
-        self._extrema = {name: MX.sym(name) for name in self.names if name in EXTREMA and name != RADIUS}
-        self._slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
         self._radius = certified_radius(equations) if RADIUS in self.names else None
-        extrema = np.array([self._extremum(name, w) for name in self._extrema])
-        self._sizes = self._set_bounds(w, bounds, extrema)
-        self.blocks = [*self._gait_blocks(), *self._extremum_blocks(w), *self._stated_blocks()]
+        slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
 
-        unknowns = vertcat(equations.w, *self._extrema.values(), self._slack)
-        parameters = equations.parameters
+        # the gait, and margins that leave room for the rounding of a cone
+        margins, labels = equations.inequalities
+        scales = Dynamics(equations.system, p).scales
+        least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
+        self.blocks = [
+            Block(name="gait", expression=equations.equalities, lower=0.0, upper=0.0),
+            Block(name="margins", expression=margins, lower=least),
+        ]
+
+        # extrema, each on its side of the samples of a curve
+        self._extrema, extrema = dict[str, MX](), list[float]()
+        for name in self.names:
+            if name not in EXTREMA or name == RADIUS:
+                continue
+            extremum, sign = MX.sym(name), EXTREMA[name]
+            rows = self._scalars.bounded(name, extremum)[self._scalars.active_rows(name, w, p)]
+            function = Function("rows", [extremum, equations.w, equations.parameters], [rows])
+            at_0, at_1 = (np.asarray(function(value, w, p)).ravel() for value in (0.0, 1.0))
+            zeros = -at_0 / (at_1 - at_0)  # the rows are linear in the extremum
+            extrema.append(float(zeros.max() if sign > 0 else zeros.min()))
+            self._extrema[name] = extremum
+            self.blocks.append(Block(name=name, expression=rows, lower=0.0))
+            span = problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
+            bound = span.minimum if sign > 0 else -span.maximum
+            if np.isfinite(bound) or sign * problem.objective.get(name, 0.0) < 0:
+                # the problem would push the extremum away from its curve: it stays at its present sample
+                sample = int(np.argmin(np.asarray(function(extrema[-1], w, p))))
+                self.blocks.append(Block(name=name, expression=rows[sample], lower=0.0, upper=0.0))
+
+        # constraints of the problem
+        for k, (name, span) in enumerate(problem.constraints.items()):
+            scalar = self.scalar(name)
+            if elastic:
+                give = slack[k] * max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
+                self.blocks.append(Block(name=name, expression=scalar + give, lower=span.minimum))
+                self.blocks.append(Block(name=name, expression=scalar - give, upper=span.maximum))
+            else:
+                self.blocks.append(Block(name=name, expression=scalar, lower=span.minimum, upper=span.maximum))
+
+        self._sizes = self._set_bounds(w, bounds, np.array(extrema), slack.numel())
+        unknowns, parameters = vertcat(equations.w, *self._extrema.values(), slack), equations.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
-        objective, objective_size = self._objective(), 1.0
-        if objective is not None:
-            value = float(Function("objective", [unknowns, parameters], [objective])(self._start, p))
-            objective_size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
+        objective: MX | None = None
         options: dict[str, float] = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
-        if objective is not None:
+        if elastic or problem.objective:
+            weighted = (weight * self.scalar(name) for name, weight in problem.objective.items())
+            objective = sum1(slack) if elastic else sum(weighted, MX(0))
+            value = float(Function("objective", [unknowns, parameters], [objective])(self._start, p))
+            size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
             tolerance = NEAR_OPTIMUM if elastic else ROUGH
-            options = {"tol": tolerance, "max_iter": MAX_DESIGN_ITERATIONS, "obj_scaling_factor": 1 / objective_size}
+            options = {"tol": tolerance, "max_iter": MAX_DESIGN_ITERATIONS, "obj_scaling_factor": 1 / size}
         self._solver = Ipopt(
             [Block(name="unknowns", expression=unknowns, lower=self._lower, upper=self._upper)],
             self.blocks,
@@ -283,16 +319,16 @@ class SmoothedProblem:
         return list(zip(self.blocks, np.split(result.multipliers, ends[:-1]), strict=True))
 
     def margin_words(self, row: int) -> str:
-        """What one row of the margins says."""
+        """The phase or impact, and the margin, of one row of the margins."""
         label = self.equations.inequalities[1][row]
         name = label.name.replace("_", " ")
         if label.phase is None:
             return f"the impact ({name})"
         return f"phase {label.phase + 1} ({self.equations.layout.cycle.phases[label.phase]}: {name})"
 
-    def _set_bounds(self, w: Array, bounds: Array, extrema: Array) -> Array:
-        """Set start, lower and upper bounds of all unknowns; their typical sizes."""
-        t, n_slack, n = self.equations, self._slack.numel(), self.equations.system.n_shape
+    def _set_bounds(self, w: Array, bounds: Array, extrema: Array, n_slack: int) -> Array:
+        """Set start, lower and upper bounds of all unknowns, and return their typical sizes."""
+        t, n = self.equations, self.equations.system.n_shape
         nodes, durations, freed = t.unpack(w)
         period, largest = durations.sum(), np.abs(nodes).max(axis=1)
         length = abs(float(t.system.impact(t.layout.cycle.impact)(z=nodes[:, -1], p=self._p)["z_plus"][n]))
@@ -312,69 +348,6 @@ class SmoothedProblem:
         return np.concatenate(
             [np.tile(states, t.n_nodes), duration_sizes, freed_sizes(freed, bounds), extremum_sizes, np.ones(n_slack)]
         )
-
-    def _gait_blocks(self) -> list[Block]:
-        """The equations of the step, and the margins of its modes and its impact."""
-        margins, labels = self.equations.inequalities
-        scales = Dynamics(self.equations.system, self._p).scales
-        least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
-        return [_zero("gait", self.equations.equalities), _nonnegative("margins", margins, least)]
-
-    def _extremum_blocks(self, w: Array) -> list[Block]:
-        """The curves on their side of the extrema.
-
-        An extremum that objective or constraints would push away from its curve stays at its present sample.
-        """
-        blocks = []
-        for name, extremum in self._extrema.items():
-            rows = self._scalars.bounded(name, extremum)[self._scalars.active_rows(name, w, self._p)]
-            blocks.append(_nonnegative(name, rows))
-            span = self._problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
-            bound = span.minimum if EXTREMA[name] > 0 else -span.maximum
-            if np.isfinite(bound) or EXTREMA[name] * self._problem.objective.get(name, 0.0) < 0:
-                sample = int(np.argmin(self._bounding(name, w, self._extremum(name, w))))
-                blocks.append(_zero(name, rows[sample]))
-        return blocks
-
-    def _bounding(self, name: str, w: Array, extremum: float) -> Array:
-        rows = self._scalars.bounded(name, MX(extremum))[self._scalars.active_rows(name, w, self._p)]
-        function = Function("rows", [self.equations.w, self.equations.parameters], [rows])
-        return np.asarray(function(w, self._p)).ravel()
-
-    def _extremum(self, name: str, w: Array) -> float:
-        """Where the rows, which are linear in the extremum, begin to hold."""
-        constant, slope = self._bounding(name, w, 0.0), self._bounding(name, w, 1.0)
-        crossings = -constant / (slope - constant)
-        return float(crossings.max() if EXTREMA[name] > 0 else crossings.min())
-
-    def _stated_blocks(self) -> list[Block]:
-        """The constraints of the problem."""
-        blocks = []
-        for k, (name, span) in enumerate(self._problem.constraints.items()):
-            scalar = self.scalar(name)
-            if self._slack.numel() == 0:
-                blocks.append(Block(name=name, expression=scalar, lower=span.minimum, upper=span.maximum))
-                continue
-            size = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
-            slack = self._slack[k] * size
-            blocks.append(Block(name=name, expression=scalar + slack, lower=span.minimum))
-            blocks.append(Block(name=name, expression=scalar - slack, upper=span.maximum))
-        return blocks
-
-    def _objective(self) -> MX | None:
-        if self._slack.numel():
-            return sum1(self._slack)
-        if not self._problem.objective:
-            return None
-        return sum((weight * self.scalar(name) for name, weight in self._problem.objective.items()), MX(0))
-
-
-def _zero(name: str, expression: MX) -> Block:
-    return Block(name=name, expression=expression, lower=0.0, upper=0.0)
-
-
-def _nonnegative(name: str, expression: MX, least: Array | float = 0.0) -> Block:
-    return Block(name=name, expression=expression, lower=least)
 
 
 def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -> tuple[Cause, ...]:
@@ -404,7 +377,7 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
 
 
 def _missed_bound(span: Range, value: float) -> str | None:
-    """The bound that a value misses, in words."""
+    """The bound that a value misses, as text; None if it is within both."""
     if value < span.minimum - MISSED * max(1.0, abs(span.minimum)):
         return f">= {span.minimum:g}" if span.minimum < span.maximum else f"= {span.minimum:g}"
     if value > span.maximum + MISSED * max(1.0, abs(span.maximum)):
@@ -415,7 +388,7 @@ def _missed_bound(span: Range, value: float) -> str | None:
 def _obstacles(
     problem: Problem, elastic: SmoothedProblem, result: IpoptResult, values: dict[str, float]
 ) -> Iterator[tuple[str, str]]:
-    """Name and words of every freed bound, other constraint and kind of margin that is in the way."""
+    """Name and words of every bound of a freed parameter, constraint that is met, and margin that is in the way."""
     for name, (multiplier, bound) in elastic.active_bounds(result).items():
         if abs(multiplier) > PRESSING:
             yield name, f"{name} {'<=' if multiplier > 0 else '>='} {bound:g}"

@@ -1,17 +1,17 @@
 """Sequential quadratic programming in the freed parameters: the optimum of the exact problem next to a point.
 
-At each point the step d, counted in the typical sizes of the unknowns, solves a model of the problem,
+At each point the step d, in the typical sizes of the unknowns, solves a model of the problem,
 
     min  g' d + d' B d / 2 + a r(d)    s.t.  A d + b + c r(d) >= 0,    |d_i| <= reach
 
-with the remainder of the absolute work, which no quadratic function describes,
+with the remainder r of the absolute work W, which no quadratic function describes,
 
     W(d) = sum of integrals |(u + u' d)(w + w' d)| dt,      r(d) = W(d) - W(0) - W'(0) d
 
-u and w being the torques and rates of the motors. Designs that save absolute work lie where the power just touches
-zero, and there the second derivatives of r change within steps that hardly move anything else. r costs a hundredth of a
-gait, so that each model is solved by quadratic programs of its own. B is the rest of the Hessian of the Lagrangian: by
-differences of its gradient once, then by symmetric secant updates (Powell 1970).
+where u and w are the torques and rates of the motors. Designs that save absolute work lie where the power just touches
+zero. There the second derivatives of r change within steps that hardly change anything else. An evaluation of r costs a
+hundredth of a gait, so that every model is solved by a sequence of quadratic programs. B is the rest of the Hessian of
+the Lagrangian: once by differences of its gradient, then by symmetric secant updates (Powell 1970).
 
 The search ends at the first-order conditions of Karush, Kuhn and Tucker,
 
@@ -34,11 +34,11 @@ from gaitopt.design.sensitivity import ArcCurves
 from gaitopt.gait import curves
 
 ACTIVE = 1e-7
-"""A constraint is active where so small a change of the unknowns, relative to their sizes, would violate it."""
+"""A constraint is active if this change of the unknowns, relative to their sizes, would violate it."""
 NEGLIGIBLE = 1e-6
-"""Gradient of a constraint, in its natural unit and the sizes, below which the unknowns do not govern it."""
+"""The unknowns do not govern a constraint whose gradient, in its natural unit and the sizes, is smaller."""
 ARMIJO = 1e-4
-"""Part of the gain promised by the slope that a step must reach."""
+"""A step must reach this part of the gain that the slope promises."""
 PENALTY = 2.0
 """Weight of violations in the merit functions, in multipliers."""
 
@@ -46,42 +46,42 @@ PENALTY = 2.0
 MAX_PROGRAMS = 60
 """Quadratic programs of one model."""
 PRECISE = 1e-3
-"""Last step of a model, relative to all of them: models are solved as precisely as they describe."""
+"""Last step of a model relative to their sum: a model is solved as precisely as it describes the problem."""
 SHORTEST_OF_MODEL = 1e-9
-"""Part of a step at which its line search gives up: r may bend by its root next to a touch of zero."""
+"""Part of a step at which its line search gives up: next to a touch of zero, r changes like a root."""
 ROUNDING_OF_MODEL = 1e-14
 """Rounding of the merit of a model."""
 FLATTEST, STIFFEST = 1e-6, 1e7
 """Least and largest curvature of a quadratic program. That of r grows like the inverse root of the distance from where
 the power touches zero; there Newton's step would have no length."""
 TOLERANCES = (1e-11, 1e-9, 1e-6)
-"""Violations that DAQP may allow, tried in turn: flat curvatures magnify them, rounding may forbid the first ones."""
+"""Violations that DAQP may allow, tried in turn: flat curvatures magnify them, and rounding may exceed the first."""
 SMALLEST_PIVOT = 1e-14
-"""Pivot below which DAQP takes an active set for singular; its own 1e-11 lies above those of flat curvatures."""
+"""DAQP takes an active set with a smaller pivot for singular. Its default 1e-11 is above those of flat curvatures."""
 RELAXED = 1e4
 """Curvature of the slack of a quadratic program whose constraints contradict each other."""
 
 # of the search
 MAX_SWIFT, MAX_CAUTIOUS = 40, 200
-"""Iterations of a search with the curvature as it is, and of a cautious one."""
+"""Iterations of a search with the exact curvature, and of a cautious one."""
 DAMPING = 0.2
-"""Part of the previous curvature that an update must leave, Powell (1978)."""
+"""Part of the previous curvature that an update must keep, Powell (1978)."""
 OPTIMALITY, MET = 1e-6, 1e-9
 """KKT residual, and violation of constraints in their natural units, of a design that counts as converged."""
 OPTIMAL, FEASIBLE = 1e-7, 1e-11
-"""The same at which a search ends as soon as it no longer converges fast, because of the rounding of a gait."""
+"""KKT residual and violation at which a search ends when the rounding of a gait stops its fast convergence."""
 FAST = 0.1
-"""Ratio of successive KKT residuals of a search that still converges fast."""
+"""Largest ratio of successive KKT residuals in fast convergence."""
 FIRST_REACH = 0.3
-"""Longest first step, relative to the sizes of the unknowns; doubled after a step that went as the model promised."""
+"""Longest first step, relative to the sizes of the unknowns; doubled after steps that gain what the model promises."""
 LEAST_REACH = 1e-3
 """Shorter steps are left to the line search."""
 SHRUNK, HOPELESS = 0.1, 1e-5
-"""Ratio of reaches after a step no part of which is better, and the reach at which the search is given up."""
+"""Factor of the reach if no part of a step is better, and the reach at which the search gives up."""
 EDGE = 0.99
-"""Part of the reach beyond which a step counts as limited by it."""
+"""A step longer than this part of the reach counts as limited by it."""
 PROMISED = 0.7
-"""Part of the gain of the model that counts as a step that went as promised."""
+"""Part of the model's gain that a step must have for a longer reach."""
 SHORTEST = 1e-4
 """Part of a step at which a line search gives up."""
 DIFFERENCE = 1e-4
@@ -91,27 +91,25 @@ ROUNDING = 1e-11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Iterate:
-    """A point of the search.
+class Optimum:
+    """The point at which a search ends.
 
     Attributes
     ----------
     evaluation : the exact problem there.
-    kkt : least norm of the objective's gradient less nonnegative multiples of those of the active constraints.
-    multipliers : of the active constraints, by their keys.
+    kkt : residual of the optimality conditions.
     iterations : number of steps to it.
     interrupted : whether the search was stopped there on request.
     """
 
     evaluation: Evaluation
     kkt: float
-    multipliers: dict[str, float]
     iterations: int
     interrupted: bool
 
     @property
     def shortcoming(self) -> str | None:
-        """Why it is no optimum; None where it is one."""
+        """Why it is no optimum; None if it is one."""
         if not self.evaluation.violation < MET:
             worst = max(self.evaluation.constraints, key=lambda constraint: constraint.violation)
             return f"{worst.name} is only met to {worst.violation:.2g}"
@@ -128,14 +126,14 @@ def optimise(
     cautious: bool = False,
     progress: Valued = None,
     should_stop: Stop = None,
-) -> Iterate:
-    """The optimum next to a point, or where the search for it ended.
+) -> Optimum:
+    """The optimum next to a point, or the point at which the search fails.
 
     Parameters
     ----------
     sizes : typical sizes of the unknowns, shape (n_u,).
-    cautious : learn the curvature from one on and keep it positive. This takes more iterations, but avoids the folds
-        to which the curvature as it is may lead.
+    cautious : start from unit curvature and keep it positive definite. This takes more iterations, but avoids folds to
+        which the exact curvature may lead.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search.
     """
@@ -147,13 +145,11 @@ def optimise(
         if progress is not None:
             progress(iteration, point.violation)
         interrupted = should_stop is not None and should_stop()
-        here = Iterate(
-            evaluation=point, kkt=kkt, multipliers=multipliers, iterations=iteration, interrupted=interrupted
-        )
+        here = Optimum(evaluation=point, kkt=kkt, iterations=iteration, interrupted=interrupted)
         if interrupted:
             break
         if before is not None and before.kkt < OPTIMAL and kkt >= FAST * before.kkt and point.violation < FEASIBLE:
-            return min(before, here, key=lambda iterate: (iterate.evaluation.violation >= FEASIBLE, iterate.kkt))
+            return min(before, here, key=lambda end: (end.evaluation.violation >= FEASIBLE, end.kkt))
         before = here
 
         model = _Model(point, sizes, reach)
@@ -185,7 +181,7 @@ def optimise(
 
 
 def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, float]]:
-    """Residual of the optimality conditions at a point, and the multipliers that make it least, by key.
+    """Residual of the optimality conditions at a point, and the multipliers that minimise it, by constraint key.
 
     Parameters
     ----------
@@ -202,10 +198,10 @@ def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, floa
                 normals.append(sign * normal / length)
     if not normals:
         return float(np.linalg.norm(gradient)), {}
-    # the residual is the projection of the gradient on the cone of the r with normals @ r <= 0, and l are its weights
+    # the residual is the projection of the gradient on the cone of all r with normals @ r <= 0; l are its weights
     A = -np.array(normals)
     solution = quadratic_program(np.eye(gradient.size), -gradient, A, np.zeros(len(A)))
-    if solution is None:  # it has one, which rounding hides
+    if solution is None:  # there is one, but rounding hides it
         return float(np.linalg.norm(gradient)), {}
     multipliers: dict[str, float] = {}
     for (key, scale), weight in zip(scales, solution[1], strict=True):
@@ -215,10 +211,10 @@ def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, floa
 
 
 def quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
-    """min g'd + d'Hd/2 s.t. A d + b >= 0, strictly convex: solution and multipliers; None where infeasible.
+    """Solution and multipliers of min g'd + d'Hd/2 s.t. A d + b >= 0, strictly convex; None where infeasible.
 
-    By the dual active set of DAQP (Arnström, Bemporad & Axehill 2022), which comes with CasADi; the equations of its
-    active set are then solved to rounding.
+    The dual active-set method of DAQP (Arnström, Bemporad & Axehill 2022), which CasADi includes, finds the active set.
+    The equations of the active set are then solved to rounding.
     """
     shapes = {"h": Sparsity.dense(g.size, g.size), "a": Sparsity.dense(b.size, g.size)}
     for tolerance in TOLERANCES:
@@ -244,12 +240,12 @@ def quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Ar
 
 
 class WorkRemainder:
-    """The remainder r of the absolute work of motions next to a gait.
+    """The remainder r of the absolute work next to a gait.
 
     Parameters
     ----------
     arcs : of the gait.
-    sizes : of the unknowns, in which d is counted, shape (n_u,); freed parameters come first.
+    sizes : of the unknowns, which are the units of d, shape (n_u,); freed parameters come first.
     """
 
     def __init__(self, arcs: Sequence[ArcCurves], sizes: Array) -> None:
@@ -289,7 +285,7 @@ class WorkRemainder:
 
 
 class _Model:
-    """The model at a point.
+    """The model of the problem at a point.
 
     Parameters
     ----------
@@ -298,7 +294,7 @@ class _Model:
 
     Attributes
     ----------
-    constraints : those that a step may violate.
+    constraints : the ones that a step may violate.
     scale : typical size of the objective.
     """
 
@@ -388,7 +384,7 @@ class _Model:
             wide[:n, :n], wide[n, n] = H, RELAXED
             slack = np.maximum(0.0, -c)[:, None]
             solution = quadratic_program(wide, np.append(gradient, 0.0), np.hstack([A, slack]), c)
-        if solution is None:  # it has one, which rounding hides: no step
+        if solution is None:  # there is one, but rounding hides it: no step
             return np.zeros(n), np.zeros(m)
         step, every = solution
         weights = every[:m].copy()
@@ -397,7 +393,7 @@ class _Model:
 
 
 def _hessian_by_differences(problem: ExactProblem, model: _Model, weights: Array) -> Array:
-    """B by differences, shape (n_u, n_u); rows are zero where no gait is near."""
+    """B by differences, shape (n_u, n_u); a row is zero if there is no gait on either side."""
     hessian = np.zeros((model.sizes.size, model.sizes.size))
     for k, step in enumerate(np.diag(DIFFERENCE * model.sizes)):
         for sign in (1, -1):
@@ -414,7 +410,7 @@ def _hessian_by_differences(problem: ExactProblem, model: _Model, weights: Array
 def _line_search(
     problem: ExactProblem, model: _Model, B: Array, d: Array, weights: Array, penalty: float
 ) -> tuple[Evaluation | None, float]:
-    """The first point along a step that is better, and at which part of it; a full step is corrected once."""
+    """The first better point along a step, and its part of the step; the full step is corrected once."""
     now = _merit(model.point, model.scale, penalty)
     slope = min(0.0, float(model.gradient @ d) - penalty * model.point.total_violation)
     part = 1.0
@@ -437,7 +433,7 @@ def _merit(point: Evaluation, scale: float, penalty: float) -> float:
 
 
 def _raised(penalty: float, weights: Array) -> float:
-    """Weight of violations in the next merit function."""
+    """Weight of the violations in the next merit function."""
     return max(PENALTY * float(np.abs(weights).max(initial=0.0)), penalty / PENALTY)
 
 
