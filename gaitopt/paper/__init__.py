@@ -1,7 +1,7 @@
 """Reproduction of Gamus & Or (2013): an application of gaitopt's public interface.
 
-- ``gaits``: which problems the paper's gaits and families are, and where they are computed and kept
+- ``gaits``: the problems of the paper's gaits and families, and the archive that computes and keeps them
 - ``table``: printed numbers and sentences beside the computed ones
 - ``figures``: the figures
-- ``reproduction``: what every part needs, computed on all cores and written
+- ``reproduction``: computes everything on all cores and writes it
 """

@@ -1,7 +1,7 @@
-"""The gaits and families of the paper: which problems they are, and where they are computed and kept.
+"""The gaits and families of the paper: their problems, and the archive that computes and keeps them.
 
 The named problems are the gaits as we read the paper; every other gait is one of them with a few values changed. The
-torques that let a walker on level ground copy the joint angles of a walk down a slope (Fig. 10) follow from
+torques with which a walker on level ground copies the joint angles of a walk down a slope (Fig. 10) follow from
 
     E_s u = G_s(q; level) - G_s(q; slope)             rows s of the shape coordinates
 
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 Records = list[dict[str, Any]]
 """The request of a family and its points and special points, as ``gaitopt.load_records`` returns them."""
 
+PARAMETER = "friction"
+"""Along which all families are continued."""
 RESULTS = Path("results")
 """Folder of the run folders."""
 ENDS = ("end", "vanishing", "lift_off", "painleve")
@@ -112,7 +114,7 @@ SHOWN: Mapping[str, Mapping[str, str]] = {
     "fig11": CONTROLLED,
     "fig12": CONTROLLED,
 }
-"""Gaits in each figure, and what they are called there."""
+"""Gaits in each figure, and their names in its legend."""
 
 
 class Archive:
@@ -166,23 +168,23 @@ class Archive:
         """Whether the gait has been computed."""
         return problem.digest in self._gaits or (self._folder(problem) / "gait.json").is_file()
 
-    def family(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> Records:
-        """Records of the family of a problem's gait, continued in a parameter towards each value of ``to``.
+    def family(self, problem: go.Problem, to: Sequence[float]) -> Records:
+        """Records of the family of a problem's gait, continued in friction towards each value of ``to``.
 
         A family whose computation was interrupted is resumed.
         """
-        folder = self._family_folder(problem, parameter, to)
-        if not self.has_family(problem, parameter, to):
+        folder = self._family_folder(problem, to)
+        if not self.has_family(problem, to):
             gait = self.gait(problem)
             targets = " and ".join(f"{value:g}" for value in to)
-            self.narrate(f"continuing {_description(problem)} in {parameter} to {targets}")
-            points = go.continuation_records(gait, parameter, to, output=folder, should_stop=self.should_stop)
+            self.narrate(f"continuing {_description(problem)} in {PARAMETER} to {targets}")
+            points = go.continuation_records(gait, PARAMETER, to, output=folder, should_stop=self.should_stop)
             self._families[folder] = list(points)
         return self._families[folder]
 
-    def has_family(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> bool:
+    def has_family(self, problem: go.Problem, to: Sequence[float]) -> bool:
         """Whether the family has been computed towards all targets."""
-        folder = self._family_folder(problem, parameter, to)
+        folder = self._family_folder(problem, to)
         if folder not in self._families and (folder / "branch.jsonl").is_file():
             head, *records = go.load_records(folder)
             ends = [record for record in records if record.get("type") in ENDS and not record.get("open")]
@@ -194,13 +196,13 @@ class Archive:
         """The run folder of a problem, which need not exist yet."""
         return self.results / f"{problem.name}-{problem.hash8}"
 
-    def _family_folder(self, problem: go.Problem, parameter: str, to: Sequence[float]) -> Path:
+    def _family_folder(self, problem: go.Problem, to: Sequence[float]) -> Path:
         folder = self._folder(problem)
-        return folder.with_name("-".join((folder.name, parameter, "_".join(f"{value:g}" for value in to))))
+        return folder.with_name("-".join((folder.name, PARAMETER, "_".join(f"{value:g}" for value in to))))
 
 
 def _description(problem: go.Problem) -> str:
-    """Name of a problem, and what distinguishes problems with this name."""
+    """Name of a problem with the values that distinguish it from others of this name."""
     return f"{problem.name} (friction {problem.friction_data}, {problem.impact_law} impact)"
 
 
@@ -217,19 +219,9 @@ def gait_of(archive: Archive, name: str) -> go.Gait:
     return archive.gait(problem_of(name))
 
 
-def has_gait(archive: Archive, name: str) -> bool:
-    """Whether the gait with a short name has been computed."""
-    return archive.has_gait(problem_of(name))
-
-
 def family_of(archive: Archive, name: str) -> Records:
     """The family over the coefficient of friction that starts at the gait with a short name."""
-    return archive.family(problem_of(name), "friction", FAMILIES[name])
-
-
-def has_family(archive: Archive, name: str) -> bool:
-    """Whether the family of a short name has been computed."""
-    return archive.has_family(problem_of(name), "friction", FAMILIES[name])
+    return archive.family(problem_of(name), FAMILIES[name])
 
 
 def rounded_torques(archive: Archive, name: str) -> list[go.Gait]:

@@ -1,7 +1,7 @@
 """The reproduction: compute the gaits and families of the paper on all cores, and write figures and table.
 
-Every part states what it needs. What is missing is computed longest first, and a part is written as soon as all that it
-needs is there. Everything computed is kept in run folders, so that a second reproduction computes nothing.
+Each part needs some gaits and families. Missing ones are computed, the longest first, and a part is written as soon as
+all its needs are met. Gaits and families are kept in run folders, so that a second reproduction computes nothing.
 """
 
 import json
@@ -22,8 +22,6 @@ from gaitopt.paper.gaits import (
     Archive,
     family_of,
     gait_of,
-    has_family,
-    has_gait,
     problem_of,
     rounded_torques,
 )
@@ -50,7 +48,7 @@ EVERYTHING: Sequence[Need] = (
     *((Kind.ROUNDED, name) for name in ROUNDED),
     *((Kind.GAIT, name) for name in SOURCES),
 )
-"""In the order of computation: the longest first, and families before their gaits, which they contain."""
+"""All needs in the order of computation: the longest first, and families before their gaits, which they contain."""
 COSTS = {Kind.FAMILY: 3, Kind.ROUNDED: 1, Kind.GAIT: 1}
 """Processor time relative to that of one figure."""
 CLOSED_LOOP = 3
@@ -132,30 +130,29 @@ def write(
         for name in [name for name, required in waiting.items() if required <= met]:
             written[name] = _table(archive, folder) if name == TABLE else _figure(archive, folder, name)
             del waiting[name]
-        progress(_percent([need in met for need in needed], needed, workers, len(written), len(names)), 100)
+        costs = {need: COSTS[need[0]] * (CLOSED_LOOP if need[1].startswith("III") else 1) for need in needed}
+        unmet = [cost for need, cost in costs.items() if need not in met]
+        begun = sum(unmet[: workers if workers > 1 else 0]) / 2  # what several processes compute counts half
+        done = sum(costs.values()) - sum(unmet) + begun + len(written)
+        progress(int(100 * done / (sum(costs.values()) + len(names))), 100)
     return [path for name in names for path in written[name]]
 
 
 def needs(parts: Sequence[str]) -> dict[str, set[Need]]:
-    """What every part needs; of two needs with the same problem only the first in ``EVERYTHING``."""
-    stated = {part: _stated(part) for part in parts}
-    every = set().union(*stated.values())
+    """The needs of every part; of two needs with the same problem only the first in ``EVERYTHING``."""
+    kinds = {part: Kind.FAMILY if part in OVER_FRICTION else Kind.GAIT for part in parts}
+    needed = {p: {*EVERYTHING} if p == TABLE else {(kinds[p], name) for name in SHOWN[p]} for p in parts}
+    every = set().union(*needed.values())
+
+    def identity(need: Need) -> str:
+        kind, name = need
+        return f"{kind} {name}" if kind is Kind.ROUNDED else problem_of(name).digest
+
     first: dict[str, Need] = {}
     for need in EVERYTHING:
         if need in every:
-            first.setdefault(_identity(need), need)
-    return {part: {first[_identity(need)] for need in needed} for part, needed in stated.items()}
-
-
-def _stated(part: str) -> set[Need]:
-    if part == TABLE:
-        return set(EVERYTHING)
-    return {(Kind.FAMILY if part in OVER_FRICTION else Kind.GAIT, name) for name in SHOWN[part]}
-
-
-def _identity(need: Need) -> str:
-    kind, name = need
-    return f"{kind} {name}" if kind is Kind.ROUNDED else problem_of(name).digest
+            first.setdefault(identity(need), need)
+    return {part: {first[identity(need)] for need in own} for part, own in needed.items()}
 
 
 def prepared(archive: Archive, needed: Sequence[Need], workers: int) -> Iterator[Need]:
@@ -182,11 +179,13 @@ def prepared(archive: Archive, needed: Sequence[Need], workers: int) -> Iterator
 
 def _is_kept(archive: Archive, need: Need) -> bool:
     kind, name = need
-    return kind is not Kind.ROUNDED and (has_family if kind is Kind.FAMILY else has_gait)(archive, name)
+    if kind is Kind.FAMILY:
+        return archive.has_family(problem_of(name), FAMILIES[name])
+    return kind is Kind.GAIT and archive.has_gait(problem_of(name))
 
 
 def _compute(archive: Archive, need: Need) -> None:
-    """Compute what is not kept yet, and keep it."""
+    """Compute a gait or family unless it is kept, and keep it."""
     kind, name = need
     compute = {Kind.FAMILY: family_of, Kind.ROUNDED: rounded_torques, Kind.GAIT: gait_of}[kind]
     compute(archive, name)
@@ -195,20 +194,6 @@ def _compute(archive: Archive, need: Need) -> None:
 def _compute_in_process(argument: tuple[str, str, str]) -> None:
     kind, name, results = argument
     _compute(Archive(Path(results)), (Kind(kind), name))
-
-
-def _cost(need: Need) -> int:
-    """Approximate cost of a need, relative to one figure."""
-    kind, name = need
-    return COSTS[kind] * (CLOSED_LOOP if name.startswith("III") else 1)
-
-
-def _percent(met: Sequence[bool], needed: Sequence[Need], count: int, written: int, parts: int) -> int:
-    """Finished part of the work; what several processes are computing counts half."""
-    costs = [_cost(need) for need in needed]
-    done = sum(cost for cost, is_met in zip(costs, met, strict=True) if is_met)
-    in_progress = [cost for cost, is_met in zip(costs, met, strict=True) if not is_met][: count if count > 1 else 0]
-    return int(100 * (done + sum(in_progress) / 2 + written) / (sum(costs) + parts))
 
 
 def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:

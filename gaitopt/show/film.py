@@ -11,7 +11,7 @@ before the high ones, which differ so little that the page compresses well.
 """
 
 import base64
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, combinations
 from types import SimpleNamespace
@@ -32,26 +32,26 @@ from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.show.motion import Motion, running
+from gaitopt.show.motion import Motion, with_start_times
 
 FRAMES = 72
-"""Most frames of a cycle; a page draws smooth curves through them."""
+"""Maximum number of frames of a cycle; a page draws smooth curves through them."""
 FRAMES_OF_WALK = 240
-"""Fewest frames of a walk."""
+"""Minimum of the maximum number of frames of a walk."""
 REPEATS = 4
-"""How often the page goes through a cycle before it starts again."""
+"""Cycles that the page plays before it starts again."""
 FEWEST = 5
-"""Frames of a phase, however short."""
+"""Minimum number of frames of a phase."""
 VISIBLE, SMALLEST = 3e-4, 1e-6
-"""Part of a state's range that can be seen on a page; and ranges [rad, m; per s] too small to matter."""
+"""Visible fraction of a state's range, and the smallest range [rad, m; per s] that matters."""
 CODES = 8191
 """Largest code of a packed number; a chart on a page is some 300 pixels high."""
 RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""
 COINCIDENT = 1e-9
-"""Points so close [m] are one."""
+"""Distance [m] below which two points are one."""
 DIGITS = 9
-"""Of lengths that are compared: rounding does not decide which of two equal legs comes first."""
+"""Digits of lengths that are compared: rounding does not decide which of two equal legs comes first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,9 +85,10 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     points = np.hstack(places).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
     mass = np.asarray(masses(dynamics.p[:n_p])).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
-    if lines:
-        contact = points.shape[1] - 1
-        return Skeleton(points=points, legs=_strokes(lines, 2 + mass.size), discs=discs, contact=contact)
+    if lines:  # neighbours on each line of the outline, whose points follow those of the bodies
+        starts = accumulate(lines[:-1], initial=2 + mass.size)
+        legs = [(k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1)]
+        return Skeleton(points=points, legs=tuple(legs), discs=discs, contact=points.shape[1] - 1)
     draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
     return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), dynamics)
 
@@ -97,12 +98,6 @@ def slope(motion: Motion) -> float:
     _, _, gravity, _ = _mechanism(motion.walker)
     along, normal = np.asarray(gravity(motion.dynamics.p[: len(motion.walker.model_fields)])).ravel()
     return float(np.arctan2(along, -normal))
-
-
-def _strokes(lines: tuple[int, ...], first: int) -> tuple[tuple[int, int], ...]:
-    """Pairs of neighbours on lines of so many points each, which follow one another from index ``first``."""
-    starts = accumulate(lines[:-1], initial=first)
-    return tuple((k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1))
 
 
 def _wheel(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
@@ -164,16 +159,43 @@ def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tupl
 
 
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """A cycle or a walk as a JSON-able object, in SI units; ``walker.js`` and the report read it.
+    """A cycle or a walk as a JSON object in SI units, which ``walker.js`` and the report read.
 
-    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot, ``contact``
-    the one on which the ground acts; all x are counted from where the foot stood at the start of its step, which is
-    ``origin`` in the cycle. ``path`` are times and places between which the picture follows the walker.
+    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot; the ground
+    acts at point ``contact``. All x count from the stance foot at the start of its step, which is ``origin`` in the
+    cycle. The picture follows the walker between the times and places of ``path``.
     """
-    cycle = list(_running(motion, frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))))
-    arcs = [part.arc for part in cycle]
+    frames = frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))
+    arcs, phases, path, first = list[Arc](), list[dict[str, Any]](), [(0.0, 0.0)], 0
+    for index, (began, step) in enumerate(with_start_times(motion.steps)):
+        time, place = path[-1]
+        for whole in step.arcs:
+            arc = _at_frames(whole, max(FEWEST, round(frames * whole.duration / motion.period)))
+            arcs.append(arc)
+            phases.append(
+                {
+                    "mode": str(arc.mode.contact),
+                    "start": _short(began + arc.start),
+                    "end": _short(began + arc.end),
+                    "step": index,
+                    "origin": _short(place),
+                    "first": first,
+                    "last": first + len(arc.times) - 1,
+                }
+            )
+            first += len(arc.times)
+        pace = place / time if time else 0.0  # a walk may end within a step, without an impact
+        length = step.impact.step_length if step.impact is not None else pace * step.period
+        path.append((time + step.period, place + length))
     drawing = skeleton(arcs)
-    path = _path(motion)
+    observed, states = [observe(arc) for arc in arcs], np.vstack([arc.states for arc in arcs])
+    force, torque = np.vstack([o.force for o in observed]), np.vstack([o.torque for o in observed])
+    columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
+    for name in motion.walker.shape:
+        columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
+    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
+    for k in range(drawing.points.shape[1]):
+        columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
     impacts = [step.impact for step in motion.steps if step.impact is not None]
     impulses = [impact.stick_impulse.tolist() for impact in impacts]
     return {
@@ -184,98 +206,38 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "period": _short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
-        "step_length": path[-1][1],
-        "path": path,
+        "step_length": _short(path[-1][1]),
+        "path": [[_short(time), _short(place)] for time, place in path],
         "impacts": [str(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.walker.shape),
         "lengths": bool(motion.walker.lengths),
         "actuators": list(motion.walker.actuators),
-        "phases": _phases(cycle),
+        "phases": phases,
         "legs": drawing.legs,
         "ties": drawing.ties,
         "discs": drawing.discs,
         "contact": drawing.contact,
-        "frames": pack(_columns(motion, arcs, drawing)),
+        "frames": pack(columns),
     }
 
 
-def _path(motion: Motion) -> list[list[float]]:
-    """Time [s] and place [m] of the stance foot at the start of each step, and of the walker at the end."""
-    times, places = [0.0], [0.0]
-    for step in motion.steps:
-        pace = places[-1] / times[-1] if times[-1] else 0.0
-        times.append(times[-1] + step.period)
-        places.append(places[-1] + (step.impact.step_length if step.impact is not None else pace * step.period))
-    return [[_short(time), _short(place)] for time, place in zip(times, places, strict=True)]
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """An arc at its frames, the index of its step, and time [s] and place [m] at which that step begins."""
-
-    arc: Arc
-    step: int
-    began: float
-    origin: float
-
-
-def _running(motion: Motion, frames: int) -> Iterator[_Part]:
-    origin = 0.0
-    for index, (began, step) in enumerate(running(motion.steps)):
-        for arc in step.arcs:
-            most = max(FEWEST, round(frames * arc.duration / motion.period))
-            yield _Part(_resolved(arc, most), index, began, origin)
-        origin += 0.0 if step.impact is None else step.impact.step_length
-
-
-def _resolved(arc: Arc, most: int) -> Arc:
+def _at_frames(arc: Arc, most: int) -> Arc:
     """The arc at as few Chebyshev points as resolve it for the eye, but no more than ``most``."""
     if len(arc.times) == 2:  # too short to be anything but straight
         return arc
     fitted = curves.coefficients(arc.states)
     scale = np.maximum(np.ptp(arc.states, axis=0), SMALLEST)
-    left = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # what is lost from each term on
-    enough = int(np.argmax(np.append(left, 0.0) < VISIBLE))
+    lost = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # by a series that ends before each term
+    enough = int(np.argmax(np.append(lost, 0.0) < VISIBLE))
     s = curves.points(min(max(enough, FEWEST), max(most, FEWEST)))
     states = np.asarray(curves.evaluate(fitted, s))
     return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 
 
-def _phases(cycle: list[_Part]) -> list[dict[str, Any]]:
-    """Mode, times, step and first and last frame of every arc."""
-    ends = np.cumsum([len(part.arc.times) for part in cycle])
-    return [
-        {
-            "mode": str(part.arc.mode.contact),
-            "start": _short(part.began + part.arc.start),
-            "end": _short(part.began + part.arc.end),
-            "step": part.step,
-            "origin": _short(part.origin),
-            "first": int(end - len(part.arc.times)),
-            "last": int(end - 1),
-        }
-        for part, end in zip(cycle, ends, strict=True)
-    ]
-
-
 def _short(value: float) -> float:
     """As many digits as a page can show."""
     return float(f"{value:.7g}")
-
-
-def _columns(motion: Motion, arcs: list[Arc], drawing: Skeleton) -> dict[str, Any]:
-    observed = [observe(arc) for arc in arcs]
-    force = np.vstack([o.force for o in observed])
-    torque = np.vstack([o.torque for o in observed])
-    states = np.vstack([arc.states for arc in arcs])
-    columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
-    for name in motion.walker.shape:
-        columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
-    columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
-    for k in range(drawing.points.shape[1]):
-        columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
-    return columns
 
 
 def pack(columns: Mapping[str, ArrayLike]) -> dict[str, Any]:

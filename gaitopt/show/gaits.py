@@ -2,8 +2,8 @@
 
     sigma = f_t / f_n,      |sigma| <= mu        the friction cone; a sticking impact needs |F_t| / F_n <= mu too
 
-As Figs 2, 3, 6, 7, 8 and 10 of Gamus & Or (2013). Only stored quantities are drawn, so that a gait that has been read
-back has the same figure.
+Figs 2, 3, 6, 7 and 8 of Gamus & Or (2013). Only stored quantities are drawn, so that a gait that was read back from its
+folder has the same figure.
 """
 
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ from gaitopt.show.motion import (
     points_of,
     position_label,
     positions_of,
-    running,
     smooth,
     thinned,
     time_label,
+    with_start_times,
 )
 from gaitopt.show.style import (
     COLOURS,
@@ -48,15 +48,23 @@ from gaitopt.show.style import (
 from gaitopt.verification.walk import Walk
 
 OUTSIDE = "#f1ece4"
-"""Colour of what friction cannot provide."""
+"""Colour of the region beyond the friction cone."""
 CONE_ROOM = 1.35
-"""Height of the axes over the largest ratio that is drawn."""
+"""Half height of the axes relative to the coefficient of friction."""
+VISIBLE = 1e-6
+"""Smallest jump of a state [rad, m; per s] that is not due to rounding."""
+GAIT, FAILED = "#009e73", "#d55e00"
+"""Colours of the gait with which a walk is compared, and of the end of a walk that failed."""
+PANEL_HEIGHT, FOOT = 1.35, 1.1
+"""Height of one panel, and of axis and legend below [inch]."""
+ROUNDING = 1e-17
+"""Height at which a difference of zero is drawn on the log axis."""
 
 
 def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
-    """Force ratio over time or over a shape coordinate, the impulse ratio of eq. (9) as a cross at its end.
+    """Force ratio versus time or a shape coordinate, with the impulse ratio of eq. (9) as a cross at its end.
 
-    Of walkers that fly the normal force is drawn below.
+    For walkers that fly, a second panel shows the normal force.
 
     Parameters
     ----------
@@ -68,8 +76,12 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
         handles.append(entry(motion.name, color=colour))
         _draw_ratio(axes, motion, against, colour)
-        for below in normal:
-            _draw_normal_force(below, motion, colour)
+        weight = float(motion.dynamics.system.weight(motion.dynamics.p))
+        for panel in normal:
+            for began, arc in smooth(motion.steps):
+                force = observe(arc).force[:, 1] / weight
+                panel.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
+            panel.set_ylabel("normal force / weight\n$f_n/(m g)$")
     figure.axes[-1].set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
@@ -81,7 +93,7 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
 
 
 def foot_slip(motions: Sequence[Motion]) -> Figure:
-    """Where the stance foot has slipped to, downhill positive, over one cycle [mm]."""
+    """Position of the stance foot over one cycle, downhill positive [mm]."""
     figure, (axes,) = panels(height=3.4)
     handles = []
     for motion, colour in zip(motions, cycle(COLOURS), strict=False):
@@ -99,7 +111,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
 
 
 def torques(motions: Sequence[Motion]) -> Figure:
-    """Torque of every actuator over one cycle [N m]; the strip on top says what the foot does."""
+    """Torque of every actuator over one cycle [N m]; the strip on top shows the modes."""
     figure, (strip, axes) = panels(2, heights=[len(motions), 14])
     colours = cycle(COLOURS)
     handles: list[Line2D | Patch] = []
@@ -117,9 +129,9 @@ def torques(motions: Sequence[Motion]) -> Figure:
 
 
 def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
-    """Draw the modes over time as coloured bars, one row for each motion; returns the legend's entries."""
+    """Draw the modes versus time as coloured bars, one row per motion; returns the legend's entries."""
     for row, motion in enumerate(motions):
-        for began, step in running(motion.steps):
+        for began, step in with_start_times(motion.steps):
             for arc in step.arcs:
                 axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode.contact])
     named = len(motions) > 1
@@ -149,15 +161,6 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
         axes.plot(ends[last], tangential / normal, "x", color=colour, markeredgewidth=1.8, markersize=7, clip_on=False)
 
 
-def _draw_normal_force(axes: Axes, motion: Motion, colour: str) -> None:
-    """Normal force over time, in units of the weight."""
-    weight = float(motion.dynamics.system.weight(motion.dynamics.p))
-    for began, arc in smooth(motion.steps):
-        force = observe(arc).force[:, 1] / weight
-        axes.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
-    axes.set_ylabel("normal force / weight\n$f_n/(m g)$")
-
-
 def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
     """Edges of the friction cone, shaded beyond where there is just one; returns the legend's entries."""
     own = [round(motion.dynamics.static_friction, 12) for motion in motions]
@@ -166,7 +169,7 @@ def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
     entries: list[Line2D | Patch] = []
     for friction in frictions:
         if friction > reach * CONE_ROOM:
-            continue  # a cone so wide would squeeze the curve into a line
+            continue  # the curve would be squeezed into a line
         reach = max(reach, 1.1 * friction)
         colours = [colour for colour, value in zip(cycle(COLOURS), own, strict=False) if value == friction]
         colour = colours[0] if len(frictions) > 1 else NEUTRAL
@@ -181,10 +184,6 @@ def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
     return entries
 
 
-VISIBLE = 1e-6
-"""Jump of a state [rad, m; per s] that is none of rounding."""
-
-
 def phase_portrait(motions: Sequence[Motion]) -> Figure:
     """Angles [rad] against rates [rad/s] of all motions in one plane; a dot marks the state just after the impact."""
     figure, (axes,) = panels(height=4.6)
@@ -195,7 +194,7 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
-            _draw(axes, motion, name, colour)
+            _draw_orbit(axes, motion, name, colour)
     lengths = any(motion.walker.lengths for motion in motions)
     axes.set_xlabel(position_label(motions))
     axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
@@ -207,7 +206,8 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, motion: Motion, name: str, colour: str) -> None:
+def _draw_orbit(axes: Axes, motion: Motion, name: str, colour: str) -> None:
+    """Draw a shape coordinate and its rate, with dotted jumps and a dot just after every impact."""
     angle, rate = motion.state_index(name), motion.state_index(f"d{name}")
     for _, arc in smooth(motion.steps):
         axes.plot(arc.states[:, angle], arc.states[:, rate], color=colour, linestyle=dashes(arc.mode))
@@ -227,54 +227,35 @@ def _leaps(step: Step) -> list[tuple[Array, Array]]:
     return [(before, after) for before, after in ends if np.abs(after - before).max() > VISIBLE]
 
 
-GAIT, FAILED = "#009e73", "#d55e00"
-PANEL_HEIGHT, FOOT = 1.35, 1.1
-"""Height of one panel, and of axis and legend below [inch]."""
-
-
 def section_states(walk: Walk) -> Figure:
-    """Every coordinate of the section over the number of the step; a broken line marks where the walk ended."""
-    names = _names(walk)
-    states = walk.trajectory.section_states
+    """Every coordinate of the section versus the number of the step; a broken line marks where the walk ended."""
+    states, ending = walk.trajectory.section_states, walk.trajectory.ending
+    failed = ending is not Ending.COMPLETED
+    names = list(walk.system.walker.section_names(slipping=True))
+    if len(names) > 1 and not np.any(states[:, -1]):
+        names.pop()  # no foot slips just after an impact
     figure, axes = panels(len(names), height=PANEL_HEIGHT * len(names) + FOOT)
     for name, panel in zip(names, axes, strict=True):
         column = walk.system.state_names.index(name)
         for state in walk.gait_states:
             panel.axhline(state[column], color=GAIT, linewidth=1.4)
         panel.plot(range(len(states)), states[:, column], ".-", color=COLOURS[0], linewidth=1.0, markersize=7)
-        if walk.trajectory.ending is not Ending.COMPLETED:
+        if failed:
             panel.axvline(len(states) - 0.5, color=FAILED, linestyle="--")
         panel.set_ylabel(f"{symbol(name)} [{state_unit(name)}]")
         panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1].set_xlabel("steps since the start")
     figure.align_ylabels(axes)
-    legend_below(figure, _legend(walk))
+    handles = [entry("just after each impact", color=COLOURS[0], marker=".", linewidth=1.0)]
+    handles += [entry("the gait", color=GAIT, linewidth=1.4)] if len(walk.gait_states) else []
+    words = f"the walk ends: {str(ending).replace('_', ' ')}"
+    handles += [entry(words, color=FAILED, linestyle="--")] if failed else []
+    legend_below(figure, handles)
     return figure
 
 
-def _names(walk: Walk) -> list[str]:
-    """The section's coordinates; the slip velocity only where a foot ever slips after an impact."""
-    names = list(walk.system.walker.section_names(slipping=True))
-    slipping = bool(np.any(walk.trajectory.section_states[:, -1]))
-    return names if slipping or len(names) == 1 else names[:-1]
-
-
-def _legend(walk: Walk) -> list[Line2D]:
-    handles = [entry("just after each impact", color=COLOURS[0], marker=".", linewidth=1.0)]
-    if len(walk.gait_states):
-        handles.append(entry("the gait", color=GAIT, linewidth=1.4))
-    if walk.trajectory.ending is not Ending.COMPLETED:
-        words = str(walk.trajectory.ending).replace("_", " ")
-        handles.append(entry(f"the walk ends: {words}", color=FAILED, linestyle="--"))
-    return handles
-
-
-ROUNDING = 1e-17
-"""A difference of exactly zero is drawn here, at the foot of the log axis."""
-
-
 def method_comparison(motion: Motion, walked: Sequence[Step]) -> Figure:
-    """Angles of a gait found by the NLP over those of the simulated steps, and all states' differences below.
+    """Positions of a gait from the NLP over those of the simulated steps, and the differences of all states below.
 
     Parameters
     ----------
@@ -286,28 +267,20 @@ def method_comparison(motion: Motion, walked: Sequence[Step]) -> Figure:
     handles: list[Line2D] = []
     for name, colour in zip(positions_of(motion), COLOURS, strict=False):
         column = motion.state_index(name)
-        for began, step in running(walked):
+        for began, step in with_start_times(walked):
             for arc in step.arcs:
                 upper.plot(began + arc.times, arc.states[:, column], color=colour, linestyle=dashes(arc.mode))
         upper.plot(times, states[:, column], "o", color=colour, markersize=4, fillstyle="none")
         handles.append(entry(f"{symbol(name)}, simulation", color=colour))
     handles.append(entry("NLP", marker="o", linestyle="", fillstyle="none"))
     upper.set_ylabel(position_label([motion]))
-    handles += _differences(lower, motion, walked)
+    rate = motion.state_index(f"d{motion.walker.shape[0]}")
+    for words, columns, line in (("positions", slice(0, rate), "-"), ("velocities", slice(rate, None), ":")):
+        for at, gap in differences(motion.steps, walked):
+            size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
+            lower.semilogy(at, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
+        handles.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
+    lower.set_xlabel(time_label([motion]))
+    lower.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
     legend_below(figure, [*handles, *mode_legend([mode for step in walked for mode, _ in step.phases])])
     return figure
-
-
-def _differences(axes: Axes, motion: Motion, walked: Sequence[Step]) -> list[Line2D]:
-    """Angles' and rates' differences along arcs that both methods have."""
-    rate = motion.state_index(f"d{motion.walker.shape[0]}")
-    kinds = {"positions": (slice(0, rate), "-"), "velocities": (slice(rate, None), ":")}
-    entries = []
-    for words, (columns, line) in kinds.items():
-        for times, gap in differences(motion.steps, walked):
-            size = np.maximum(np.abs(gap[:, columns]).max(axis=1), ROUNDING)
-            axes.semilogy(times, size, color=NEUTRAL, linestyle=line, linewidth=1.1)
-        entries.append(entry(f"difference, {words}", linestyle=line, linewidth=1.1))
-    axes.set_xlabel(time_label([motion]))
-    axes.set_ylabel("|NLP − simulation|\n[rad, m; per s]")
-    return entries

@@ -25,18 +25,18 @@ from gaitopt.store.gaits import POINTS, integrated_steps
 from gaitopt.verification.walk import Walk
 
 POINTS_SHOWN = 20
-"""Markers of the gait's points; more would hide the curve."""
+"""Maximum number of markers of a gait's points; more would hide the curve."""
 SMOOTH = 120
-"""Points of an arc that is drawn."""
+"""Points of an arc that is drawn as a smooth line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Steps to be drawn, one after the other; of a gait the first begins where the last one ends.
+    """Consecutive steps to be drawn; the first step of a gait begins where the last one ends.
 
     Attributes
     ----------
-    name : what legends call it.
+    name : for legends.
     dynamics : the hybrid system that moves, at its parameters.
     steps : each with arcs at Chebyshev points, and the impact at their end; the last one of a walk may have none.
     periodic : whether it repeats itself.
@@ -49,7 +49,7 @@ class Motion:
 
     @property
     def walker(self) -> type[Walker]:
-        """What moves."""
+        """The class of the walker."""
         return self.dynamics.system.walker
 
     @property
@@ -87,9 +87,7 @@ def motion_of_walk(walk: Walk) -> Motion:
 
 
 def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str = "", points: int = POINTS) -> Motion:
-    """The steps that a JSON record describes by a state after impact, their modes and durations.
-
-    The motion is integrated from the state, so that a record needs to hold no more than that.
+    """The steps of a JSON record, integrated from the state after impact with the modes and durations.
 
     Parameters
     ----------
@@ -112,41 +110,41 @@ def resampled(arc: Arc, count: int) -> Arc:
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:
-    """Time before its step [s] and every arc, at so many points that a line through them looks smooth."""
-    for began, step in running(steps):
+    """Start time of its step [s] and every arc, at points so close that a line through them looks smooth."""
+    for began, step in with_start_times(steps):
         yield from ((began, resampled(arc, SMOOTH)) for arc in step.arcs)
 
 
-def running(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
-    """Time from the start of the first step to that of each step [s], and the step."""
+def with_start_times(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
+    """Every step with its start time, counted from the start of the first step [s]."""
     return zip(accumulate((step.period for step in steps[:-1]), initial=0.0), steps, strict=True)
 
 
 def time_label(motions: Sequence[Motion]) -> str:
-    """What the time axis counts from: the one impact, or the start of several steps."""
+    """Label of the time axis, which counts from the impact, or from the start of several steps."""
     single = all(len(motion.steps) == 1 for motion in motions)
     return str(label("time") if single else Label(words="time since the start", unit="s"))
 
 
 def position_label(motions: Sequence[Motion]) -> str:
-    """Label of an axis with shape coordinates: angles, and lengths where a walker has them."""
+    """Label of an axis with shape coordinates: angles, and lengths of walkers with sliding joints."""
     lengths = any(motion.walker.lengths for motion in motions)
     return "angle [rad], length [m]" if lengths else "angle [rad]"
 
 
 def simulated(gait: Gait) -> tuple[Step, ...]:
-    """The steps that the forward simulator walks from the gait's state, choosing its modes by itself."""
+    """The steps that the forward simulator walks from the gait's state, with modes that it finds itself."""
     return Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
 
 
 def positions_of(motion: Motion) -> tuple[str, ...]:
-    """The shape coordinates, and the height of a foot that flies."""
+    """The shape coordinates, and the height of the foot of walkers that fly."""
     return tuple(name for name in motion.dynamics.system.state_names if name in (*motion.walker.shape, "y"))
 
 
 def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[Array, Array]]:
-    """Times since the start and differences of the states on each arc, compared at equal fractions of it."""
-    pairs = zip(running(ours), theirs, strict=False)
+    """Times since the start and differences of the states on each arc, at equal fractions of its duration."""
+    pairs = zip(with_start_times(ours), theirs, strict=False)
     arcs = ((began, *pair) for (began, step), other in pairs for pair in zip(step.arcs, other.arcs, strict=False))
     for began, mine, other in arcs:
         if mine.mode is not other.mode or mine.duration <= 0:
@@ -158,11 +156,11 @@ def differences(ours: Sequence[Step], theirs: Sequence[Step]) -> Iterator[tuple[
 
 def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
     """Times since the start of the first step (n,) and states (n, n_z) at all points of some steps."""
-    arcs = [(began, arc) for began, step in running(steps) for arc in step.arcs]
+    arcs = [(began, arc) for began, step in with_start_times(steps) for arc in step.arcs]
     return np.concatenate([began + arc.times for began, arc in arcs]), np.vstack([arc.states for _, arc in arcs])
 
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
-    """At most twenty of many points, evenly among them, the first and the last with them."""
+    """At most ``POINTS_SHOWN`` of many points, evenly spaced, with the first and the last."""
     shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), POINTS_SHOWN)).round().astype(int))
     return times[shown], states[shown]

@@ -1,10 +1,9 @@
-"""Reports as single HTML files: one gait or several side by side, a branch, a simulated walk.
+"""Pages as single HTML files: the moving walker; reports of one gait or several, of a branch, of a simulated walk.
 
-Templates, scripts, style sheets and data are put into one file that needs nothing else. The report of a branch has a
-diagram over the continued parameter, from which each gait opens; that of a walk has its states step by step.
+A page has templates, scripts, style sheets and data in one file and needs no network. The report of a branch has a
+diagram over the continued parameter, in which each gait can be selected; that of a walk has its states step by step.
 """
 
-import base64
 import gzip
 import json
 from base64 import b64encode
@@ -21,7 +20,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import relevant_scalars, scalar_values, state_unit
 from gaitopt.show.branches import OF_EACH_STEP
 from gaitopt.show.film import film, pack
-from gaitopt.show.gaits import section_states
+from gaitopt.show.gaits import ROUNDING, section_states
 from gaitopt.show.motion import (
     Motion,
     differences,
@@ -41,9 +40,14 @@ from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
 
+FRAMES = 30
+"""Frames of one step of one point of a branch: 200 points stay well under a megabyte."""
+POINTS = 17
+"""Chebyshev points of a phase of a branch, accurate to seven digits, which is more than a page can show."""
+
 
 def render(template: str, **content: Any) -> str:
-    """The page of a template; texts are escaped, and data stand in the page as compressed JSON."""
+    """The page of a template; texts are escaped."""
     templates = Environment(
         loader=PackageLoader("gaitopt.show", "web"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
@@ -54,18 +58,18 @@ def render(template: str, **content: Any) -> str:
 
 
 def packed(data: Mapping[str, Any]) -> str:
-    """Data as compressed JSON in letters, for ``frame.html``."""
+    """Data as gzipped JSON in base64, for ``frame.html``."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
+    return b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
 def figure(value: float | None, digits: int = 6) -> str:
-    """A number for the eye."""
+    """A number as the page shows it."""
     return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
 
 
 def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
-    """Labels that the scripts need: of the scalars that occur, and of the walker's states."""
+    """Labels of the scalars that occur and of the walker's states, for the scripts."""
     names = {name for film in films for name in film["shape"]}
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
@@ -78,7 +82,7 @@ def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
 
 
 def numbers(record: Record) -> dict[str, Any]:
-    """What the page shows of a gait besides its motion."""
+    """Scalars, multipliers, state and verification of a gait, with the digits that the page shows."""
     return {
         "scalars": {
             key: value if value is None else float(f"{value:.9g}") for key, value in scalar_values(record).items()
@@ -91,7 +95,7 @@ def numbers(record: Record) -> dict[str, Any]:
 
 
 def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
-    """What the foot of a page says: the problem verbatim, its hash, and the versions of everything that solved it."""
+    """The problem verbatim, its hash and the versions of all packages, for the foot of a page."""
     known = Manifest.of(problem)
     return {
         "name": problem.name,
@@ -104,12 +108,8 @@ def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
 
 
 def animation_page(motion: Motion, about: str = "") -> str:
-    """HTML of the walker going through several steps of ``motion``; ``about`` stands under the title."""
+    """HTML of the moving walker; ``about`` stands under the title."""
     return render("animation.html", film=film(motion), about=about)
-
-
-FLOOR = 1e-17
-"""Differences of exactly zero are drawn here, at the foot of the log axis."""
 
 
 def comparison_report(gaits: Sequence[Gait]) -> str:
@@ -118,12 +118,14 @@ def comparison_report(gaits: Sequence[Gait]) -> str:
     Raises
     ------
     ValueError
-        If one of them is a failed attempt.
+        If one of them is a failed solve.
     """
     if not all(gait.converged for gait in gaits):
         raise ValueError("only converged gaits have a report; look at their status first")
     records = [gait.to_record() for gait in gaits]
-    motions = [motion_of(gait, name) for gait, name in zip(gaits, _names(gaits), strict=True)]
+    names = [gait.problem.name for gait in gaits]
+    names = [n if names.count(n) == 1 else f"{n} ({g.problem.hash8})" for n, g in zip(names, gaits, strict=True)]
+    motions = [motion_of(gait, name) for gait, name in zip(gaits, names, strict=True)]
     shown = [
         {"film": film(motion), "comparison": _comparison(motion, gait), **numbers(record)}
         for motion, gait, record in zip(motions, gaits, records, strict=True)
@@ -138,14 +140,8 @@ def comparison_report(gaits: Sequence[Gait]) -> str:
     )
 
 
-def _names(gaits: Sequence[Gait]) -> list[str]:
-    """Names of the problems; gaits of the same name are distinguished by their hash."""
-    names = [gait.problem.name for gait in gaits]
-    return [n if names.count(n) == 1 else f"{n} ({g.problem.hash8})" for n, g in zip(names, gaits, strict=True)]
-
-
 def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
-    """Angles along the simulated steps, points of the NLP's gait, and their difference."""
+    """Positions along the simulated steps, points of the NLP's gait, and the differences of the states."""
     walked = simulated(gait)
     times, states = thinned(*points_of(motion.steps))
     names = positions_of(motion)
@@ -156,7 +152,7 @@ def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
         for began, arc in smooth(walked)
     ]
     gaps = [
-        {"t": times, "difference": np.log10(np.maximum(np.abs(gap).max(axis=1), FLOOR))}
+        {"t": times, "difference": np.log10(np.maximum(np.abs(gap).max(axis=1), ROUNDING))}
         for times, gap in differences(motion.steps, walked)
     ]
     return {
@@ -166,15 +162,7 @@ def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
     }
 
 
-BranchRecord = Mapping[str, Any]
-
-FRAMES = 30
-"""Frames of one step of one point: 200 of them stay well under a megabyte."""
-POINTS = 17
-"""Chebyshev points of a phase: right to seven digits, which is more than a page can show."""
-
-
-def branch_report(problem: Problem, parameter: str, records: Sequence[BranchRecord]) -> str:
+def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -> str:
     """HTML of a branch.
 
     Parameters
@@ -219,12 +207,12 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[BranchReco
     )
 
 
-def _without(parameter: str, point: BranchRecord) -> BranchRecord:
+def _without(parameter: str, point: Record) -> Record:
     """A point whose freed parameters are those besides the one that is continued."""
     return {**point, "parameters": {key: value for key, value in point["parameters"].items() if key != parameter}}
 
 
-def _special(record: BranchRecord) -> dict[str, Any]:
+def _special(record: Record) -> dict[str, Any]:
     gait = record.get("gait") or {}
     known = {key: record.get(key) for key in ("branch", "type", "value", "status", "next")}
     reason = record.get("reason", "")
@@ -235,7 +223,7 @@ def _special(record: BranchRecord) -> dict[str, Any]:
 
 
 def _of_each_step(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Scalars that every step of a cycle has of its own."""
+    """The scalars ``OF_EACH_STEP`` of a cycle of several steps."""
     if "steps" not in record:
         return {}
     return {"steps": {key: [float(f"{step[key]:.9g}") for step in record["steps"]] for key in OF_EACH_STEP}}

@@ -1,6 +1,6 @@
-"""Tables of results, in a terminal of any width or as HTML in a notebook.
+"""Tables of problems and of all results, in a terminal of any width or as HTML in a notebook.
 
-Problems, gaits, walks and verifications; searches, branches, basins, sweeps, fronts and many starts from their records.
+Results are printed from their records, the JSON objects of the command line.
 """
 
 import math
@@ -17,7 +17,7 @@ from gaitopt.gait.branch import TERMINAL, Branch, cascades
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Trajectory
-from gaitopt.model.cycle import Cycle, ModeSequence, mode_words
+from gaitopt.model.cycle import Cycle, mode_words
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
@@ -32,10 +32,18 @@ from gaitopt.search.find import Gaits
 from gaitopt.verification.verify import OUTCOMES, Verification, recorded_claims
 from gaitopt.verification.walk import Walk
 
+Record = Mapping[str, Any]
+
 GAP = 3
-"""Columns between two cells."""
+"""Characters between two columns."""
 NEGLIGIBLE = 1e-12
-"""Shown as zero: rounding, in any unit that occurs here."""
+"""Largest number that is shown as zero, being rounding in all units that occur here."""
+FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
+LIST_COLUMNS = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
+STABILITY = {True: "stable", False: "unstable"}
+WIDTH = 110
+"""Characters of a line in a notebook."""
+BLOCK = '<pre style="line-height: 1.25; overflow-x: auto">{code}</pre>'
 
 
 def table(
@@ -74,7 +82,7 @@ def section(
 def print_table(
     console: Console, columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()
 ) -> None:
-    """Print a table; where its words do not fit side by side, every row as a block of lines instead."""
+    """Print a table; where its words do not fit side by side, print every row as a block of lines instead."""
     cells = [tuple(row) for row in rows]
     widths = _widths(list(zip(columns, *cells, strict=True)), console.width - GAP * (len(columns) - 1))
     if widths is not None:
@@ -103,35 +111,29 @@ def _longest_word(text: str) -> int:
 
 
 def number(value: float | None) -> str:
-    """Six digits for the eye; the JSON has them all."""
+    """A number with six digits; the JSON has all of them."""
     if value is None:
         return "-"
     return f"{0.0 if abs(value) < NEGLIGIBLE else value:.6g}"
 
 
 def with_degrees(value: float, unit: str) -> str:
-    """The unit, and for an angle the value in degrees behind it."""
+    """The unit, followed by the value in degrees for an angle."""
     return f"{unit} ({math.degrees(value):.5g} deg)" if unit == "rad" else unit
 
 
-FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
-LIST_COLUMNS = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
-STABILITY = {True: "stable", False: "unstable"}
-
-
-def print_problems(console: Console, problems: Sequence[tuple[Problem, Mapping[str, Any]]]) -> None:
-    """Problems by walker, each with what is known of its gait; columns that are empty are left out."""
+def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]]) -> None:
+    """Problems by walker, each with period and stability of its gait if known; empty columns are left out."""
     for model in sorted({problem.walker.model for problem, _ in problems}):
-        rows = [_listed(problem, record) for problem, record in problems if problem.walker.model == model]
-        kept = [k for k, column in enumerate(LIST_COLUMNS) if column == "about" or any(row[k] for row in rows)]
-        section(console, model, [LIST_COLUMNS[k] for k in kept], [[row[k] for k in kept] for row in rows])
-
-
-def _listed(problem: Problem, record: Mapping[str, Any]) -> tuple[str, ...]:
-    radius = record.get("spectral_radius")
-    known = ("", "", "") if radius is None else (number(record["period"]), number(radius), STABILITY[radius < 1])
-    kind = problem.control.type if problem.control.type != "none" else ""
-    return problem.name, kind, friction(problem), str(problem.modes), *known, problem.about.strip()
+        rows = list[tuple[str, ...]]()
+        for problem, record in (pair for pair in problems if pair[0].walker.model == model):
+            gait, radius = ("", "", ""), record.get("spectral_radius")
+            if radius is not None:
+                gait = number(record["period"]), number(radius), STABILITY[radius < 1]
+            kind = problem.control.type if problem.control.type != "none" else ""
+            rows.append((problem.name, kind, friction(problem), str(problem.modes), *gait, problem.about.strip()))
+        shown = [k for k, column in enumerate(LIST_COLUMNS) if column == "about" or any(row[k] for row in rows)]
+        section(console, model, [LIST_COLUMNS[k] for k in shown], [[row[k] for k in shown] for row in rows])
 
 
 def print_problem(console: Console, problem: Problem) -> None:
@@ -139,10 +141,32 @@ def print_problem(console: Console, problem: Problem) -> None:
     console.print(problem.name, style="bold")
     if problem.about:
         console.print(problem.about)
-    section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), _walker(problem), numbers=(1,))
-    section(console, "contact and control", ("key", "value", "unit"), _contact(problem), numbers=(1,))
-    for title, step in _steps(problem):
-        section(console, title, ("phase", "mode"), _sequence(step))
+    walker = list[tuple[str, ...]]()
+    for name, field in type(problem.walker).model_fields.items():
+        value = getattr(problem.walker, name)
+        words, _, unit = (field.description or "").partition(" [")
+        walker.append((name, number(value), with_degrees(value, unit.rstrip("]")), words))
+    section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), walker, numbers=(1,))
+    parameters = problem.parameters.items()
+    contact = [(key, number(v), unit_of(key)) for key, v in parameters if key.partition(".")[0] == "friction"]
+    contact += [("impact_law", str(problem.impact_law), ""), ("control", problem.control.type, "")]
+    for key, value in parameters:
+        group, _, name = key.rpartition(".")
+        if group == "control":
+            contact.append((name, number(value), unit_of(key) or "N m"))
+    if isinstance(problem.control, PDSpec) and problem.reference is not None:
+        contact.append(("reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"))
+    section(console, "contact and control", ("key", "value", "unit"), contact, numbers=(1,))
+    if isinstance(problem.modes, OpenSequence):
+        title = "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps"
+        impact = str(problem.modes.impact or "to be found")
+        section(console, title, ("phase", "mode"), [("1, 2, ...", "to be found"), ("impact", impact)])
+    else:
+        steps = problem.modes.steps
+        for k, step in enumerate(steps, start=1):
+            phases = [(str(index), str(mode)) for index, mode in enumerate(step.phases, start=1)]
+            title = "one step" if len(steps) == 1 else f"step {k} of {len(steps)}"
+            section(console, title, ("phase", "mode"), [*phases, ("impact", str(step.impact))])
     if problem.start is not None:
         values = problem.start.state.items()
         state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
@@ -158,7 +182,7 @@ def print_problem(console: Console, problem: Problem) -> None:
         section(console, "constraints", ("scalar", "from", "to"), spans, numbers=(1, 2))
 
 
-def print_gait(console: Console, record: Mapping[str, Any]) -> None:
+def print_gait(console: Console, record: Record) -> None:
     """A gait from its JSON object."""
     stable = STABILITY[record["spectral_radius"] < 1]
     console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
@@ -172,7 +196,7 @@ def print_gait(console: Console, record: Mapping[str, Any]) -> None:
         print_verification(console, record["verification"])
 
 
-def print_walk(console: Console, record: Mapping[str, Any]) -> None:
+def print_walk(console: Console, record: Record) -> None:
     """A simulated walk from its JSON object."""
     console.print(f"{record['problem']}: {record['steps']} steps, {record['status']}", style="bold")
     console.print(record["message"])
@@ -181,24 +205,23 @@ def print_walk(console: Console, record: Mapping[str, Any]) -> None:
 
 def print_verification(console: Console, record: VerificationRecord) -> None:
     """Every claim with its figure and tolerance."""
-    rows = (
-        (
-            claim.name,
-            f"{claim.figure:.2g}" if math.isfinite(claim.figure) else "-",
-            f"{claim.tolerance:.2g}",
-            "ok" if claim.passed else OUTCOMES[claim.outcome].upper(),
-            claim.note,
-        )
-        for claim in recorded_claims(record)
-    )
+    rows = list[tuple[str, ...]]()
+    for claim in recorded_claims(record):
+        figure = f"{claim.figure:.2g}" if math.isfinite(claim.figure) else "-"
+        outcome = "ok" if claim.passed else OUTCOMES[claim.outcome].upper()
+        rows.append((claim.name, figure, f"{claim.tolerance:.2g}", outcome, claim.note))
     title = "verified by forward simulation" if record["passed"] else "NOT verified by forward simulation"
     section(console, title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2))
 
 
-def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -> None:
+def _print_motion(console: Console, record: Record, last: str = "") -> None:
     if record["phases"]:  # a walk without a complete step has neither phases nor figures
         steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
-        phases = [row for step in steps for row in _phases(step)]
+        phases = list[tuple[str, str, str]]()
+        for step in steps:
+            pairs = [(Mode.from_record(phase), number(phase["duration"])) for phase in step["phases"]]
+            phases += [(str(k), mode, duration) for k, (mode, duration) in enumerate(pairs, start=1)]
+            phases.append(("impact", step["impact"], ""))
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
         scalars = ((label_of(key), number(values[key]), unit_of(key)) for key in relevant_scalars([record]))
@@ -207,60 +230,9 @@ def _print_motion(console: Console, record: Mapping[str, Any], last: str = "") -
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
 
 
-def _phases(step: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    rows = [
-        (str(k), Mode.from_record(phase), number(phase["duration"])) for k, phase in enumerate(step["phases"], start=1)
-    ]
-    return [*rows, ("impact", step["impact"], "")]
-
-
 def friction(problem: Problem) -> str:
     """The coefficient of friction, or static and kinetic coefficient."""
     return " / ".join(number(problem.parameters[key]) for key in FRICTION_KEYS if key in problem.parameters)
-
-
-def _walker(problem: Problem) -> Iterable[tuple[str, str, str, str]]:
-    for name, field in type(problem.walker).model_fields.items():
-        value = getattr(problem.walker, name)
-        words, _, unit = (field.description or "").partition(" [")
-        yield name, number(value), with_degrees(value, unit.rstrip("]")), words
-
-
-def _contact(problem: Problem) -> Iterable[tuple[str, str, str]]:
-    for key, value in problem.parameters.items():
-        if key.partition(".")[0] == "friction":
-            yield key, number(value), unit_of(key)
-    yield "impact_law", str(problem.impact_law), ""
-    yield "control", problem.control.type, ""
-    for key, value in problem.parameters.items():
-        group, _, name = key.rpartition(".")
-        if group == "control":
-            yield name, number(value), unit_of(key) or "N m"
-    if isinstance(problem.control, PDSpec) and problem.reference is not None:
-        yield "reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"
-
-
-def _steps(problem: Problem) -> Iterable[tuple[str, ModeSequence | OpenSequence]]:
-    """The steps of the cycle with their titles, or what is known of an open one."""
-    if isinstance(problem.modes, OpenSequence):
-        yield "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps", problem.modes
-        return
-    steps = problem.modes.steps
-    for k, step in enumerate(steps, start=1):
-        yield "one step" if len(steps) == 1 else f"step {k} of {len(steps)}", step
-
-
-def _sequence(step: ModeSequence | OpenSequence) -> Iterable[tuple[str, str]]:
-    if isinstance(step, OpenSequence):
-        yield "1, 2, ...", "to be found"
-        yield "impact", str(step.impact or "to be found")
-        return
-    for index, mode in enumerate(step.phases, start=1):
-        yield str(index), str(mode)
-    yield "impact", str(step.impact)
-
-
-Record = Mapping[str, Any]
 
 
 def sequence(record: Record) -> str:
@@ -270,7 +242,7 @@ def sequence(record: Record) -> str:
 
 
 def print_gaits(console: Console, record: Record) -> None:
-    """What a search has found, one line per gait, and what was searched."""
+    """The gaits of a search, one line each, and the starts of the search."""
     searched = record["searched"]
     tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
     console.print(f"{record['problem']}: {len(record['gaits'])} gaits from {tried}", style="bold")
@@ -283,7 +255,7 @@ def print_gaits(console: Console, record: Record) -> None:
 
 
 def print_explanation(console: Console, record: Record) -> None:
-    """Why there is no gait, what happens instead, and where it begins to exist."""
+    """The reasons why there is no gait, gaits of other mode sequences, and the nearest values with the gait."""
     if record["exists"]:
         console.print(f"{record['problem']}: this gait exists; `gaitopt solve` shows it", style="bold")
         return
@@ -321,7 +293,7 @@ def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:
 
 
 def print_branch(console: Console, records: Sequence[Record], parameter: str) -> None:
-    """The branches of a family, what happens on them, and its cascades; records may state their ``sequence``."""
+    """The branches of a family, its special points and cascades; records may have a ``sequence``."""
     specials = [record for record in records if record["record"] == "special"]
     unit = unit_of(parameter)
     rows = list[tuple[str, ...]]()
@@ -353,12 +325,12 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str) ->
 
 
 def event(special: Record) -> str:
-    """What happens at a special point."""
+    """Type and reason of a special point."""
     return ": ".join(filter(None, (_words(special["type"]), special["reason"])))
 
 
 def print_basin(console: Console, record: Record) -> None:
-    """The gaits that states settle on, and how the others fail."""
+    """The gaits on which the states end, and the endings of the other states."""
     gaits = [
         (str(k), g["kind"], f"{g['states']:,}", f"{g['share']:.2%}", f"{', '.join(g['phases'])}; {g['impact']}")
         for k, g in enumerate(record["gaits"])
@@ -370,7 +342,7 @@ def print_basin(console: Console, record: Record) -> None:
 
 
 def print_sweep(console: Console, record: Record) -> None:
-    """How many points of a grid have a gait, and what became of the others."""
+    """Numbers of points of a grid by status."""
     statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
     console.print(f"{record['problem']}: {record['jobs']} jobs, {statuses}")
     console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
@@ -380,7 +352,7 @@ def print_sweep(console: Console, record: Record) -> None:
 
 
 def print_front(console: Console, record: Record) -> None:
-    """The designs of a front in the order of what is varied."""
+    """The designs of a front in the order of the varied number."""
     rows = list[tuple[str, ...]]()
     for point in record["points"]:
         if point["objective"] is None:
@@ -422,7 +394,7 @@ def print_proof(console: Console, record: Record) -> None:
 
 
 def _theorem_rows(words: Record) -> list[tuple[str, str]]:
-    """Hypotheses of a theorem with their values, and what it does not prove."""
+    """Hypotheses of a theorem with their values, and statements that it does not prove."""
     rows = [(key, str(value)) for key, value in words.items() if isinstance(value, str)]
     designed = words.get("designed", ())
     rows += [
@@ -435,13 +407,8 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-WIDTH = 110
-"""Characters of a line."""
-BLOCK = '<pre style="line-height: 1.25; overflow-x: auto">{code}</pre>'
-
-
 def printed(result: Any) -> str:
-    """What is printed of a result, in a block of HTML."""
+    """The printed table of a result as a block of HTML."""
     console = Console(record=True, file=StringIO(), width=WIDTH, markup=False, highlight=False, emoji=False)
     print_result(result, console)
     return console.export_html(inline_styles=True, code_format=BLOCK)

@@ -15,7 +15,7 @@ from gaitopt.errors import StorageError
 from gaitopt.gait.gait import Gait
 from gaitopt.paper import reproduction
 from gaitopt.paper.figures import FIGURES
-from gaitopt.paper.gaits import SOURCES, Archive, copied_torques, family_of, has_family, mean_torques, problem_of
+from gaitopt.paper.gaits import FAMILIES, SOURCES, Archive, copied_torques, family_of, mean_torques, problem_of
 from gaitopt.paper.reproduction import Kind, needs, parts, prepared, write
 from gaitopt.paper.table import EXPLANATIONS, NUMBERS, SENTENCES, Reason, markdown, record, row
 from gaitopt.store.run import Run
@@ -134,18 +134,18 @@ def test_a_second_reproduction_computes_nothing(tmp_path):
     said: list[str] = []
     for _ in range(2):
         archive = Archive(tmp_path, narrate=said.append)
-        records = archive.family(problem_of("B"), "friction", (0.13,))
+        records = archive.family(problem_of("B"), (0.13,))
         assert [record["record"] for record in records[:2]] == ["continuation", "point"]
     assert len(said) == 2  # solved once, continued once
 
 
 def test_an_interrupted_family_resumes_and_ends_the_same(tmp_path):
     problem, polls = problem_of("B"), iter(range(1000))
-    whole = Archive(tmp_path / "whole").family(problem, "friction", (0.13,))
+    whole = Archive(tmp_path / "whole").family(problem, (0.13,))
     Archive(tmp_path / "torn").gait(problem)
     with pytest.raises(KeyboardInterrupt):
-        Archive(tmp_path / "torn", should_stop=lambda: next(polls) > 4).family(problem, "friction", (0.13,))
-    taken_up = Archive(tmp_path / "torn").family(problem, "friction", (0.13,))
+        Archive(tmp_path / "torn", should_stop=lambda: next(polls) > 4).family(problem, (0.13,))
+    taken_up = Archive(tmp_path / "torn").family(problem, (0.13,))
     assert [record["value"] for record in taken_up[1:]] == pytest.approx(
         [record["value"] for record in whole[1:]], abs=SAME
     )
@@ -212,7 +212,7 @@ def test_families_that_two_processes_follow_are_those_of_one(tmp_path: Path) -> 
     names, values = ("wheel", "I"), []
     needed = [(Kind.FAMILY, name) for name in names]
     assert set(prepared(Archive(tmp_path / "both"), needed, 2)) == set(needed)
-    assert all(has_family(Archive(tmp_path / "both"), name) for name in names)
+    assert all(Archive(tmp_path / "both").has_family(problem_of(name), FAMILIES[name]) for name in names)
     for folder in ("both", "one"):
         archive = Archive(tmp_path / folder)
         values.append([record["value"] for name in names for record in family_of(archive, name)[1:]])
