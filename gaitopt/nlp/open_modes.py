@@ -49,6 +49,9 @@ ELEMENTS = 14
 """A step of three phases then has about five elements per phase."""
 STAGES = np.array([(4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0])
 """Nodes of Radau IIA of order 5."""
+_POWERS = np.arange(STAGES.size)
+RADAU = (STAGES[:, None] ** (_POWERS + 1) / (_POWERS + 1)) @ np.linalg.inv(np.vander(STAGES, increasing=True))
+"""Coefficients of the collocation: integrals of the Lagrange polynomials on the stages."""
 DECIDED = 1e-3
 """a this close to 0 or 1 throughout an element is a slip."""
 SHORTEST, LONGEST = 0.1, 4.0
@@ -218,7 +221,7 @@ class Complementarity:
             rates.append(rate)
             self._require("normal force", force[1], 0.0)
             self._require("slip velocity", stage[-1] / self._scales.speed - forward[i] + backward[i], 0.0, 0.0)
-        for stage, row in zip(states, _RADAU, strict=True):
+        for stage, row in zip(states, RADAU, strict=True):
             step = sum((float(b) * rate for b, rate in zip(row, rates, strict=True)), MX(0))
             self._require("collocation", stage - z - h * step, 0.0, 0.0)
         if k == ELEMENTS - 1:
@@ -263,24 +266,21 @@ class Complementarity:
         impacts = [_mode(values[f"impact{s}.a"]) for s in range(self._n_steps)]
         states = np.array([values[f"start{s}"] for s in range(self._n_steps)])
         states[[impact.sticks for impact in impacts], -1] = 0.0
-        runs = [_runs(values, s, impact) for s, impact in enumerate(impacts)]
-        phases, durations = zip(*(zip(*run, strict=True) for run in runs), strict=True)
-        ends = [*impacts[1:], impacts[0]]
+        steps, durations = list[ModeSequence](), list[tuple[float, ...]]()
+        for s, impact in enumerate(impacts):
+            modes = [_mode(values[f"foot{s}.{k}.a"]) for k in range(ELEMENTS)]
+            if impact.slips:  # even if the slip is too short for an element
+                modes[0] = impact
+            runs = groupby(zip(modes, values[f"h{s}"].tolist(), strict=True), itemgetter(0))
+            phases, lengths = zip(*((mode, sum(h for _, h in run)) for mode, run in runs), strict=True)
+            steps.append(ModeSequence(phases, impacts[(s + 1) % self._n_steps]))
+            durations.append(lengths)
         return Proposal(
-            cycle=Cycle(tuple(map(ModeSequence, phases, ends))),
-            durations=durations,
+            cycle=Cycle(tuple(steps)),
+            durations=tuple(durations),
             states=states,
             freed={key: float(values[key][0]) for key in self._free},
         )
-
-
-def _runs(values: Mapping[str, Array], s: int, impact: Mode) -> list[tuple[Mode, float]]:
-    """Phases of step ``s``, after an impact, with their durations [s]."""
-    modes = [_mode(values[f"foot{s}.{k}.a"]) for k in range(ELEMENTS)]
-    if impact.slips:  # even if it is too short for an element
-        modes[0] = impact
-    pairs = groupby(zip(modes, values[f"h{s}"].tolist(), strict=True), itemgetter(0))
-    return [(mode, sum(h for _, h in run)) for mode, run in pairs]
 
 
 def _segments(breakpoints: Sequence[float], period: float) -> tuple[list[int], dict[int, float]]:
@@ -296,16 +296,6 @@ def _times(fixed: dict[int, float], period: float) -> Array:
     """Ends of the elements, evenly spaced between breakpoints; shape (ELEMENTS + 1,) [s]."""
     ends = {0: 0.0, **fixed, ELEMENTS: period}
     return np.interp(np.arange(ELEMENTS + 1), list(ends), list(ends.values()))
-
-
-def _radau() -> Array:
-    """Coefficients of the collocation: integrals of the Lagrange polynomials on the stages; shape (n, n)."""
-    powers = np.arange(STAGES.size)
-    integrals = STAGES[:, None] ** (powers + 1) / (powers + 1)
-    return integrals @ np.linalg.inv(np.vander(STAGES, increasing=True))
-
-
-_RADAU = _radau()
 
 
 def _mode(a: Array) -> Mode:
