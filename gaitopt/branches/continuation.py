@@ -25,7 +25,7 @@ from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, Specia
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
 from gaitopt.model.cycle import Cycle
-from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.rollout import retraced, roll_out
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.store.gaits import special_point
 from gaitopt.verification.verify import confirm
@@ -459,9 +459,7 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
             return None
         if not gait.steps or curve.metric.distance(gait.state, point.gait.state) > NEARBY:
             continue
-        durations = [duration for _, duration in gait.phases]
-        rolled = roll_out(gait.dynamics, curve.cycle, gait.state, durations)
-        further, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled)
+        further, w = curve_through(curve.problem, curve.parameter, curve.metric, retraced(gait))
         rescued = further.start(w, further.ahead(ahead))
         if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
             return rescued

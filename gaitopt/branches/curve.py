@@ -30,7 +30,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.layout import ArcLayout, Layout
 from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
-from gaitopt.nlp.rollout import Rollout, roll_out, rolled_again
+from gaitopt.nlp.rollout import Rollout, retraced, rolled_again
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
 from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.problem.problem import Problem
@@ -501,14 +501,6 @@ def first_point(gait: Gait, parameter: str, metric: Metric, sign: float) -> Curv
             f"{gait.problem.name}: the gait cannot be continued in {parameter}: Newton's method fails at it"
         )
     return point
-
-
-def retraced(gait: Gait, times: int = 1) -> Rollout:
-    """The motion of a gait, repeated ``times``; each step starts from its known state, so that errors do not grow."""
-    durations = [duration for _, duration in gait.phases]
-    states = np.array([step.arcs[0].states[0] for step in gait.steps])
-    cycle = Cycle(gait.problem.cycle.steps * times)
-    return roll_out(gait.dynamics, cycle, np.tile(states, (times, 1)), durations * times)
 
 
 def resumed_point(

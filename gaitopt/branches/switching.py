@@ -11,12 +11,13 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.branches.change import alternatives, holds
-from gaitopt.branches.curve import Curve, CurvePoint, Metric, curve_through, first_point, retraced
+from gaitopt.branches.curve import Curve, CurvePoint, Metric, curve_through, first_point
 from gaitopt.branches.request import FOLLOWS
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
+from gaitopt.nlp.rollout import retraced
 
 DISTANCES = (1e-3, 1e-4, 1e-2)
 """Arclength of the first gait from a branch point: near enough for Newton's method, and far enough that rounding in the

@@ -20,7 +20,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.diagnosis import rejection_reason
 from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.rollout import roll_out, rolled_again
+from gaitopt.nlp.rollout import retraced, roll_out, rolled_again
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 
@@ -64,8 +64,7 @@ class _Design:
     def run(self, first: Gait) -> Gait:
         """Solve the smoothed problem until its solution stays in the trust region, and then the exact one."""
         if first.steps:
-            state, durations = first.state, [duration for _, duration in first.phases]
-            rolled = roll_out(first.dynamics, self._problem.cycle, state, durations)
+            rolled = retraced(first)
         else:
             guess = self._problem.guess
             state = np.array([guess.state[name] for name in self._dynamics.system.state_names])

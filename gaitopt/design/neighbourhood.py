@@ -20,7 +20,7 @@ from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.nlp.assembly import assemble_gait
 from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.rollout import roll_out
+from gaitopt.nlp.rollout import retraced
 from gaitopt.nlp.solve import free_parameters
 
 RADII = (1e-2, 1e-3, 1e-4)
@@ -118,9 +118,7 @@ class _Search:
         self._bounds = np.array(list(free.values())).T
         self.freed = np.array([gait.freed[name] for name in free])
         self.sizes = freed_sizes(self.freed, self._bounds)
-        durations = [duration for _, duration in gait.phases]
-        rolled = roll_out(gait.dynamics, gait.problem.cycle, gait.state, durations)
-        refined = refine(polish(rolled.on_mesh(tuple(free))))
+        refined = refine(polish(retraced(gait).on_mesh(tuple(free))))
         self._equations, self._w = refined.equations, refined.w
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []

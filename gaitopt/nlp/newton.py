@@ -26,22 +26,22 @@ from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits, transcribe
 from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
 
-REACH = 0.2
+LONGEST_FIRST_STEP = 0.2
 """Longest first step in natural units; a guess that needs a longer one is not near a gait."""
 CONTRACTION = 0.5
 """Largest ratio of a step to the previous one."""
-SETTLED = 1e-7
-"""Step in natural units whose successor, by quadratic convergence, is at rounding."""
+LAST_STEP = 1e-7
+"""A step in natural units below which the next one, by quadratic convergence, would be rounding."""
 MOST_STEPS = 9
-"""Steps that halve from ``REACH`` converge quadratically long before."""
+"""Steps that halve from ``LONGEST_FIRST_STEP`` converge quadratically long before."""
 SHORTEST = 0.5
 """Shortest period relative to the guess: feet that stay together solve all equations in no time at all."""
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not reach it ends when it stops improving."""
 NEWTON_STEPS = 8
 """A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
-CONSTANT = 1e-13
-"""Residual in natural units of a point whose Jacobian is that of the solution up to rounding."""
+CHORD_RESIDUAL = 1e-13
+"""Residual in natural units below which the Jacobian is that of the solution up to rounding: chords suffice."""
 ERROR_TOLERANCE = 1e-12
 """Target for the integration error of states and durations in natural units: proofs find a gait within 3e-12."""
 LARGEST_ERROR = 4e-11
@@ -140,7 +140,7 @@ class Solution:
         RuntimeError
             If the Jacobian is singular.
         """
-        w, chord = self.w.copy(), self.chord or (self if self.size < CONSTANT else None)
+        w, chord = self.w.copy(), self.chord or (self if self.size < CHORD_RESIDUAL else None)
         w[: self.residual.size] -= self.scaled.solve(self.residual)
         return Solution(self.equations, w, self.p, iterations=self.iterations + 1, chord=chord)
 
@@ -187,11 +187,11 @@ def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop 
         except RuntimeError:  # singular
             break
         end, size = at.w - step, float(np.abs(step / at.units.unknowns).max())
-        allowed = size < CONTRACTION * last if number else size <= REACH
+        allowed = size < CONTRACTION * last if number else size <= LONGEST_FIRST_STEP
         if not allowed or equations.unpack(end).durations.sum() < shortest:
             break
         at, last = Solution(equations, end, start.p, iterations=number), size
-        if size < SETTLED:
+        if size < LAST_STEP:
             return at
     return replace(lost, iterations=number)
 

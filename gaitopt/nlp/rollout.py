@@ -15,6 +15,7 @@ from casadi import Function
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import built_once
+from gaitopt.gait.gait import Gait
 from gaitopt.integration import CompiledStep, Integration, StepSizeError, bracketed_root
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
@@ -120,6 +121,17 @@ class Rollout:
         equations = transcribe(system, plan, free)
         freed = [self.dynamics.parameter(key) for key in free]
         return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p)
+
+
+def retraced(gait: Gait, times: int = 1) -> Rollout:
+    """The motion of a known gait, repeated ``times``: the guess of all searches that begin at a gait.
+
+    Each step starts from its known state, so that errors of one step do not grow in the next ones.
+    """
+    durations = [duration for _, duration in gait.phases]
+    states = np.array([step.arcs[0].states[0] for step in gait.steps])
+    cycle = Cycle(gait.problem.cycle.steps * times)
+    return roll_out(gait.dynamics, cycle, np.tile(states, (times, 1)), durations * times)
 
 
 def rolled_again(solution: Solution) -> Rollout:

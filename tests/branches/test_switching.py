@@ -13,7 +13,7 @@ from gaitopt import continuation
 from gaitopt.branches import continuation as walks
 from gaitopt.branches.change import in_turn
 from gaitopt.branches.continuation import follow_family, resumable
-from gaitopt.branches.curve import Metric, curve_through, retraced
+from gaitopt.branches.curve import Metric, curve_through
 from gaitopt.branches.request import Request
 from gaitopt.branches.switching import beginnings
 from gaitopt.errors import ProblemError, SolveError
@@ -22,6 +22,7 @@ from gaitopt.gait.gait import Gait, floquet_multipliers
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.nlp.newton import Solution, section_sensitivity
+from gaitopt.nlp.rollout import retraced
 from gaitopt.store.gaits import special_point
 
 DOUBLING = radians(5.34641438276)

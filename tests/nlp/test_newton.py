@@ -8,7 +8,7 @@ import pytest
 import gaitopt as go
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp import newton, solve
-from gaitopt.nlp.newton import REACH, Solution, descend, extrapolation, solve_nearby
+from gaitopt.nlp.newton import LONGEST_FIRST_STEP, Solution, descend, extrapolation, solve_nearby
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.solve import solve_gait
 from gaitopt.systems import build_system
@@ -38,7 +38,7 @@ def test_gait_is_that_of_ipopt_without_ipopt(name, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(solve, "Feasibility", None)
         near = solve_gait(problem, system)
-    monkeypatch.setattr(newton, "REACH", 0.0)
+    monkeypatch.setattr(newton, "LONGEST_FIRST_STEP", 0.0)
     searched = solve_gait(problem, system)
     assert near.converged
     assert searched.converged
@@ -50,7 +50,7 @@ def test_solution_is_within_twice_the_longest_first_step():
     start = prepared("compass-passive-a")
     found = solve_nearby(start)
     assert found.converged
-    assert np.abs((found.w - start.w) / start.units.unknowns).max() <= 2 * REACH
+    assert np.abs((found.w - start.w) / start.units.unknowns).max() <= 2 * LONGEST_FIRST_STEP
     assert found.size < 1e-12
 
 
