@@ -55,7 +55,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 CONTROLS = ("none", "constant_torque", "pd")
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
-"""In place of an unknown whose own mapping has faults; its name may still be used."""
+"""Placeholder for an unknown whose mapping has faults; objectives and constraints may still use its name."""
 UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
 SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""

@@ -202,12 +202,12 @@ SCALARS: Mapping[str, Scalar] = {
         extremum=-1,
     ),
 }
-"""By the keys of the result, in the order of its tables."""
+"""All scalars by their keys in a result, in the order of tables."""
 MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
 """The scalars that follow from a motion alone."""
 DESIGN_SCALARS = tuple(name for name, scalar in SCALARS.items() if scalar.of_designs)
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
-"""Of the step length where the foot never slips."""
+"""Range of the step length of a gait without slip."""
 
 FRICTION_LABELS = {
     "friction": "coefficient of friction",
@@ -215,7 +215,6 @@ FRICTION_LABELS = {
     "friction.kinetic": "coefficient of kinetic friction",
     "friction.viscous": "drag of a slipping foot",
 }
-CONTACT_FORCES = ("f_t", "f_n")
 NUMBER_UNITS = {
     "viscous": "N s/m",
     "ankle": "N m",
@@ -223,7 +222,7 @@ NUMBER_UNITS = {
     "kp": "N m/rad",
     "kd": "N m s/rad",
 }
-"""Of friction and control, by the last part of the dotted key; units of walkers are in their field descriptions."""
+"""Units of friction and control by the last part of the dotted key; walkers state theirs in field descriptions."""
 
 
 def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
@@ -256,18 +255,17 @@ def state_unit(name: str) -> str:
     return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
 
 
-def parameter_units() -> dict[str, str]:
-    """Units by the last part of a parameter's dotted key; fields of walkers have theirs in their descriptions."""
-    fields = [item for walker in registered_walkers().values() for item in walker.model_fields.items()]
-    described = {name: (field.description or "").partition(" [")[2].rstrip("]") for name, field in fields}
-    return described | NUMBER_UNITS
-
-
 def unit_of(key: str, actuators: Collection[str] = ()) -> str:
     """Unit of a column of results: a scalar, ``state.NAME``, a time, a force, a torque or a parameter; else none."""
     if key in SCALARS:
         return SCALARS[key].unit
     if key.startswith("state."):
         return state_unit(key.removeprefix("state."))
-    columns = {"t": "s", **dict.fromkeys(CONTACT_FORCES, "N"), **dict.fromkeys(actuators, "N m")}
-    return columns.get(key) or parameter_units().get(key.rpartition(".")[2], "")
+    units = {"t": "s", "f_t": "N", "f_n": "N", **dict.fromkeys(actuators, "N m")}
+    if key in units:
+        return units[key]
+    name, described = key.rpartition(".")[2], ""
+    for walker in registered_walkers().values():
+        if name in walker.model_fields:
+            described = (walker.model_fields[name].description or "").partition(" [")[2].rstrip("]")
+    return NUMBER_UNITS.get(name, described)

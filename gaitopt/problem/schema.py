@@ -31,7 +31,7 @@ from gaitopt.model.walker import Walker
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS
 
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
-"""Of another problem: a name, or a path."""
+"""Name or path of another problem."""
 DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
 Duration = Annotated[Finite, Field(ge=SMALLEST)]
 
@@ -55,9 +55,9 @@ def section_model(name: str, keys: Mapping[str, Any], *, required: bool = True) 
 
 
 MAX_STEPS = 64
-"""Of a cycle; longer motions count as irregular."""
+"""Steps of a cycle; longer motions count as irregular."""
 MAX_PHASES = 64
-"""Of one step; known gaits have up to five, and the equations grow with their number."""
+"""Phases of one step; known gaits have up to five, and the equations grow with their number."""
 FRICTION = Within(usual=(0, 3))
 DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
@@ -302,7 +302,7 @@ ANGLE_TEXT = {
     "pattern": rf"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*({'|'.join(ANGLE_UNITS)})\s*$",
 }
 LIMIT_NAMES = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-"""With a validator between type and limits, pydantic writes its own names of the limits."""
+"""JSON Schema's names of limits; pydantic writes its own where a validator is between type and limits."""
 NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
 
 

@@ -51,7 +51,7 @@ DEEPEST = 32
 MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 3000
 """The largest known certificates have some 30 boxes, 10 arcs and 900 unknowns."""
 LEAST_ORDER, LARGEST_ORDER = 2, 60
-"""Of the Taylor series; the prover uses 16 and 20."""
+"""Bounds of the order of the Taylor series; the prover uses 16 and 20."""
 REBUILDING_ERROR = 1e-12
 """Relative difference allowed between the last piece of a reference and the same piece rebuilt on this platform."""
 PARAMETER_ERROR = arb(2) ** -51

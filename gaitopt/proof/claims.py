@@ -38,7 +38,7 @@ PATTERN_WORDS = {
     TOUCHDOWN: "falls to zero for the first time after positive values at the end of the step",
 }
 MOST_HALVINGS = 14
-"""Of a step of the integration."""
+"""A step of the integration is halved at most this many times; a part that then has no kind fails its claim."""
 RELATIVE_WIDTH = 1e-12
 """A part is divided no further once its upper bound exceeds the maximum by less than this, relatively."""
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")

@@ -67,7 +67,7 @@ MOST_TRIES = 1000
 Approximation = tuple[Orbit, Sequence[arb], Sequence[arb]]
 """The equations at one value of the parameter, the unknowns u next to their zero, and the derivative of u there."""
 DIGITS = 30
-"""Of the numbers in a certificate."""
+"""Digits of the numbers in a certificate."""
 BRACKET_WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Widths of brackets of special points, in the order in which they are tried."""
 

@@ -36,7 +36,7 @@ from gaitopt.threads import cached_property
 PICARD_ROUNDS = 8
 """Attempts to find a box that the motion does not leave within a step."""
 WIDENING, LEAST_WIDENING = 0.05, 1e-7
-"""Before each attempt rates are widened by this part of their width, and at least by this [SI per second]."""
+"""Each attempt widens the rates by this part of their width, and at least by this [SI per second]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 flint = pytest.importorskip("flint")
@@ -20,11 +21,12 @@ from flint import arb, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, solve  # noqa: E402
 from gaitopt.errors import StorageError  # noqa: E402
-from gaitopt.model.control import BeyondEnd, NoControl, continued  # noqa: E402
+from gaitopt.model.control import BeyondEnd, NoControl, ProportionalDerivative, Reference, continued  # noqa: E402
 from gaitopt.model.modes import Mode  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
+from gaitopt.nlp.solve import solve_gait  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402
 from gaitopt.proof.certificate import parse_certificate, read_certificate, restore_statement  # noqa: E402
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude  # noqa: E402
@@ -130,18 +132,15 @@ def test_a_reference_ends_as_the_problem_says(beyond_end):
     last_of_gait = 2  # slip and stick; what follows is the motion that flows on
     for other in ("hold", "linear", "off"):
         motion = continued(pieces[:last_of_gait], pieces[last_of_gait].start, BeyondEnd(other))
-        law = SimpleNamespace(reference=motion)
-        certificate["reference"] = _record_of(law)
+        certificate["reference"] = record_of(motion)
         if other == beyond_end:
             assert beyond_end in words_of_statement(certificate)["control"]
         else:
             assert f"beyond_end: {beyond_end}" in refusals(certificate)["statement"]
 
 
-def _record_of(law):
-    from gaitopt.model.control import ProportionalDerivative
-
-    return through_json(reference_record(ProportionalDerivative(kp=1.0, kd=1.0, reference=law.reference)))
+def record_of(motion):
+    return through_json(reference_record(ProportionalDerivative(kp=1.0, kd=1.0, reference=motion)))
 
 
 def test_a_tracked_curve_is_part_of_the_printed_statement():
@@ -322,16 +321,10 @@ def test_a_claim_that_is_not_made_leaves_the_theorem_unproved(monkeypatch, lost)
 def window(time, *, segment=0, breakpoints=(0.5, 0.7), horizon=float("inf"), event="touchdown", data=(1, 2, 3)):
     """The claim that an arc ends within its segment, of a control law with these breakpoints."""
     control = SimpleNamespace(breakpoints=breakpoints, horizon=horizon)
-    law = SimpleNamespace(control=control, n_z=0, data=lambda k: flint_free(data[k]))
+    law = SimpleNamespace(control=control, n_z=0, data=lambda k: np.array([data[k]]))
     return _time_window(
         SimpleNamespace(system=law, arcs=[SimpleNamespace(segment=segment, event=event)]), 0, [arb(time)]
     )
-
-
-def flint_free(value):
-    import numpy as np
-
-    return np.array([value])
 
 
 def test_an_arc_ends_before_the_law_of_its_segment():
@@ -356,9 +349,6 @@ def test_an_arc_ends_before_the_law_of_its_segment():
 @pytest.mark.slow
 def test_a_breakpoint_that_is_left_out_is_refused():
     """Gait III without torque after its reference's end has period 0.677046; with the torque kept on, 0.669457."""
-    from gaitopt.model.control import ProportionalDerivative, Reference
-    from gaitopt.nlp.solve import solve_gait
-
     problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "off"})
     right = solve(problem)
     law = right.system.control
@@ -375,7 +365,6 @@ def test_a_breakpoint_that_is_left_out_is_refused():
 def forged_certificate(wrong, reference):
     """A box around a wrong orbit, with the reference of the right one."""
     header = header_of(wrong)
-    law = wrong.system.control
     with ctx.workprec(PRECISION):
         statement = restore_statement(
             read_certificate(through_json(header | {"reference": reference, "arcs": arc_records(arcs_of(wrong))}))
@@ -390,7 +379,6 @@ def forged_certificate(wrong, reference):
             "tilt": ["0"] * len(centre),
             "radii": [f"{RADIUS:.2e}"] * len(centre),
         }
-    assert law is not None
     return through_json(header | {"reference": reference, "arcs": arc_records(arcs), "boxes": [box]})
 
 
