@@ -97,14 +97,21 @@ class OverridePlace:
 
 @dataclass(frozen=True, slots=True)
 class ChangedPlace:
-    """A place some of whose values are overridden: each value is located where it was last set."""
+    """A place some of whose values are overridden, the last overrides first: each value is located where it was set."""
 
-    before: Place
-    overrides: OverridePlace
+    source: Place
+    overrides: tuple[OverridePlace, ...]
+
+    @classmethod
+    def of(cls, place: Place, overrides: OverridePlace) -> "ChangedPlace":
+        """A place with further overrides; earlier ones of the same keys are dropped, as branches override one often."""
+        source, earlier = (place.source, place.overrides) if isinstance(place, ChangedPlace) else (place, ())
+        others = (layer for layer in earlier if not layer.keys.keys() <= overrides.keys.keys())
+        return cls(source, (overrides, *others))
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
-        """``walker.leg_mass`` after the label, or where it was before."""
-        return (self.overrides if self.overrides.related(path) else self.before).locate(path)
+        """``walker.leg_mass`` after the label, or its place in the file."""
+        return next((layer for layer in self.overrides if layer.related(path)), self.source).locate(path)
 
 
 def raise_faults(faults: Iterable[Fault], place: Place) -> None:

@@ -115,7 +115,7 @@ class Problem(ProblemStatement):
         same = changed.reference == file.reference and all(
             getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
         )
-        return replace(changed, place=ChangedPlace(self.place, place), file=None if same else file)
+        return replace(changed, place=ChangedPlace.of(self.place, place), file=None if same else file)
 
     def with_guess(self, gait: Mapping[str, Any], parameters: Mapping[str, float] | None = None) -> "Problem":
         """The problem with a known gait as its first guess; the modes stay those of the problem.

@@ -174,3 +174,12 @@ def test_a_file_takes_no_nonsense_either(key, text):
     assert changed != before
     with pytest.raises(ProblemError):
         parse_problem(changed)
+
+
+def test_a_remark_is_located_after_any_number_of_changes():
+    """A branch changes one value at every point; places of values that are set again are dropped."""
+    problem = go.load_problem(PASSIVE).replace({"walker.slope": "80 deg"}, label="--set ")
+    for k in range(1100):  # above Python's limit of recursion
+        problem = problem.replace({"friction": 6 + 1e-4 * k})
+    assert {line.partition(":")[0] for line in problem.remarks} == {"friction", "--set walker.slope"}
+    assert problem.replace({"walker.slope": "79 deg", "friction": 6.0}).remarks[0].startswith("walker.slope:")
