@@ -8,7 +8,7 @@ step length, IPOPT looks for a gait a little further on.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 
@@ -79,18 +79,18 @@ def follow_family(
     taken = [record["branch"] for record in done]
     taken += [number for record in done if record["record"] == "special" for number in record["next"]]
     numbers = count(1 + max(taken, default=-1))
-    towards = partial(Continuation, gait, numbers=numbers, should_stop=should_stop)
+    new = partial(Continuation, gait=gait, numbers=numbers, should_stop=should_stop)
     continuations = list[Continuation]()
     if isinstance(start, SpecialPoint):
         metric = Metric.of(gait, max(abs(to - value) for to in request.to))
         bounded = request.towards(request.to, gait)
         for point in beginnings(replace(start, gait=gait), request.parameter, metric):
-            continuations.append(towards(bounded, metric, point))
+            continuations.append(new(request=bounded, metric=metric, begin=point))
     else:
         for to in request.to:
             metric = Metric.of(gait, abs(to - value))
             begin = partial(first_point, gait, request.parameter, metric, float(np.sign(to - value)))
-            continuations.append(towards(request.towards((to,), gait), metric, begin))
+            continuations.append(new(request=request.towards((to,), gait), metric=metric, begin=begin))
     stored, begun_later = _records_by_continuation(done)
     unnumbered = (first for first in stored if first not in begun_later)
     for continuation in continuations:  # the list grows on the way
@@ -128,10 +128,11 @@ def resumable(records: Sequence[BranchRecord], request: Request) -> list[BranchR
     return [record for record in records if id(record) not in again]
 
 
+@dataclass(kw_only=True, eq=False)
 class Continuation:
     """One continuation along a family: iterating yields its points and special points in order.
 
-    Parameters
+    Attributes
     ----------
     gait : the gait from which the family began; its parameters are those of the family.
     request : with both bounds set.
@@ -140,33 +141,26 @@ class Continuation:
     numbers : of the branches to come.
     number : of the first branch, if it has one already.
     should_stop : polled before every step; True ends the continuation without a special point.
-
-    Attributes
-    ----------
+    stored : records of the points before an interruption.
     point : the last point.
     branch, index : number of its branch, and of the point on it.
     length : arclength of the next step.
     count : number of points so far.
     """
 
-    point: CurvePoint
-    branch: int
-
-    def __init__(
-        self,
-        gait: Gait,
-        request: Request,
-        metric: Metric,
-        begin: CurvePoint | Callable[[], CurvePoint],
-        *,
-        numbers: Iterator[int],
-        number: int | None = None,
-        should_stop: Stop = None,
-    ) -> None:
-        self.gait, self.request, self.metric, self.number = gait, request, metric, number
-        self.index, self.length, self.count = 0, FIRST_LENGTH, 0
-        self._begin, self._numbers, self._should_stop = begin, numbers, should_stop
-        self._stored: list[PointRecord] = []
+    gait: Gait
+    request: Request
+    metric: Metric
+    begin: CurvePoint | Callable[[], CurvePoint]
+    numbers: Iterator[int]
+    number: int | None = None
+    should_stop: Stop = None
+    stored: list[PointRecord] = field(init=False, default_factory=list)
+    point: CurvePoint = field(init=False)
+    branch: int = field(init=False)
+    index: int = field(init=False, default=0)
+    length: float = field(init=False, default=FIRST_LENGTH)
+    count: int = field(init=False, default=0)
 
     def resume(self, records: Sequence[BranchRecord]) -> None:
         """Go on after the stored records of this continuation, if there are any, as without the interruption.
@@ -176,9 +170,9 @@ class Continuation:
         StorageError
             If the scales of arclength in the records are damaged.
         """
-        self._stored = [record for record in records if record["record"] == "point"]
-        self.count = len(self._stored)
-        for point in self._stored:
+        self.stored = [record for record in records if record["record"] == "point"]
+        self.count = len(self.stored)
+        for point in self.stored:
             state = point.get("walk")
             if state is not None:
                 try:
@@ -188,14 +182,14 @@ class Continuation:
                 break
 
     def __iter__(self) -> Iterator[BranchPoint | SpecialPoint]:
-        if self._stored:
-            last = self._stored[-1]
-            self.point = _restored_point(self.gait, self.request.parameter, self.metric, self._stored)
+        if self.stored:
+            last = self.stored[-1]
+            self.point = _restored_point(self.gait, self.request.parameter, self.metric, self.stored)
             self.branch, self.index, self.length = last["branch"], last["index"], last["length"]
             records: Iterator[BranchPoint | SpecialPoint] = iter(())
         else:
-            self.point = self._begin if isinstance(self._begin, CurvePoint) else self._begin()
-            self.branch = next(self._numbers) if self.number is None else self.number
+            self.point = self.begin if isinstance(self.begin, CurvePoint) else self.begin()
+            self.branch = next(self.numbers) if self.number is None else self.number
             records = self._point_records()
         began = time.monotonic()
         while True:
@@ -203,7 +197,7 @@ class Continuation:
                 yield record
                 if isinstance(record, SpecialPoint) and record.type in TERMINAL:
                     return
-            if self._should_stop is not None and self._should_stop():
+            if self.should_stop is not None and self.should_stop():
                 return
             reached = self.request.reached(self.point.value) if self.index else None
             reason = reached or self.request.exhausted(self.count, time.monotonic() - began)
@@ -223,7 +217,7 @@ class Continuation:
         except (ProblemError, SolveError) as error:
             expected = not special.next  # at a change of modes there is usually only the branch that goes on
             return (replace(special, reason=str(error)) if expected else special), []
-        numbers = tuple(next(self._numbers) for _ in points)
+        numbers = tuple(next(self.numbers) for _ in points)
         branches = [self._branch(kind, number, point) for number, point in zip(numbers, points, strict=True)]
         return replace(special, next=special.next + numbers), branches
 
@@ -250,16 +244,8 @@ class Continuation:
         return [point for point in points if lower < point.value < upper]
 
     def _branch(self, kind: str, number: int, begin: CurvePoint | Callable[[], CurvePoint]) -> "Continuation":
-        request = replace(self.request, follow={**self.request.follow, kind: self.request.follow[kind] - 1})
-        return Continuation(
-            self.gait,
-            request,
-            self.metric,
-            begin,
-            numbers=self._numbers,
-            number=number,
-            should_stop=self._should_stop,
-        )
+        follow = {**self.request.follow, kind: self.request.follow[kind] - 1}
+        return replace(self, request=replace(self.request, follow=follow), begin=begin, number=number)
 
     def _advance(self) -> Iterator[BranchPoint | SpecialPoint]:
         """One step along the family: its special points, and the point at its end."""
@@ -368,7 +354,7 @@ class Continuation:
         if successor is None:
             yield self._special("end", event.point, event.status, reason)
             return
-        number = next(self._numbers)
+        number = next(self.numbers)
         before, after = event.point.curve.cycle, successor.curve.cycle
         kind = "mode_change" if before.impacts == after.impacts else "impact_change"
         at = located_on_successor(event, successor) or event.point

@@ -15,7 +15,7 @@ from gaitopt.branches import continuation as continuer
 from gaitopt.branches.continuation import follow_family, resumable
 from gaitopt.branches.request import Request
 from gaitopt.errors import StorageError
-from gaitopt.verification.verify import confirm
+from gaitopt.verification.verify import Outcome, confirm
 
 SLOPE = "walker.slope"
 
@@ -134,7 +134,8 @@ def test_a_point_that_the_simulator_refutes_is_solved_again_before_the_branch_en
             check = confirm(gait)
             wrong = refuted(gait)
             seen.append(wrong)
-            claims = [replace(c, passed=False) if wrong and c.name == "period" else c for c in check.claims]
+            failed = {"passed": False, "outcome": Outcome.FAILS}
+            claims = [replace(c, **failed) if wrong and c.name == "period" else c for c in check.claims]
             return replace(check, claims=tuple(claims))
 
         monkeypatch.setattr(continuer, "confirm", doubtful)

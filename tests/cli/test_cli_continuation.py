@@ -13,7 +13,7 @@ from gaitopt.errors import StorageError
 from gaitopt.runs.branch import BRANCH_FILE
 from gaitopt.store.files import LineWriter, read_lines
 from gaitopt.store.run import Run
-from gaitopt.verification.verify import Verification, confirm
+from gaitopt.verification.verify import Outcome, Verification, confirm
 
 COMMAND = ("continue", "rimless-wheel-stick", "--param", "friction", "--to", "0.8", "-o", "branch", "--quiet")
 
@@ -129,7 +129,8 @@ def test_impossible_requests_are_refused_before_anything_is_written(run, argumen
 def test_gait_that_the_simulator_refutes_ends_the_branch_and_the_command_with_5(run, monkeypatch):
     def refuted_in_the_end(gait):
         check = confirm(gait)
-        wrong = [replace(claim, passed=False) if claim.name == "period" else claim for claim in check.claims]
+        failed = {"passed": False, "outcome": Outcome.FAILS}
+        wrong = [replace(claim, **failed) if claim.name == "period" else claim for claim in check.claims]
         return check if gait.dynamics.parameter("friction") > 0.95 else Verification(claims=tuple(wrong))
 
     monkeypatch.setattr(continuer, "confirm", refuted_in_the_end)
