@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.continuation import follow_family, resumable
 from gaitopt.branches.request import Request, family_of
 from gaitopt.callbacks import Stop
 from gaitopt.errors import StorageError
@@ -111,12 +110,16 @@ class BranchPlan:
 
         The caller has locked the folder.
         """
+        from gaitopt.branches.continuation import resumable  # reading a stored branch needs no continuation
+
         done = resumable(self.stored(), self.request)
         with self.run.begun(self.problem):
             self.run.write({BRANCH_FILE: lines_text((self.head, *done))})
         return done, self._new(start, done, should_stop)
 
     def _new(self, start: Gait | SpecialPoint, done: list[BranchRecord], should_stop: Stop) -> Iterator[BranchRecord]:
+        from gaitopt.branches.continuation import follow_family
+
         with self.run.appending(BRANCH_FILE) as lines:
             points = follow_family(start, self.request, done=done, should_stop=should_stop)
             while True:

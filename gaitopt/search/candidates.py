@@ -18,7 +18,6 @@ from itertools import pairwise
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
@@ -30,7 +29,6 @@ from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.simulation.engine import Engine, choose_engine
@@ -175,6 +173,8 @@ def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Arr
 
 def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     """Mirror the postures in ``xi``, shape (n, n_xi), whose step would lead backward."""
+    from gaitopt.nlp.open_modes import shapes_before
+
     system, p = dynamics.system, dynamics.p
     n, n_section = system.n_shape, len(system.walker.section)
     (lifted,) = RowMap(system.lift)(xi, p)
@@ -187,6 +187,8 @@ def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
 def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     dynamics, rng = _step_map(job).dynamics, np.random.default_rng([job.seed, job.number])
+    from gaitopt.nlp.open_modes import Complementarity, Proposal, swing  # most problems state their modes
+
     walker = dynamics.system.walker
     if walker.steps_per_cycle() > 1 or walker.modes() != CONTACTS or walker.pushes:
         return [], 0  # the conditions assume equal legs, one of which is always on the ground
@@ -250,6 +252,8 @@ def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[
 
 def family(gait: Gait, request: Request, should_stop: Stop) -> Iterator[BranchPoint | SpecialPoint]:
     """The points of a family as far as it can be followed; none if it cannot be followed in this parameter."""
+    from gaitopt.branches.continuation import follow_family  # most problems are solved without a family
+
     try:
         yield from follow_family(gait, request, should_stop=should_stop)
     except (ProblemError, SolveError):
