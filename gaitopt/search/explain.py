@@ -92,7 +92,7 @@ class Explanation(Tabulated):
     nearest: tuple[Nearest, ...] = ()
 
     def __repr__(self) -> str:
-        why = self.causes[0].words if self.causes else "no cause is known"
+        why = self.causes[0].words if self.causes else "the cause is unknown"
         return f"<Explanation of {self.problem.name}: {'the gait exists' if self.exists else shorten(why, LONGEST)}>"
 
     def to_record(self) -> dict[str, Any]:

@@ -131,7 +131,7 @@ class Stepper(ABC):
             return Arrival(time, state, event)
         if limit <= time:
             return Arrival(time, state, event_at_limit(start))
-        event, tau, zeta, failure = self._first_event(mode, segment, start, limit / natural.time)
+        event, tau, zeta, failure = self.find_event(mode, segment, start, limit / natural.time)
         if event is None and not failure:
             event = event_at_limit(natural.point(mode, segment, tau, zeta))
             return Arrival(limit, zeta * natural.state, event)
@@ -142,7 +142,7 @@ class Stepper(ABC):
     def sample(self, mode: Mode, segment: int, state: Array, times: Array) -> Array:
         """States at ascending ``times`` of an arc that starts with ``state`` at the first; shape (m, n_z)."""
         natural = self._natural
-        states = self._sample(mode, segment, state / natural.state, times / natural.time) * natural.state
+        states = self.states_at(mode, segment, state / natural.state, times / natural.time) * natural.state
         states[0] = state
         return states
 
@@ -171,22 +171,20 @@ class Stepper(ABC):
         sizes[sizes == 0] = 1.0
         y = np.concatenate([state / unit, (scaled / sizes).ravel(order="F")])
         start, end = (times / self._natural.time).tolist()
-        y = self._propagate(mode, segment, y, sizes.size, start, end)
+        y = self.propagate(mode, segment, y, sizes.size, start, end)
         return np.asarray(y[unit.size :].reshape((unit.size, -1), order="F") * sizes * unit[:, None])
 
     @abstractmethod
-    def _first_event(
-        self, mode: Mode, segment: int, start: Point, limit: float
-    ) -> tuple[str | None, float, Array, str]:
+    def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:
         """First event after ``start``, its time and state, and why the integration failed; all in natural units.
 
         Without an event, time and state are those at ``limit``, or the last ones before a failure.
         """
 
     @abstractmethod
-    def _sample(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+    def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
         """States at ascending times of a motion that starts with ``zeta`` at the first; in natural units."""
 
     @abstractmethod
-    def _propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+    def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
         """State and deviations at ``end`` from ``y`` at ``start``, one after the other; in natural units."""

@@ -31,11 +31,10 @@ class HeyokaStepper(Stepper):
     def __init__(self, dynamics: Dynamics, *, precision: type = float) -> None:
         super().__init__(dynamics)
         self._precision = precision
-        self._integrators: dict[tuple[str, Mode, int], _Loaded] = {}
+        self._integrators: dict[tuple[str, Mode, int], tuple[Integrator, Array, Array, dict[int, Array]]] = {}
 
-    def _first_event(
-        self, mode: Mode, segment: int, start: Point, limit: float
-    ) -> tuple[str | None, float, Array, str]:
+    def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:
+        """First event after ``start``; see ``Stepper``."""
         natural, names = self._natural, self._natural.system.transitions.margin_names(mode)
         taylor = self._loaded("arc", mode, segment, start.time, start.state)
         lifts = list(_smallest_lifts(names))
@@ -70,46 +69,35 @@ class HeyokaStepper(Stepper):
         ]
         return min((names[k], *simultaneous), key=priority), end, zeta, ""
 
-    def _sample(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+    def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+        """States at ascending times; see ``Stepper``."""
         taylor = self._loaded("flow", mode, segment, taus[0], zeta)
         return np.asarray(taylor.propagate_grid(taus.astype(self._precision))[-1], dtype=float)
 
-    def _propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+    def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+        """State and deviations at ``end``; see ``Stepper``."""
         taylor = self._loaded("variational", mode, segment, start, y, columns)
         taylor.propagate_until(end)
         return np.array(taylor.state)
 
     def _loaded(self, kind: str, mode: Mode, segment: int, time: float, state: Array, columns: int = 0) -> Any:
         """The integrator of this kind with its parameters, time and state set."""
-        key = (kind, mode, columns)
+        natural, key = self._natural, (kind, mode, columns)
         if key not in self._integrators:
-            functions = self._natural.functions
             if kind == "arc":
-                compiled = integrator(functions.arc(mode), precision=self._precision)
+                compiled = integrator(natural.functions.arc(mode), precision=self._precision)
             elif kind == "flow":
-                compiled = integrator(functions.flow(mode), precision=self._precision, unrolled=False)
+                compiled = integrator(natural.functions.flow(mode), precision=self._precision, unrolled=False)
             else:
-                function = functions.variational(mode, columns)
+                function = natural.functions.variational(mode, columns)
                 compiled = integrator(function, unrolled=False, tolerance=VARIATIONAL_TOLERANCE)
-            self._integrators[key] = _Loaded(compiled, self._natural.parameters[mode])
-        data = self._natural.system.data(segment)
-        return self._integrators[key].at(segment, data, self._precision(time), state)
-
-
-class _Loaded:
-    """An integrator at fixed parameters of the walker; it keeps the views of its memory, which heyoka makes slowly."""
-
-    def __init__(self, compiled: Integrator, parameters: Array) -> None:
-        self._compiled, self._parameters = compiled, parameters
-        self._state, self._pars = compiled.taylor.state, compiled.taylor.pars
-        self._constants: dict[int, Array] = {}
-
-    def at(self, segment: int, data: Array, time: Any, state: Array) -> Any:
-        """The integrator at the start of an arc."""
-        if segment not in self._constants:
-            self._constants[segment] = self._compiled.values(self._parameters, data)
-        constants, taylor = self._constants[segment], self._compiled.taylor
-        self._pars[: constants.size], taylor.time, self._state[:] = constants, time, state
+            # views of its memory are kept, as heyoka is slow to make them
+            self._integrators[key] = compiled, compiled.taylor.state, compiled.taylor.pars, {}
+        compiled, memory, pars, constants = self._integrators[key]
+        if segment not in constants:
+            constants[segment] = compiled.values(natural.parameters[mode], natural.system.data(segment))
+        values, taylor = constants[segment], compiled.taylor
+        pars[: values.size], taylor.time, memory[:] = values, self._precision(time), state
         return taylor
 
 

@@ -59,7 +59,7 @@ class StepOutcomes(ReadOnlyArrays):
     times : ndarray, shape (n,) - time of the last impact, or of the ending [s].
     step_lengths : ndarray, shape (n,) - NaN where the motion was not completed [m].
     phases : ndarray, shape (n,) - the mode sequence as digits, 1 + index in ``modes``, in base ``len(modes) + 1``.
-    impacts : ndarray, shape (n,) - index of the last impact's mode in ``modes``; -1 where it was not reached.
+    impacts : ndarray, shape (n,) - index of the last impact's mode in ``modes``; -1 where the motion ended before.
     modes : all modes of the walker.
     """
 

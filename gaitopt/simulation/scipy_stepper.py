@@ -41,9 +41,8 @@ class ScipyStepper(Stepper):
         self._steps: dict[Mode, CompiledStep] = {}
         self._variations: dict[tuple[Mode, int], tuple[CompiledStep, Buffers]] = {}
 
-    def _first_event(
-        self, mode: Mode, segment: int, start: Point, limit: float
-    ) -> tuple[str | None, float, Array, str]:
+    def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:
+        """First event after ``start``; see ``Stepper``."""
         if not np.isfinite(start.flow).all():
             return None, start.time, start.state, NOT_FINITE
         step, names = self._step(mode, segment), self._natural.system.transitions.margin_names(mode)
@@ -75,7 +74,8 @@ class ScipyStepper(Stepper):
         except StepSizeError as error:
             return None, *last, str(error)
 
-    def _sample(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+    def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+        """States at ascending times; see ``Stepper``."""
         step, (first, *others) = self._step(mode, segment), taus.tolist()
         point = self._natural.point(mode, segment, first, zeta)
         states = [zeta]
@@ -84,7 +84,8 @@ class ScipyStepper(Stepper):
             states.append(point.state)
         return np.array(states)
 
-    def _propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+    def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+        """State and deviations at ``end``; see ``Stepper``."""
         if (mode, columns) not in self._variations:
             function = self._natural.functions.variational(mode, columns)
             step = CompiledStep(function, function, rtol=RTOL, atol=VARIATIONAL_ATOL)

@@ -234,21 +234,21 @@ def directional_derivative(
     if point.cycle.xi is None:
         return None, np.inf, point.message
     image, sequence, reason = point.cycle.xi, point.cycle.sequence, ""
-    known: dict[float, Array | None] = {}
+    returns: dict[float, Array | None] = {}
 
     def ahead(h: float) -> Array | None:
         """(P(xi + h v) - P(xi)) / h."""
         nonlocal reason
-        if h not in known:
+        if h not in returns:
             outcome = return_map(point.xi + h * v * return_map.unit)
-            known[h] = None
+            returns[h] = None
             if outcome.xi is None:
                 reason = outcome.message
             elif outcome.sequence != sequence:
                 reason = "a perturbed walk goes through other modes"
             else:
-                known[h] = (outcome.xi - image) / return_map.unit
-        difference = known[h]
+                returns[h] = (outcome.xi - image) / return_map.unit
+        difference = returns[h]
         return None if difference is None else difference / h
 
     def behind(h: float) -> Array | None:

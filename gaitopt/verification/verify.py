@@ -1,8 +1,8 @@
 """Verification of a gait by the forward simulator, claim by claim.
 
-The solver finds a gait by collocating a given mode sequence; the simulator finds modes and events by itself. They share
-only the mechanics, and no equation of the solver is used here. The argument has four parts; figures are dimensionless,
-errors in the natural units of the walker.
+The solver shoots through a given mode sequence; the simulator finds modes and events itself. They share the mechanics
+only, and no equation of the solver is used here. The argument has four parts. Figures are dimensionless, errors in the
+natural units of the walker.
 
 1. The simulator takes the gait's modes and impacts, started from its state after impact (mode sequence). It walks the
    same motion (period, switching times, states inside) back to the same state (periodicity). Both methods are accurate
@@ -162,9 +162,11 @@ def recorded_claims(record: VerificationRecord) -> list[Claim]:
     for entry in record["claims"]:
         name, figure, limit = entry["name"], entry["figure"], entry["tolerance"]
         outcome = Outcome(entry.get("outcome", Outcome.HOLDS if entry["passed"] else Outcome.FAILS))
-        known = np.inf if figure is None else figure
+        measured = np.inf if figure is None else figure
         claims.append(
-            Claim(name=name, figure=known, tolerance=limit, passed=entry["passed"], note=entry["note"], outcome=outcome)
+            Claim(
+                name=name, figure=measured, tolerance=limit, passed=entry["passed"], note=entry["note"], outcome=outcome
+            )
         )
     return claims
 

@@ -28,11 +28,11 @@ class Walk(WalkerMotion):
 
     Attributes
     ----------
-    problem : whose walker, control and friction were used.
+    problem : its walker, control and friction were used.
     dynamics : the hybrid system at its parameters.
     trajectory : steps, ending and message.
-    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait that it is compared with; no rows
-        if it started from a problem.
+    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait from which it started; no
+        rows if it started from a problem.
     """
 
     trajectory: Trajectory
@@ -51,7 +51,8 @@ class Walk(WalkerMotion):
         """One JSON object with those keys of a gait that a simulation knows; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         state = self.trajectory.section_states[-1]
-        values = zip(self.dynamics.parameters.items(), self.system.values(self.problem.parameters), strict=True)
+        stated = self.system.values(self.problem.parameters)
+        moving = zip(self.dynamics.parameters.items(), stated, strict=True)
         impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
@@ -68,7 +69,7 @@ class Walk(WalkerMotion):
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
             ],
             "gait_states": [self._state_record(state) for state in self.gait_states],
-            "parameters": {key: value for (key, value), own in values if value != own},  # those of the gait
+            "parameters": {key: value for (key, value), other in moving if value != other},  # those of the gait
         }
 
     @property
@@ -95,14 +96,14 @@ def simulate(
     ----------
     start : a gait, or a problem (then from the state of its guess).
     state : values by name that replace those of ``start``'s state; all other entries follow from the section.
-    steps : how many.
+    steps : number of steps.
     dense : False keeps only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
 
     Raises
     ------
     SolveError
-        If ``start`` is an attempt that failed, and ``state`` does not say where to start.
+        If ``start`` is a failed solve, and ``state`` is not complete.
     ProblemError
         If a coordinate or rate of the state is not a finite number.
     UnknownNameError
@@ -135,18 +136,15 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
         raise SolveError(
             f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(names)}"
         )
-    if isinstance(start, Problem):
-        known = dict(start.guess.state)
-    elif not start.steps:
-        known = {}
-    else:
-        known = dict(zip(dynamics.system.state_names, start.state, strict=True))
-    section = {name: float({**known, **state}[name]) for name in names}
+    values: Mapping[str, float] = start.guess.state if isinstance(start, Problem) else {}
+    if isinstance(start, Gait) and start.steps:
+        values = dict(zip(dynamics.system.state_names, start.state, strict=True))
+    section = {name: float({**values, **state}[name]) for name in names}
     z = dynamics.lift(np.array([*section.values()]))
     undefined = [
         f"{name} = {value}" for name, value in zip(dynamics.system.state_names, z, strict=True) if not isfinite(value)
     ]
     if undefined:
         words = ", ".join(f"{name} = {value:g}" for name, value in section.items())
-        raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is no number")
+        raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is not a number")
     return z

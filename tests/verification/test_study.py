@@ -189,5 +189,5 @@ def test_section_coordinates_of_no_state_end_numerically_and_leave_the_others_al
 
 @pytest.mark.parametrize("state", [{"dtheta": 1e6}, {"dtheta": -30.0}, {"dtheta": 1e200}, {"dx": math.nan}])
 def test_a_walk_does_not_start_where_some_rate_is_no_number(state):
-    with pytest.raises(ProblemError, match=r"the walker would start with d(shortening|x) = nan, which is no number"):
+    with pytest.raises(ProblemError, match=r"the walker would start with d(shortening|x) = nan, which is not a number"):
         go.simulate(go.load_problem("slip-run"), state)

@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from casadi import SX, Function, vertcat
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
-from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -95,17 +93,15 @@ class Recorder(Stepper):
         self.modes: list[Mode] = []
         self._inner = ScipyStepper(dynamics)
 
-    def _first_event(
-        self, mode: Mode, segment: int, start: Point, limit: float
-    ) -> tuple[str | None, float, Array, str]:
+    def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:
         self.modes.append(mode)
-        return self._inner._first_event(mode, segment, start, limit)
+        return self._inner.find_event(mode, segment, start, limit)
 
-    def _sample(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
-        return self._inner._sample(mode, segment, zeta, taus)
+    def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
+        return self._inner.states_at(mode, segment, zeta, taus)
 
-    def _propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
-        return self._inner._propagate(mode, segment, y, columns, start, end)
+    def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
+        return self._inner.propagate(mode, segment, y, columns, start, end)
 
 
 def test_any_stepper_can_take_the_place_of_scipys() -> None:
@@ -114,12 +110,3 @@ def test_any_stepper_can_take_the_place_of_scipys() -> None:
     trajectory = simulator.run(START, 3, dense=True)
     assert simulator.stepper.modes == [mode for step in trajectory.steps for mode, _ in step.phases]
     assert np.array_equal(trajectory.section_states, Simulator(Dynamics(system, P)).run(START, 3).section_states)
-
-
-def test_a_buffered_function_gives_what_the_function_gives() -> None:
-    x, y = SX.sym("x", 2), SX.sym("y")
-    function = Function("f", [x, y], [vertcat(x[0] * y, SX(1, 1), x[1]), x.T @ x])
-    assert function.nnz_out(0) < function.numel_out(0)
-    first, second = BufferedFunction(function)([2.0, 3.0], 5.0)
-    assert first.tolist() == [10.0, 0.0, 3.0]
-    assert second.tolist() == [13.0]

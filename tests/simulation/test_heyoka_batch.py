@@ -12,7 +12,7 @@ pytest.importorskip("heyoka")
 from named import named
 
 from gaitopt import return_map
-from gaitopt.model.buffered import WIDTH, RowMap
+from gaitopt.model.buffered import RowMap
 from gaitopt.model.control import Control, NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
@@ -246,18 +246,6 @@ def test_massless_foot_that_begins_with_a_slip_ends_there(engine):
 
 def test_no_states_are_no_steps():
     assert return_map(load_problem("compass-passive-a"), np.zeros((0, 3)), engine="heyoka").states.shape == (0, 4)
-
-
-def test_rowwise_function_is_that_of_every_row():
-    system = build_system(load_problem("compass-passive-a"))
-    rng = np.random.default_rng(0)
-    problem = load_problem("compass-passive-a")
-    p = system.values(problem.parameters)
-    states = rng.uniform(-0.3, 0.3, (WIDTH + 3, system.n_z))
-    function = system.impact(Mode.STICK)
-    (after, *_) = RowMap(function)(states, p)
-    for row, found in zip(states, after, strict=True):
-        np.testing.assert_array_equal(found, np.asarray(function(row, p)[0]).ravel())
 
 
 def test_phases_of_a_code_are_those_it_was_made_of():
