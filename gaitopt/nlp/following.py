@@ -52,8 +52,8 @@ CONTRACTION = 0.5
 """Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
 STRAIGHT = 1e-9
 """Distance from a line, relative to the distance along it, that is rounding."""
-SETTLED = 1e-12
-"""Residual in natural units at which the last chord has reached rounding."""
+CHORD_TOLERANCE = 1e-12
+"""Residual in natural units from which one more chord reaches rounding."""
 
 
 def extrapolated(places: Sequence[float], solutions: Sequence[Array], place: float) -> Array:
@@ -163,11 +163,10 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
         return None, near.iterations
     if not solution.in_order:  # a switch has passed a breakpoint of the control: the same motion on a new mesh
-        rolled = rolled_again(solution)
-        meshed = solve_nearby(rolled.on_mesh()) if rolled.endless is None else None
-        if meshed is None or not (meshed.converged and meshed.in_order):
+        ordered = solve_nearby(rolled_again(solution).on_mesh())
+        if not (ordered.converged and ordered.in_order):
             return None, near.iterations
-        solution = refine(polish(meshed))
+        solution = refine(polish(ordered))
     history = ((s, solution.w), *(here.history if solution.equations is equations else ()))
     causes = rejection_reason(solution)
     return _PathPoint(s=s, solution=solution, causes=causes, history=history[:HISTORY]), near.iterations
@@ -265,8 +264,8 @@ class Family:
         last = self._solved[-1]
         for w in (self._predicted(p), last.w):
             start = Solution(self._equations, w, p, chord=last)
-            end = descend(start, tolerance=SETTLED, most=MAX_CHORDS, contraction=CONTRACTION)
-            if end.size < SETTLED:
+            end = descend(start, tolerance=CHORD_TOLERANCE, most=MAX_CHORDS, contraction=CONTRACTION)
+            if end.size < CHORD_TOLERANCE:
                 return refine(polish(replace(end.stepped(), chord=None))), end.iterations + 1
         return None, end.iterations
 

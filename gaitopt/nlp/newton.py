@@ -199,7 +199,7 @@ def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop 
 def descend(start: Solution, *, tolerance: float, most: int, contraction: float = 1.0) -> Solution:
     """Newton's method, or chords if ``start`` is one, until the residual in natural units is below ``tolerance``.
 
-    It ends before if the next residual is more than ``contraction`` times the last one, which is then the result.
+    A step is discarded, and the search ends, if it leaves more than ``contraction`` of the residual.
 
     Raises
     ------

@@ -72,10 +72,9 @@ class PhaseMotion:
 
     def __call__(self, times: Array) -> Array:
         """States at the given times; shape (n_z, n)."""
-        k = np.searchsorted(self.times[:-1], times, side="right") - 1
         if self.times.size == 1:
             return np.repeat(self.states.T, times.size, axis=1)
-        k = np.maximum(k, 0)
+        k = np.maximum(np.searchsorted(self.times[:-1], times, side="right") - 1, 0)
         step, starts = buffered_map(self.step, times.size), self.times[k]
         (states,) = step(self.states[k], starts[:, None], (times - starts)[:, None], self.p, self.data[k])
         return states.T.copy()
@@ -83,9 +82,14 @@ class PhaseMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rollout:
-    """The motion along a cycle: durations of the phases [s], and states as functions of the time since the last impact.
+    """The motion along a cycle; called with a phase and times since the last impact, it gives the states.
 
-    ``endless`` is the first phase whose event did not happen, None if all did.
+    Attributes
+    ----------
+    dynamics, cycle : of the walker, and its mode sequence.
+    durations : of the phases [s].
+    motions : of the phases.
+    endless : the first phase whose event did not happen, None if all did.
     """
 
     dynamics: Dynamics

@@ -55,7 +55,7 @@ class Label:
 
     Attributes
     ----------
-    name : of the margin that is not negative or, at the end of a phase, zero; or ``defect`` or ``reset``.
+    name : of the margin, which is zero at the end of a phase and not negative elsewhere; ``defect`` or ``reset``.
     phase, node : where it is taken; None for the impact of a step.
     step : of the cycle.
     coordinate : of the state that a defect or a reset compares.
