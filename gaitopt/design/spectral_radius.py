@@ -28,6 +28,7 @@ even Lipschitz. They hold again after two multipliers have left the circle toget
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, NamedTuple
@@ -123,7 +124,7 @@ class _CertifiedRadius(Callback):
 
     @overflow_allowed()
     def certificate(self, w: Array, p: Array) -> "_Certificate | None":
-        """The radius with its certificate, or None where the return map has no finite derivative."""
+        """The radius with its certificate; None where the derivative of the return map is not finite or too large."""
         key = (w.tobytes(), p.tobytes())
         if key == self._key:
             return self._certificate
@@ -135,7 +136,8 @@ class _CertifiedRadius(Callback):
         except RuntimeError:  # singular
             return None
         if np.isfinite(M).all():
-            self._certificate = _Certificate(V, M, adjoint, *smoothed_radius(M))
+            with suppress(ValueError):  # rounding hides the radius of a matrix that is very large
+                self._certificate = _Certificate(V, M, adjoint, *smoothed_radius(M))
         return self._certificate
 
 
@@ -190,11 +192,14 @@ def smoothed_radius(M: Array) -> tuple[float, Array]:
         return _lyapunov(M.T / radius, EPSILON * np.eye(n))
 
     def excess(radius: float) -> float:
-        trace = float(np.trace(lyapunov(radius)))
-        return float(np.log(trace)) if trace > 0 else FAR  # below the largest modulus, by rounding
+        with suppress(np.linalg.LinAlgError):
+            trace = float(np.trace(lyapunov(radius)))
+            if trace > (1 if radius == lowest else 0):  # else rounding hides that it is infinite
+                return float(np.log(trace))
+        return FAR
 
-    ceiling = 2 * max(largest, float(np.linalg.norm(M, 2)))
-    radius = bracketed_root(excess, largest * (1 + NARROWEST), ceiling, 1e-14)
+    lowest, ceiling = largest * (1 + NARROWEST), 2 * max(largest, float(np.linalg.norm(M, 2)))
+    radius = bracketed_root(excess, lowest, ceiling, 1e-14)
     return radius, lyapunov(radius)
 
 

@@ -43,6 +43,13 @@ def test_gradient_in_the_matrix_is_that_of_central_differences(name):
     assert np.vdot(exact, direction) == pytest.approx(difference / (2 * step), rel=1e-3)
 
 
+@pytest.mark.parametrize("size", [1.0, 1e3, 1e6, 1e20])
+def test_radius_of_a_very_large_nilpotent_matrix_is_found_although_rounding_makes_its_equations_singular(size):
+    radius, P = smoothed_radius(size * np.array([[1.0, 1.0], [-1.0, -1.0]]))
+    assert radius == pytest.approx(0.002 * size, rel=1e-4)
+    assert np.trace(P) == pytest.approx(1, rel=0.1)
+
+
 @pytest.mark.parametrize("name", ["compass-torque-slip", "compass-torque-impact-slip", "rimless-wheel-stick"])
 def test_gradient_in_the_unknowns_is_that_of_central_differences(name):
     gait = named(name)
