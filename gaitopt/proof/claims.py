@@ -310,12 +310,13 @@ def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | No
         mode: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
     }
     cones = dict(zip(SLIPS, (margins[Mode.STICK][name] for name in CONES), strict=True))
+    # f_n of a slip times its apparent mass is C_tt f_n - C_nt f_t of sticking, which is negative where the foot lifts
     needed = {f"no lift-off in {slip}": margins[slip]["normal_force"] * margins[slip]["painleve"] for slip in SLIPS}
     needed |= {name: cones[slip] for name, slip in zip(CONES, SLIPS, strict=True) if slip is not arc.mode}
     words = "the foot sticks: its force lies within the cone"
     if arc.mode.slips:
         words = "the force that would hold the foot leaves the cone here, on the side of this slip alone"
-    if orbit.sequence.starts_from_rest(arc.phase):
+    if orbit.sequence.starts_from_rest(arc.phase):  # at the edge of the cone this margin is zero
         needed["onset"] = -cones[arc.mode]
         words = "holding the foot would need a force beyond the cone, on the side of this slip alone"
     return words, _all_positive(needed)
@@ -325,6 +326,7 @@ def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, ar
     """Claim 7: the impact is consistent, no other one is, and the former stance foot lifts."""
     smallest_margin = _all_positive(_impact_margins(orbit, mode, j, y))
     for other in CONTACTS:
+        # under the frictionless law an impact that sticks takes precedence over one that slips
         if other is not mode and not (mode.sticks and orbit.system.law is ImpactLaw.FRICTIONLESS):
             margins = _impact_margins(orbit, other, j, y)
             if not any(margin < 0 for margin in margins.values()):
