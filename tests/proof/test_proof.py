@@ -247,12 +247,39 @@ MUTATIONS = {
     "touchdown": (claims, "TOUCHDOWN", lambda pattern: "p+", "touchdown"),
     "apparent mass": (VectorField, "apparent_masses", lambda masses: negated(masses.func), "apparent mass"),
     "direction of the slip": (claims, "SLIPS", lambda slips: slips[::-1], "mode at rest"),
+    "lift-off at rest": (VectorField, "margins", lambda margins: without_weight(margins.func), "mode at rest"),
+    "another consistent impact": (orbit.Orbit, "impact", lambda impact: consistent_impacts(impact), "impact"),
 }
 
 
 def negated(graph):
     """A property that is a graph all of whose outputs have the other sign."""
     return property(lambda self: lambda y: [[-value for value in values] for values in graph(self)(y)])
+
+
+def without_weight(graph):
+    """Margins of a mode with a normal force of the other sign."""
+
+    def margins(self):
+        place = self._space.system.transitions.margin_names(self.mode).index("normal_force")
+        return lambda y: [[-value if k == place else value for k, value in enumerate(v)] for v in graph(self)(y)]
+
+    return property(margins)
+
+
+def consistent_impacts(impact):
+    """Impacts all of which are consistent."""
+
+    def margins(self, mode, j):
+        graph = impact(self, mode, j)
+
+        def spoiled_graph(y):
+            values, after = graph(y)
+            return [[abs(value) for value in values], after]
+
+        return spoiled_graph
+
+    return margins
 
 
 def reversed_impact(impact, name):
