@@ -1,6 +1,6 @@
 """Commands about many gaits or many walks: ``continue``, ``front``, ``sweep``, ``basin``.
 
-Results are kept as soon as they are computed; the same command resumes where it stopped.
+Results are stored as soon as they are computed; the same command resumes where it stopped.
 """
 
 import time
@@ -38,69 +38,60 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 SHOWN = ("record", "branch", "n_steps", "value", "type", "status", "reason", "next", "spectral_radius")
-"""Keys of a record that its line and the summary need; the gaits themselves are not held in memory."""
-
-GaitArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="PROBLEM",
-        help="A name, a .yaml file, the run folder of a gait, or RUN@special.K: the other branches through the K-th "
-        "special point in the table of a branch.",
-    ),
-]
-ParamOption = Annotated[str, typer.Option("--param", metavar="KEY", help="Parameter: friction, walker.slope, ...")]
-ToOption = Annotated[
-    list[str],
-    typer.Option(
-        "--to", metavar="VALUE", help="Value at which to stop; with a second --to the branch is followed both ways."
-    ),
-]
-LowerOption = Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Lower bound of the parameter.")]
-UpperOption = Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Upper bound of the parameter.")]
-PointsOption = Annotated[int, typer.Option("--max-points", min=1, help="Maximum number of points per target.")]
-SecondsOption = Annotated[float | None, typer.Option("--max-seconds", min=0.0, help="Time limit per target [s].")]
-VerifyOption = Annotated[
-    int, typer.Option("--verify-every", min=0, help="Verify every N-th point by simulation; 0: none.")
-]
-FollowOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--follow",
-        metavar="KIND=N",
-        help="Also follow the other branches of special points, N times in turn; KIND is doublings, branch_points or "
-        "mode_changes. Repeat it.",
-    ),
-]
+"""Keys of a record for its line and the summary; the gaits themselves are not held in memory."""
 
 
 def continue_(
     terminal: Terminal,
-    problem: GaitArgument,
-    param: ParamOption,
-    to: ToOption,
-    lower: LowerOption = None,
-    upper: UpperOption = None,
-    max_points: PointsOption = 2000,
-    max_seconds: SecondsOption = None,
-    verify_every: VerifyOption = 10,
-    follow: FollowOption = None,
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="PROBLEM",
+            help="A name, a .yaml file, the run folder of a gait, or RUN@special.K for the other branches through the "
+            "K-th special point in the table of a branch.",
+        ),
+    ],
+    param: Annotated[str, typer.Option("--param", metavar="KEY", help="Parameter: friction, walker.slope, ...")],
+    to: Annotated[
+        list[str],
+        typer.Option(
+            "--to", metavar="VALUE", help="Value at which to stop; with a second --to the branch is followed both ways."
+        ),
+    ],
+    lower: Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Lower bound of the parameter.")] = None,
+    upper: Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Upper bound of the parameter.")] = None,
+    max_points: Annotated[int, typer.Option("--max-points", min=1, help="Maximum number of points per target.")] = 2000,
+    max_seconds: Annotated[
+        float | None, typer.Option("--max-seconds", min=0.0, help="Time limit per target [s].")
+    ] = None,
+    verify_every: Annotated[
+        int, typer.Option("--verify-every", min=0, help="Verify every N-th point by simulation; 0: none.")
+    ] = 10,
+    follow: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--follow",
+            metavar="KIND=N",
+            help="Also follow the other branches that begin at special points, up to N levels deep; KIND is doublings, "
+            "branch_points or mode_changes. Repeat it.",
+        ),
+    ] = None,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
 
     RUN@special.K continues the other branches of a special point: at a period doubling the cycles of twice as many
-    steps, at a branch point the curve that crosses, at a change of modes the sequences that were not followed.
-    Every point is kept at once; the same command resumes a branch that was interrupted.
+    steps, at a branch point the crossing curve, at a change of modes the sequences that were not followed.
+    Every point is stored as soon as it is found; the same command resumes an interrupted branch.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_branch, sequence
 
     targets = [number(value, "--to") for value in to]
-    bounds = [
-        None if value is None else number(value, f"--{name}") for name, value in (("lower", lower), ("upper", upper))
-    ]
-    followed = counts(follow)
+    least = None if lower is None else number(lower, "--lower")
+    largest = None if upper is None else number(upper, "--upper")
+    levels = counts(follow)
     start: Gait | SpecialPoint
     if stored.SPECIAL in problem:
         if changes:
@@ -116,8 +107,8 @@ def continue_(
     refuted, summary = False, list[dict[str, Any]]()
     with interruptible() as interrupted, _live(terminal, param) as show:
         records = verbs.continuation_records(
-            start, param, targets, lower=bounds[0], upper=bounds[1], max_points=max_points, max_seconds=max_seconds,
-            verify_every=verify_every, output=output, should_stop=interrupted, **followed,
+            start, param, targets, lower=least, upper=largest, max_points=max_points, max_seconds=max_seconds,
+            verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
         head = next(records)
         if head["stored"]:
@@ -174,7 +165,7 @@ def front(
 ) -> int:
     """Design along one number of the problem, in both directions, and mark the Pareto front.
 
-    Every design is kept at once; the same command resumes where it stopped.
+    Every design is stored as soon as it is found; the same command resumes where it stopped.
     """
     from gaitopt.api import verbs
     from gaitopt.api.pictures import save_figures
@@ -195,21 +186,17 @@ def front(
     return 0 if all(gait["verification"] and gait["verification"]["passed"] for gait in gaits) else NOT_VERIFIED
 
 
-WarmOption = Annotated[
-    bool,
-    typer.Option(
-        "--warm", help="Start each point from the gait of its neighbour; the result may then depend on the grid."
-    ),
-]
-WhatOption = Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar to draw.")]
-
-
 def sweep(
     terminal: Terminal,
     problem: ProblemArgument,
     over: OverOption,
-    warm: WarmOption = False,
-    what: WhatOption = "spectral_radius",
+    warm: Annotated[
+        bool,
+        typer.Option(
+            "--warm", help="Start each point from the gait of its neighbour; the result may then depend on the grid."
+        ),
+    ] = False,
+    what: Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar to draw.")] = "spectral_radius",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -218,7 +205,8 @@ def sweep(
 ) -> int:
     """Solve and verify a problem over a grid of its parameters; each point as `solve` does with --set.
 
-    Every result is kept at once; the same command resumes where it stopped. A point without a gait is a result.
+    Every result is stored as soon as it is found; the same command resumes where it stopped. A point without a gait is
+    a result.
     """
     from gaitopt.api import verbs
     from gaitopt.problem.scalars import SCALARS
@@ -238,14 +226,11 @@ def sweep(
     return 0
 
 
-StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Maximum number of steps of each walk.")]
-
-
 def basin(
     terminal: Terminal,
     run: RunArgument,
     over: OverOption,
-    steps: StepsOption = 100,
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Maximum number of steps of each walk.")] = 100,
     engine: EngineOption = "auto",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,

@@ -33,39 +33,34 @@ if TYPE_CHECKING:
 
 LARGEST_SPREAD = 0.99
 """Below one, no coordinate of a sample changes its sign."""
-StartOption = Annotated[
-    str | None,
-    typer.Option(
-        "--start",
-        metavar="RUN[@BRANCH.INDEX]",
-        help="Use the gait of a run as the guess, or a point of its branch (columns branch and index of branch.csv).",
-        show_default=False,
-    ),
-]
-StartsOption = Annotated[
-    int, typer.Option("--starts", min=1, help="Number of guesses, sampled around the first; the best gait is kept.")
-]
-SpreadOption = Annotated[
-    float,
-    typer.Option("--spread", min=0.0, max=LARGEST_SPREAD, help="Size of the samples relative to the first guess."),
-]
-
-SolvedArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="PROBLEM",
-        help="A name from `gaitopt list`, a .yaml file, or RUN@attractor.K, the K-th gait in the table of a basin.",
-    ),
-]
 
 
 def solve(
     terminal: Terminal,
-    problem: SolvedArgument,
-    start: StartOption = None,
-    starts: StartsOption = 1,
+    problem: Annotated[
+        str,
+        typer.Argument(
+            metavar="PROBLEM",
+            help="A name from `gaitopt list`, a .yaml file, or RUN@attractor.K, the K-th gait in the table of a basin.",
+        ),
+    ],
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--start",
+            metavar="RUN[@BRANCH.INDEX]",
+            help="Guess the gait of a run, or of a point of its branch (columns branch and index of branch.csv).",
+            show_default=False,
+        ),
+    ] = None,
+    starts: Annotated[
+        int, typer.Option("--starts", min=1, help="Number of guesses, sampled around the first; the best gait is kept.")
+    ] = 1,
     seed: SeedOption = 0,
-    spread: SpreadOption = 0.3,
+    spread: Annotated[
+        float,
+        typer.Option("--spread", min=0.0, max=LARGEST_SPREAD, help="Size of the samples relative to the first guess."),
+    ] = 0.3,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -77,8 +72,8 @@ def solve(
     With --set KEY=VALUE the gait of the file is followed to the new values; if its family ends on the way, the message
     says where and why. --from-guess searches near the guess of the file instead.
 
-    With --starts the distinct solutions are listed and the best one is kept. The result of each start is kept in the
-    run folder, so that the same command resumes where it stopped.
+    With --starts the distinct solutions are listed and the best one is stored. The run folder keeps the result of each
+    start, so that the same command resumes where it stopped.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_optima
@@ -134,22 +129,18 @@ def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     return problem.with_guess(gait.to_record(), gait.dynamics.parameters)
 
 
-StateOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--state",
-        metavar="NAME=VALUE,...",
-        help="Start state just after an impact; other coordinates are those of the problem's guess or the run's gait.",
-    ),
-]
-StepsOption = Annotated[int, typer.Option("--steps", min=1, help="Number of steps.")]
-
-
 def simulate(
     terminal: Terminal,
     run: RunArgument,
-    state: StateOption = None,
-    steps: StepsOption = 1,
+    state: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--state",
+            metavar="NAME=VALUE,...",
+            help="Start state just after an impact; by default that of the problem's guess or of the run's gait.",
+        ),
+    ] = None,
+    steps: Annotated[int, typer.Option("--steps", min=1, help="Number of steps.")] = 1,
     engine: EngineOption = "auto",
     changes: SetOption = None,
     output: OutOption = None,
@@ -176,16 +167,13 @@ def simulate(
     return 0
 
 
-OptimumOption = Annotated[
-    bool, typer.Option("--optimum", help="Search the feasible neighbourhood of a design for a better one.")
-]
-
-
 def verify(
     terminal: Terminal,
     run: RunArgument,
     engine: EngineOption = "auto",
-    optimum: OptimumOption = False,
+    optimum: Annotated[
+        bool, typer.Option("--optimum", help="Search the feasible neighbourhood of a design for a better one.")
+    ] = False,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
@@ -216,24 +204,20 @@ def verify(
     return code if searched.optimal else NOT_VERIFIED
 
 
-FindStepsOption = Annotated[
-    int | None, typer.Option("--steps", min=1, help="Maximum number of steps of a cycle.", show_default=False)
-]
-WithinOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, for instance dtheta1=0:1deg; repeat it."
-    ),
-]
-
-
 def find(
     terminal: Terminal,
     problem: ProblemArgument,
-    steps: FindStepsOption = None,
+    steps: Annotated[
+        int | None, typer.Option("--steps", min=1, help="Maximum number of steps of a cycle.", show_default=False)
+    ] = None,
     starts: SamplesOption = 1000,
     seed: SeedOption = 0,
-    within: WithinOption = None,
+    within: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, for instance dtheta1=0:1deg; repeat it."
+        ),
+    ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -241,8 +225,8 @@ def find(
 ) -> int:
     """Search for all gaits at a problem's parameters, of any mode sequence.
 
-    Walks from many start states and a program with open modes propose gaits; each is solved, verified and listed once,
-    stable ones first. Finished parts are kept; the same command resumes where it stopped.
+    Simulations from many start states and a nonlinear program with open modes propose gaits. Each gait is solved,
+    verified and listed once, stable ones first. The same command resumes where it stopped.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_gaits
@@ -285,28 +269,24 @@ NARROWEST, WIDEST = 1e-14, 1.0
 MOST_DIGITS = 9
 """Maximum length of the number of a special point."""
 
-TargetArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN[@special.K]",
-        help="A run folder, or a PROBLEM; the K-th special point of a branch, from 0; with --check a certificate.",
-    ),
-]
-WidthOption = Annotated[
-    float | None,
-    typer.Option(
-        "--width",
-        help="Width of the bracket of a special point, from 1e-14 to 1; by default the narrowest that can be proved.",
-    ),
-]
-CheckOption = Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")]
-
 
 def prove(
     terminal: Terminal,
-    run: TargetArgument,
-    check: CheckOption = False,
-    width: WidthOption = None,
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN[@special.K]",
+            help="A run folder, or a PROBLEM; the K-th special point of a branch, from 0; with --check a certificate.",
+        ),
+    ],
+    check: Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")] = False,
+    width: Annotated[
+        float | None,
+        typer.Option(
+            "--width",
+            help="Width of the bracket of a special point, from 1e-14 to 1; by default the narrowest provable one.",
+        ),
+    ] = None,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:

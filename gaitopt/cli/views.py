@@ -70,33 +70,30 @@ class Format(StrEnum):
     PDF = "pdf"
 
 
-WhatOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--what", metavar="NAME", help="Name of a figure; repeat it for several. By default all that show something."
-    ),
-]
-FormatOption = Annotated[list[Format] | None, typer.Option("--format", help="By default svg and png.")]
-FolderOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="Folder of the figures; by default RUN/figures, of several runs ./comparison, of a basin or a sweep its "
-        "own folder.",
-        show_default=False,
-    ),
-]
-
-
 def plot(
     terminal: Terminal,
     runs: RunArguments,
-    what: WhatOption = None,
-    formats: FormatOption = None,
+    what: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--what",
+            metavar="NAME",
+            help="Name of a figure; repeat it for several. By default all that show something.",
+        ),
+    ] = None,
+    formats: Annotated[list[Format] | None, typer.Option("--format", help="By default svg and png.")] = None,
     changes: SetOption = None,
-    output: FolderOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder of the figures; by default RUN/figures, ./comparison for several runs, and the own folder of "
+            "a basin or a sweep.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> int:
     """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin, a sweep or a front.
 
@@ -128,13 +125,17 @@ def plot(
     return 0
 
 
-FileOption = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="The page; by default RUN/report.html.", show_default=False),
-]
-
-
-def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, output: FileOption = None) -> int:
+def report(
+    terminal: Terminal,
+    runs: RunArguments,
+    changes: SetOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="The page; by default RUN/report.html.", show_default=False
+        ),
+    ] = None,
+) -> int:
     """Write a page about a gait, a walk or a branch, or about several gaits side by side.
 
     The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
@@ -158,18 +159,16 @@ def report(terminal: Terminal, runs: RunArguments, changes: SetOption = None, ou
     return 0
 
 
-PaperArgument = Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")]
-OnlyOption = Annotated[
-    list[str] | None,
-    typer.Option("--only", metavar="NAME", help="A figure, for instance fig9, or table; repeat it for several."),
-]
-ReproduceFolderOption = Annotated[
-    Path | None, typer.Option("-o", "--output", metavar="DIR", help="By default results/PAPER.", show_default=False)
-]
-
-
 def reproduce(
-    terminal: Terminal, paper: PaperArgument, only: OnlyOption = None, output: ReproduceFolderOption = None
+    terminal: Terminal,
+    paper: Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")],
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", metavar="NAME", help="A figure, for instance fig9, or table; repeat it for several."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="By default results/PAPER.", show_default=False)
+    ] = None,
 ) -> int:
     """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
 
