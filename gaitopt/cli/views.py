@@ -95,12 +95,12 @@ def plot(
         ),
     ] = None,
 ) -> int:
-    """Draw figures of a gait, of several gaits in one picture, of a walk, a branch, a basin, a sweep or a front.
+    """Draw figures of a gait, walk, branch, basin, sweep or front, or of several gaits or several branches together.
 
-    Of a gait: portrait, force, slip, torques, multipliers, roads (NLP and simulation) and animation (an HTML page).
-    Of a walk that `simulate -o` has stored: section (states step by step), portrait, force, slip, torques, animation.
-    Of a branch: multipliers, or any scalar of the result, for instance spectral_radius. Of a sweep, whose own folder
-    is given as RUN: any scalar of the result. Of a front: front.
+    Gait: portrait, force, slip, torques, force_over_COORDINATE, multipliers, roads (NLP and simulation), animation (an
+    HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force, slip, torques, animation.
+    Branch: multipliers, or any scalar of the result, for instance spectral_radius. Sweep, given by its own folder: any
+    scalar of the result. Front: front.
     """
     from gaitopt.api.pictures import ANIMATION, save_figures
     from gaitopt.show.catalogue import figures_of, folder_figures, map_kind
@@ -109,9 +109,9 @@ def plot(
     if output is not None:
         check_writable(output / FIGURES)
     folder, alone = Path(runs[0]), len(runs) == 1
-    figures = folder_figures(folder) if alone else []
+    figures = folder_figures(*map(Path, runs))
     if figures:
-        place = output or (folder if map_kind(folder) else folder / FIGURES)
+        place = output or (Path(COMPARISON) if not alone else folder if map_kind(folder) else folder / FIGURES)
     else:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):

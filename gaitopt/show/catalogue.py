@@ -106,12 +106,13 @@ def _(result: Mapping) -> Figures:  # type: ignore[type-arg] # singledispatch ta
         raise TypeError("several results in one figure must be gaits, or branches over one parameter, by name")
     (key,) = parameters
     first = values[0].points[0].gait.problem if isinstance(values[0], Branch) and values[0].points else None
-    parameter = Parameter(key=str(key)) if first is None else parameter_of(first, str(key))
-    return Figures(
-        draw=lambda name: over_parameter(branches, parameter, name),
-        names=BRANCH_FIGURES[1:],
-        usual=("spectral_radius",),
-    )
+    return _families_figures(branches, Parameter(key=str(key)) if first is None else parameter_of(first, str(key)))
+
+
+def _families_figures(branches: Mapping[str, Sequence[Record]], parameter: Parameter) -> Figures:
+    """The figures of several branches over one parameter, by their names in the legend."""
+    names = tuple(name for name in BRANCH_FIGURES if name != "multipliers")
+    return Figures(draw=lambda name: over_parameter(branches, parameter, name), names=names, usual=("spectral_radius",))
 
 
 def _parameter_key(branch: Any) -> str | None:
@@ -207,18 +208,29 @@ def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) 
     return Figures(draw=draw, names=BRANCH_FIGURES, usual=tuple(usual))
 
 
-def folder_figures(folder: Path) -> list[Figures]:
-    """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; empty if it holds a gait.
+def folder_figures(*folders: Path) -> list[Figures]:
+    """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; or of the branches in all folders.
 
-    Those of a branch are drawn from its records, without restoring the gaits of its points.
+    Empty for folders with gaits. Branches are drawn from their records, without restoring the gaits of their points.
 
     Raises
     ------
     StorageError
-        If the folder is broken or unfinished.
+        If a folder is broken or unfinished.
     UnknownNameError
-        If a sweep or basin is over more than two keys.
+        If a sweep or basin is over more than two keys, or branches are over several parameters.
     """
+    folder, *others = folders
+    if others:
+        if any(kind_of(place) != "branch" for place in folders):
+            return []
+        branches = {str(place): stored_branch(place) for place in folders}
+        keys = list(dict.fromkeys(parameter for _, parameter, _ in branches.values()))
+        if len(keys) > 1:
+            raise UnknownNameError(f"branches over {' and '.join(keys)} have no common axis; draw them one by one")
+        problem, key, _ = branches[str(folder)]
+        records = {name: branch for name, (_, _, branch) in branches.items()}
+        return [_families_figures(records, parameter_of(problem, key))]
     kind = map_kind(folder) or kind_of(folder)
     if kind in ("basin", "sweep"):
         result = read_basin(folder) if kind == "basin" else read_sweep(folder)

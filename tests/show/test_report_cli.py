@@ -73,6 +73,21 @@ def test_a_branch_is_drawn_and_reported_from_its_folder(branch_run, capsys):
     assert "spectral_radius" in capsys.readouterr().err
 
 
+def test_branches_over_one_parameter_share_a_picture(branch_run, tmp_path, capsys):
+    other = shutil.copytree(branch_run, tmp_path / "other")
+    assert main(["plot", str(branch_run), str(other), "--what", "speed", "--format", "svg"]) == 0
+    assert capsys.readouterr().out.split() == ["comparison/speed.svg"]
+    slope = tmp_path / "slope"
+    assert (
+        main(
+            ["continue", "compass-passive-a", "--param", "walker.slope", "--to", "0.0176", "-o", str(slope), "--quiet"]
+        )
+        == 0
+    )
+    assert main(["plot", str(branch_run), str(slope)]) == 2
+    assert "branches over friction and walker.slope have no common axis" in capsys.readouterr().err
+
+
 def test_a_torn_last_line_of_a_branch_is_dropped(branch_run):
     with (branch_run / "branch.jsonl").open("a") as lines:
         lines.write('{"record": "poi')
