@@ -10,10 +10,12 @@ and the ground together; ``HybridSystem`` compiles them. The NLP and the simulat
 """
 
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import wraps
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
@@ -167,6 +169,30 @@ def _slip(mode: Mode) -> SX | None:
 
 KEPT = 16
 """Number of unpickled systems that are kept with their compiled functions, some megabytes each."""
+Arguments = ParamSpec("Arguments")
+Value = TypeVar("Value")
+Method: TypeAlias = Callable[Concatenate["HybridSystem", Arguments], Value]
+
+
+def compiled(inputs: str) -> Callable[[Method[Arguments, dict[str, SX]]], Method[Arguments, Function]]:
+    """Decorator of a method that returns expressions by name: it returns the function of them, built once.
+
+    Parameters
+    ----------
+    inputs : letters of the arguments; the method also returns the symbols of those that are not t, z, p or r.
+    """
+
+    def decorated(expressions: Method[Arguments, dict[str, SX]]) -> Method[Arguments, Function]:
+        @wraps(expressions)
+        def function(system: "HybridSystem", /, *args: Arguments.args, **kwargs: Arguments.kwargs) -> Function:
+            key = (expressions.__name__, *args)
+            if key not in system._functions:
+                system._compile(key, inputs, lambda: expressions(system, *args, **kwargs))
+            return system._functions[key]
+
+        return function
+
+    return decorated
 
 
 class HybridSystem:
@@ -212,10 +238,8 @@ class HybridSystem:
         n_walker = len(walker.model_fields)
         self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
         self._symbols = Expressions(walker, control, law, friction)
-        self.transitions = self._symbols.transitions
-        self._eom, self._t = self._symbols.eom, self._symbols.t
-        self._p, self._r = self._symbols.p, self._symbols.r
-        self._functions: dict[str, Function] = {}
+        self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
+        self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
 
     def __copy__(self) -> "HybridSystem":
@@ -227,170 +251,140 @@ class HybridSystem:
     def __reduce__(self) -> tuple[Any, ...]:
         return _unpickled, (self.walker, self.control, self.law, self.friction)
 
-    def flow(self, mode: Mode) -> Function:
+    @compiled("tzpr")
+    def flow(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> dz/dt."""
-        return self._build(f"flow_{mode.key}", lambda: {"dz": self._symbols.motion(mode).dz})
+        return {"dz": self._symbols.motion(mode).dz}
 
-    def margins(self, mode: Mode) -> Function:
+    @compiled("tzpr")
+    def margins(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> margins in the order of ``transitions.margin_names(mode)``."""
-        return self._build(f"margins_{mode.key}", lambda: {"margins": self._symbols.margins(mode)})
+        return {"margins": self._symbols.margins(mode)}
 
-    def events(self, mode: Mode) -> Function:
+    @compiled("tzpr")
+    def events(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> margins and their rates along the flow."""
+        margins, dz = self._symbols.margins(mode), self._symbols.motion(mode).dz
+        return {"margins": margins, "rates": jtimes(margins, self._eom.z, dz) + jacobian(margins, self._symbols.t)}
 
-        def rates() -> SX:
-            margins = self._symbols.margins(mode)
-            return jtimes(margins, self._eom.z, self._symbols.motion(mode).dz) + jacobian(margins, self._t)
-
-        return self._build(f"events_{mode.key}", lambda: {"margins": self._symbols.margins(mode), "rates": rates()})
-
-    def linearized(self, mode: Mode) -> Function:
+    @compiled("tzpr")
+    def linearized(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
+        dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
+        by_z = jacobian(margins, self._eom.z)
+        return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._symbols.t)}
 
-        def outputs() -> dict[str, SX]:
-            dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
-            by_z = jacobian(margins, self._eom.z)
-            return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._t)}
-
-        return self._build(f"linearized_{mode.key}", outputs)
-
-    def variational(self, mode: Mode, columns: int) -> Function:
+    @compiled("typr")
+    def variational(self, mode: Mode, columns: int) -> dict[str, SX]:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
+        z, dz, deviations = self._eom.z, self._symbols.motion(mode).dz, SX.sym("deviations", self.n_z, columns)
+        return {"y": vertcat(z, vec(deviations)), "dy": vertcat(dz, vec(jacobian(dz, z) @ deviations))}
 
-        def outputs() -> dict[str, SX]:
-            dz = self._symbols.motion(mode).dz
-            return {"dy": vertcat(dz, vec(jacobian(dz, self._eom.z) @ deviations))}
-
-        deviations = SX.sym("deviations", self.n_z, columns)
-        y = vertcat(self._eom.z, vec(deviations))
-        name = f"variational_{mode.key}_{columns}"
-        return self._build(name, outputs, "typr", y=y)
-
-    def observation(self, mode: Mode) -> Function:
+    @compiled("tzpr")
+    def observation(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
 
         The loss is the power that the dampers dissipate.
         """
+        eom, torque = self._eom, self._symbols.torque
+        motor_rates = eom.E.T @ eom.dq
+        return {
+            "force": self._symbols.motion(mode).force,
+            "torque": torque,
+            "power": torque * motor_rates,
+            "swing_foot": eom.mechanism.swing_foot,
+            "energy": eom.energy + self._symbols.potential_of(mode),
+            "motor_rates": motor_rates,
+            "loss": eom.dissipation,
+        }
 
-        def outputs() -> dict[str, SX]:
-            eom, torque = self._eom, self._symbols.torque
-            motor_rates = eom.E.T @ eom.dq
-            return {
-                "force": self._symbols.motion(mode).force,
-                "torque": torque,
-                "power": torque * motor_rates,
-                "swing_foot": eom.mechanism.swing_foot,
-                "energy": eom.energy + self._symbols.potential_of(mode),
-                "motor_rates": motor_rates,
-                "loss": eom.dissipation,
-            }
-
-        return self._build(f"observation_{mode.key}", outputs)
-
-    def impact(self, mode: Mode) -> Function:
+    @compiled("zp")
+    def impact(self, mode: Mode) -> dict[str, SX]:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``contact.Impact``."""
+        result = self._symbols.impact(mode)
+        return {field.name: getattr(result, field.name) for field in fields(result)}
 
-        def outputs() -> dict[str, SX]:
-            result = self._symbols.impact(mode)
-            return {field.name: getattr(result, field.name) for field in fields(result)}
-
-        return self._build(f"impact_{mode.key}", outputs, "zp")
-
-    def impacts(self, modes: Sequence[Mode]) -> Function:
+    @compiled("zp")
+    def impacts(self, *modes: Mode) -> dict[str, SX]:
         """(z, p) -> outputs of ``impact`` in one column per mode; normal velocity of the swing foot before it [m/s]."""
-        z, p = self._eom.z, self._p
+        columns = [vertcat(*self.impact(mode).call([self._symbols.z, self._symbols.p])) for mode in modes]
+        return {"impacts": horzcat(*columns), "approach": self._symbols.approach}
 
-        def outputs() -> dict[str, SX]:
-            columns = [vertcat(*self.impact(mode).call([z, p])) for mode in modes]
-            return {"impacts": horzcat(*columns), "approach": self._symbols.approach}
-
-        return self._build("_".join(["impacts", *(mode.key for mode in modes)]), outputs, "zp")
-
-    def impact_jacobian(self, mode: Mode) -> Function:
+    @compiled("zp")
+    def impact_jacobian(self, mode: Mode) -> dict[str, SX]:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
+        return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
 
-        def outputs() -> dict[str, SX]:
-            return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
-
-        return self._build(f"impact_jacobian_{mode.key}", outputs, "zp")
-
-    def impact_margins(self, mode: Mode) -> Function:
+    @compiled("zp")
+    def impact_margins(self, mode: Mode) -> dict[str, SX]:
         """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode)``."""
+        margins = self._symbols.impact_margins(mode)
+        return {"margins": vertcat(*(margins[name] for name in self.transitions.impact_margin_names(mode)))}
 
-        def outputs() -> dict[str, SX]:
-            margins = self._symbols.impact_margins(mode)
-            return {"margins": vertcat(*(margins[name] for name in self.transitions.impact_margin_names(mode)))}
-
-        return self._build(f"impact_margins_{mode.key}", outputs, "zp")
-
-    @cached_property
-    @building
-    def open_flow(self) -> Function:
+    @property
+    @compiled("tzspr")
+    def open_flow(self) -> dict[str, SX]:
         """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, of a foot whose mode is unknown.
 
         Friction is -mu s f_n with s in [-1, 1]; kinetic friction bounds a foot at rest too.
         """
+        s, guard = SX.sym("s"), SX(self._eom.mechanism.touchdown)
+        state = self._symbols.slipping(s, self.walker.released(Mode.STICK))
+        rate = jtimes(guard, self._eom.z, state.dz)
+        return {"s": s, "dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
 
-        def outputs() -> dict[str, SX]:
-            state = self._symbols.slipping(s, self.walker.released(Mode.STICK))
-            guard = SX(self._eom.mechanism.touchdown)
-            rate = jtimes(guard, self._eom.z, state.dz)
-            return {"dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
-
-        s = SX.sym("s")
-        return self._build("open_flow", outputs, "tzspr", s=s)
-
-    @cached_property
-    @building
-    def open_impact(self) -> Function:
+    @property
+    @compiled("zsp")
+    def open_impact(self) -> dict[str, SX]:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
-
-        def outputs() -> dict[str, SX]:
-            result = self._symbols.open_impact(s)
-            names = ("z_plus", "impulse", "slip_velocity", "lift_velocity")
-            return {name: getattr(result, name) for name in names}
-
         s = SX.sym("s")
-        return self._build("open_impact", outputs, "zsp", s=s)
+        result = self._symbols.open_impact(s)
+        names = ("z_plus", "impulse", "slip_velocity", "lift_velocity")
+        return {"s": s} | {name: getattr(result, name) for name in names}
 
-    @cached_property
-    @building
-    def push(self) -> Function:
+    @property
+    @compiled("zp")
+    def push(self) -> dict[str, SX]:
         """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
-        push = self._symbols.push
-        return Function("push", [self._eom.z, self._p], [push.impulse, push.work], ["z", "p"], ["impulse", "work"])
+        return {"impulse": self._symbols.push.impulse, "work": self._symbols.push.work}
 
-    @cached_property
-    @building
-    def weight(self) -> Function:
+    @property
+    @compiled("p")
+    def weight(self) -> dict[str, SX]:
         """p -> total weight [N]."""
-        return Function("weight", [self._p], [self._eom.mass * self._eom.gravity])
+        return {"weight": self._eom.mass * self._eom.gravity}
 
-    @cached_property
-    @building
-    def size(self) -> Function:
+    @property
+    @compiled("p")
+    def size(self) -> dict[str, SX]:
         """p -> length of a leg [m], gravity [m/s^2] and total mass [kg]."""
-        eom = self._eom
-        return Function("size", [self._p], [eom.length, eom.gravity, eom.mass])
+        return {"length": self._eom.length, "gravity": self._eom.gravity, "mass": self._eom.mass}
 
-    @cached_property
-    @building
-    def lift(self) -> Function:
+    @property
+    @compiled("xp")
+    def lift(self) -> dict[str, SX]:
         """(xi, p) -> z: the state just after an impact from its section coordinates (always with dx), x = 0."""
         names = self.walker.section_names(slipping=True)
         xi = SX.sym("xi", len(names))
         free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
-        p = parameter_namespace(self.walker, self._eom.p)
-        shape, rates = state_after_impact(self.walker, free, p)
-        z = vertcat(self._eom.state(shape, SX(0)), self._eom.state(rates, xi[-1]))
-        return Function("lift", [xi, self._p], [z])
+        shape, rates = state_after_impact(self.walker, free, parameter_namespace(self.walker, self._eom.p))
+        return {"x": xi, "z_plus": vertcat(self._eom.state(shape, SX(0)), self._eom.state(rates, xi[-1]))}
 
-    @cached_property
-    @building
-    def lift_jacobian(self) -> Function:
+    @property
+    @compiled("xp")
+    def lift_jacobian(self) -> dict[str, SX]:
         """(xi, p) -> d z / d xi of ``lift``; the column of dx is the last."""
         xi = SX.sym("xi", self.lift.size1_in(0))
-        return Function("lift_jacobian", [xi, self._p], [jacobian(self.lift(xi, self._p), xi)])
+        return {"x": xi, "z_plus_by_xi": jacobian(self.lift(xi, self._symbols.p), xi)}
+
+    @building
+    def _compile(self, key: tuple[Any, ...], inputs: str, expressions: Callable[[], dict[str, SX]]) -> None:
+        if key not in self._functions:  # unless another thread has just built it
+            known = {"t": self._symbols.t, "z": self._symbols.z, "p": self._symbols.p, "r": self._symbols.r}
+            results = expressions()
+            symbols = [results.pop(letter) if letter in results else known[letter] for letter in inputs]
+            name = re.sub(r"\W+", "_", "_".join(map(str, key)))
+            self._functions[key] = Function(name, symbols, cse([*results.values()]), [*inputs], [*results])
 
     def section(self, impact_mode: Mode) -> NDArray[np.intp]:
         """Indices in ``z`` of the section coordinates after an impact of the given mode."""
@@ -411,21 +405,6 @@ class HybridSystem:
     def friction_coefficients(self, p: Any) -> tuple[Any, Any, Any]:
         """Static, kinetic and viscous coefficient from parameters as numbers or symbols; see ``Friction``."""
         return self.friction.coefficients(p[self._friction_entries])
-
-    def _build(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str = "tzpr", **symbols: SX) -> Function:
-        """The function of these inputs, letters of the module's equations or ``symbols``, built on first use."""
-        if name in self._functions:
-            return self._functions[name]
-        return self._built(name, outputs, inputs, **symbols)
-
-    @building
-    def _built(self, name: str, outputs: Callable[[], dict[str, SX]], inputs: str, **symbols: SX) -> Function:
-        if name not in self._functions:  # unless another thread has just built it
-            symbols |= {"t": self._t, "z": self._eom.z, "p": self._p, "r": self._r}
-            results = outputs()
-            shared = cse([*results.values()])
-            self._functions[name] = Function(name, [symbols[key] for key in inputs], shared, [*inputs], [*results])
-        return self._functions[name]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -190,7 +190,7 @@ class ContactResolver:
     def _candidates(self, modes: tuple[Mode, ...], z_minus: Array) -> tuple[list[_Candidate], float]:
         """Impacts with each of ``modes`` after them, and the normal velocity of the swing foot before them."""
         if modes not in self._impacts:
-            self._impacts[modes] = Buffers(self._system.impacts(modes))
+            self._impacts[modes] = Buffers(self._system.impacts(*modes))
         impacts, approach = self._impacts[modes](z_minus, self._dynamics.p)
         columns, n = impacts.reshape(len(modes), -1).copy(), self._system.n_z
         candidates = [_Candidate(mode, row[:n], *row[n:].tolist()) for mode, row in zip(modes, columns, strict=True)]

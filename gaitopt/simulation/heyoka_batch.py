@@ -227,7 +227,7 @@ class BatchResolver:
         self._normal_force, self._painleve = stuck.index("normal_force"), slips.index("painleve")
         self._cone = [stuck.index(name) for name in CONE.values()]
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
-        self._impacts = HeyokaRowMap(system.impacts(self._ground), {1: p})
+        self._impacts = HeyokaRowMap(system.impacts(*self._ground), {1: p})
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
 
     def mode_at_rest(
