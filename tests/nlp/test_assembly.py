@@ -23,6 +23,22 @@ def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
     assert solution.equations.unpack(solution.w).freed.tolist() == [gait.dynamics.parameter(key) for key in free]
 
 
+@pytest.mark.parametrize("name", GAITS)
+def test_every_row_of_the_equalities_names_what_it_compares(name):
+    solution = solution_of(named(name))
+    equations, residual, labels = solution.equations, solution.residual, solution.equations.equality_labels
+    assert len(labels) == residual.size == equations.equalities.numel()
+    for row in np.linspace(0, len(labels) - 1, 25).astype(int):
+        label, (nodes, durations, _) = labels[row], equations.unpack(solution.w.copy())
+        if label.coordinate:  # a defect or a reset is this node minus what leads to it
+            nodes[equations.system.state_names.index(label.coordinate), label.node] += 1e-3
+            moved = equations.violation(equations.pack(nodes, durations), solution.p)
+            assert moved[row] - residual[row] == pytest.approx(1e-3, rel=1e-9)
+    guards = [label.name for label in labels if not label.coordinate]
+    table, cycle = equations.system.transitions, equations.layout.cycle
+    assert guards == [table.between(mode, cycle.after(k)).guard for k, mode in enumerate(cycle.phases)]
+
+
 def test_unknowns_of_a_gait_without_nodes_are_refused():
     with pytest.raises(ValueError, match=r"compass-passive-a: .* solve it first"):
         solution_of(replace(named("compass-passive-a"), shooting=None))
