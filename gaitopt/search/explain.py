@@ -149,7 +149,7 @@ def explain(
 
     instead = gaits_at(problem)
     walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    given, gait_of_file, nearest = _given(problem, gait), None, list[Nearest]()
+    given, gait_of_file, nearest = _with_fixed_numbers(problem, gait), None, list[Nearest]()
     if given is not None:
         say("following families of gaits to where the mode sequence begins")
         gait_of_file = file_gait(problem, should_stop=should_stop)
@@ -163,7 +163,7 @@ def explain(
     )
 
 
-def _given(problem: Problem, gait: Gait) -> Problem | None:
+def _with_fixed_numbers(problem: Problem, gait: Gait) -> Problem | None:
     """The problem with its free numbers as in the failed solve, and without requirements.
 
     None without a mode sequence, and for a curve that is to be designed, which has no numbers.

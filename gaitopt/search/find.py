@@ -3,6 +3,7 @@
 The search may miss gaits; ``searched`` of the result says what was tried and what was rejected.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar, overload
@@ -79,7 +80,7 @@ class Gaits(Reported, Sequence[Gait]):
 
 def gaits_of(
     problem: Problem,
-    parts: Sequence[SearchRecord | FailedJob],
+    results: Sequence[SearchRecord | FailedJob],
     *,
     known: Sequence[Gait] = (),
     progress: Valued = None,
@@ -91,11 +92,11 @@ def gaits_of(
 
     Parameters
     ----------
-    parts : results of the jobs.
+    results : of the jobs.
     known : verified gaits, which are not solved again.
     """
-    done = [part for part in parts if not isinstance(part, FailedJob)]
-    candidates = [candidate for part in done for candidate in part["candidates"]]
+    finished = [result for result in results if not isinstance(result, FailedJob)]
+    candidates = [candidate for result in finished for candidate in result["candidates"]]
     tolerance = np.inf if problem.free or problem.objective else SAME  # a design ends at the same optimum
     listed: list[tuple[Gait, list[str]]] = []
     rejected = []
@@ -128,12 +129,14 @@ def gaits_of(
         return not is_stable(gait), float(gait.solver.get("objective", 0.0)), gait.spectral_radius or 0.0
 
     listed.sort(key=rank)  # stable gaits first
-    methods = dict.fromkeys(part["method"] for part in done)
+    searched_starts = Counter[str]()
+    for result in finished:
+        searched_starts[result["method"]] += result["starts"]
     searched = {
-        "starts": {method: sum(part["starts"] for part in done if part["method"] == method) for method in methods},
+        "starts": dict(searched_starts),
         "candidates": len(candidates),
         "rejected": rejected,
-        "failed": [part.reason for part in parts if isinstance(part, FailedJob)],
+        "failed": [result.reason for result in results if isinstance(result, FailedJob)],
         "n_steps": most,
     }
     return Gaits(
@@ -247,13 +250,13 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
     plan.check()
     counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-plan.starts // WALKS)}
     searches = [plan.job(plan.problem, method, number) for method, count in counts.items() for number in range(count)]
-    parts = jobs.complete(find_candidates, searches, len(searches))
-    gaits = gaits_of(plan.problem, parts, progress=progress, should_stop=jobs.should_stop)
+    results = jobs.complete(find_candidates, searches, len(searches))
+    gaits = gaits_of(plan.problem, results, progress=progress, should_stop=jobs.should_stop)
     families = family_jobs(plan, gaits)
     if not families:
         return gaits
-    parts += jobs.complete(find_candidates, families, len(families))
-    return gaits_of(plan.problem, parts, known=gaits, progress=progress, should_stop=jobs.should_stop)
+    results += jobs.complete(find_candidates, families, len(families))
+    return gaits_of(plan.problem, results, known=gaits, progress=progress, should_stop=jobs.should_stop)
 
 
 def best_gait(gaits: Gaits) -> Gait:

@@ -87,6 +87,15 @@ def test_the_sticking_compass_begins_to_exist_at_the_friction_that_it_needs():
 
 
 @pytest.mark.slow
+def test_an_event_that_does_not_happen_is_listed_after_the_value_at_which_it_begins_to_happen():
+    """At a friction of 1.2 the sticking wheel never reaches the edge of the cone."""
+    problem = load_problem("rimless-wheel-slip").replace({"friction": 1.2}).from_guess()
+    first, second = explain(problem, starts=1).causes
+    assert (first.what, second.what) == ("mode_change", "cone_forward")
+    assert "has no end" in second.words
+
+
+@pytest.mark.slow
 def test_below_the_tangent_of_the_slope_the_wheel_cannot_stick():
     explanation = explained("rimless-wheel-slip", {"friction": 0.9 * TANGENT})
     assert explanation.causes[0].what == "friction"
