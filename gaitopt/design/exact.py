@@ -157,7 +157,7 @@ class ExactProblem:
             s = Sensitivity(solution)
         except RuntimeError:  # singular
             return None
-        problem, measured = self._problem, _Measured(s, len(self.levels))
+        problem, measured = self._problem, _ExactScalars(s, len(self.levels))
         if levels is None:
             levels = np.array([measured.extreme(name) for name in self.levels])
         span = problem.constraints.get(RADIUS)
@@ -200,7 +200,7 @@ def _return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
     return ReturnMapGradient(equations)
 
 
-class _Measured:
+class _ExactScalars:
     """Scalars of one gait, and constraints on them, with derivatives in u = (freed parameters, levels)."""
 
     def __init__(self, sensitivity: Sensitivity, n_levels: int) -> None:

@@ -91,7 +91,7 @@ ROUNDING = 1e-11
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Optimum:
+class SearchResult:
     """The point at which a search ends.
 
     Attributes
@@ -126,7 +126,7 @@ def optimise(
     cautious: bool = False,
     progress: Valued = None,
     should_stop: Stop = None,
-) -> Optimum:
+) -> SearchResult:
     """The optimum next to a point, or the point at which the search fails.
 
     Parameters
@@ -145,7 +145,7 @@ def optimise(
         if progress is not None:
             progress(iteration, point.violation)
         interrupted = should_stop is not None and should_stop()
-        here = Optimum(evaluation=point, kkt=kkt, iterations=iteration, interrupted=interrupted)
+        here = SearchResult(evaluation=point, kkt=kkt, iterations=iteration, interrupted=interrupted)
         if interrupted:
             break
         if before is not None and before.kkt < OPTIMAL and kkt >= FAST * before.kkt and point.violation < FEASIBLE:
