@@ -95,7 +95,7 @@ def _edits(
         following = (key.step + 1) % len(phases)
         first, *rest = old = phases[following]
         for impact in transition.candidates:
-            if transition.at_rest:
+            if transition.at_rest:  # the slip after the impact fades: it is gone, goes on from rest, or turns round
                 opposite = Mode.slip(-impacts[key.step].direction)
                 edited = [(*rest,), old, (first.with_contact(opposite), *rest)]
             else:
@@ -117,17 +117,17 @@ def _edits(
             remaining = [after if after[0] is slip else (slip, *after) for slip in transition.candidates]
         edited = [(*before, mode, *new) for new in remaining]
     elif transition.reset is None and not transition.margin.rises:
-        for inserted in transition.candidates:
+        for inserted in transition.candidates:  # the place of the event makes one of three ways the most plausible
             at_start, inside, at_end = (inserted, mode), (mode, inserted, mode), (mode, inserted)
             middles = (at_start, inside, at_end) if where < EDGE else (inside, at_start, at_end)
             if where > 1 - EDGE:
                 middles = (at_end, inside, at_start)
             edited += [(*before, *middle, *after) for middle in middles]
-        if transition.at_rest:
+        if transition.at_rest:  # the foot may also stay in the mode of its neighbours
             edited.append((*before, *after))
     for new in edited:
         yield _replaced(phases, step, new), impacts
-    if transition is None and place == 0 and impacts[step - 1].slips:
+    if transition is None and place == 0 and impacts[step - 1].slips:  # no slip is left after the impact: it sticks
         yield _replaced(phases, step, after), _replaced(impacts, step - 1, Mode.STICK)
 
 

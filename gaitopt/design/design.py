@@ -1,9 +1,12 @@
-"""A design: the gait that minimises an objective over freed parameters and meets constraints.
+"""A design: the gait that minimises an objective over freed parameters v and meets constraints.
 
-It starts from a known gait, or from the motion rolled out from the guess. IPOPT first solves the smoothed problem over
-nodes, durations and freed parameters (``smoothed``), again from its solution as long as that lies on the boundary of
-its trust region or a switch has passed a breakpoint of the control. Sequential quadratic programming in the freed
-parameters alone then solves the exact problem (``exact``, ``sqp``), again on a finer mesh until the gait is resolved.
+    min over (w, v) of f(w, v)      s.t.  F(w, v) = 0,      margins(w, v) >= 0,      lo <= c(w, v) <= hi
+
+w are the nodes and durations, and F the equations of the step. The search starts from a known gait, or from the motion
+rolled out from the guess. IPOPT first solves the smoothed problem over w and v (``smoothed``). It starts again from its
+solution if that lies on the boundary of its trust region, or if a switch has passed a breakpoint of the control. Then
+sequential quadratic programming in v alone solves the exact problem (``exact``, ``sqp``), again on a finer mesh until
+the gait is resolved.
 """
 
 from dataclasses import replace
