@@ -1,6 +1,6 @@
-"""Basins of attraction: where every state of a grid goes, step after step.
+"""Basins of attraction: every state of a grid walks until it settles on a gait or fails.
 
-xi -> Pi(xi) -> Pi(Pi(xi)) -> ... until xi comes back to where it was k steps before, or the walker cannot continue.
+    xi -> Pi(xi) -> Pi(Pi(xi)) -> ...     settled after m steps if Pi^m(xi) = Pi^(m-k)(xi) for a period k
 
 On the disk a basin is a part of a run: tiles of states, stored as they finish, so that an interrupted run resumes.
 """
@@ -55,7 +55,7 @@ SAME_GAIT = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcomes:
-    """Where n states have gone.
+    """Outcomes of walks from n states.
 
     Attributes
     ----------
@@ -132,15 +132,15 @@ def _first_of_cycle(past: Array, periods: Codes) -> Codes:
     return first
 
 
-def claim(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes:
+def assign_gaits(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes:
     """The index of the gait of every outcome, -1 where there is none, shape (n,); new gaits are appended to ``gaits``.
 
-    The list does not depend on how the grid is cut into parts, as long as their order is the same.
+    The list does not depend on how the grid is cut into tiles, as long as their order is the same.
     """
-    labels, waiting, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
-    while waiting.size:
+    labels, unassigned, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
+    while unassigned.size:
         if index == len(gaits):
-            row = waiting[0]
+            row = unassigned[0]
             gaits.append(
                 Attractor(
                     problem=problem,
@@ -152,18 +152,12 @@ def claim(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes
                 )
             )
         gait = gaits[index]
-        near = np.abs(outcomes.states[waiting] - gait.state).max(axis=1) < SAME_GAIT
-        on_it = near & (outcomes.periods[waiting] == gait.period)
-        labels[waiting[on_it]] = index
+        near = np.abs(outcomes.states[unassigned] - gait.state).max(axis=1) < SAME_GAIT
+        on_it = near & (outcomes.periods[unassigned] == gait.period)
+        labels[unassigned[on_it]] = index
         gaits[index] = replace(gait, count=gait.count + int(on_it.sum()))
-        waiting, index = waiting[~on_it], index + 1
+        unassigned, index = unassigned[~on_it], index + 1
     return labels
-
-
-def outcome_counts(endings: NDArray[Any]) -> dict[str, int]:
-    """Number of failed walks by the name of their ending; ``undecided`` is one of the names."""
-    values, counts = np.unique(endings[endings != 0], return_counts=True)
-    return {ending_name(int(v)): int(c) for v, c in zip(values, counts, strict=True)}
 
 
 def ending_name(code: int) -> str:
@@ -227,6 +221,7 @@ class Basin(Plotted, ReadOnlyArrays):
     def to_record(self) -> dict[str, Any]:
         """One JSON object: the gaits with their shares, and the failures by name."""
         names = self.problem.walker.section_names(slipping=True)
+        codes, counts = np.unique(self.endings[self.endings != 0], return_counts=True)
         gaits = [
             {
                 "kind": str(gait),
@@ -245,7 +240,7 @@ class Basin(Plotted, ReadOnlyArrays):
             "base": self.base,
             "states": self.grid.size,
             "gaits": gaits,
-            "failures": outcome_counts(self.endings),
+            "failures": {ending_name(int(v)): int(n) for v, n in zip(codes, counts, strict=True)},
         }
 
 
@@ -256,7 +251,7 @@ def read_basin(place: Path) -> Basin:
     stored = validated(BasinRecord, record, place / BASIN_FILE)
     grid = validated(Grid, {"axes": stored["over"]}, place / BASIN_FILE)
     check_room(grid.size, place, disk=0, memory=STATE_BYTES_MEMORY)
-    basin = assembled(run, run.problem(), grid, stored["base"])
+    basin = assemble_basin(run, run.problem(), grid, stored["base"])
     check_agrees(place / BASIN_FILE, record, basin.to_record(), "the grid of tiles")
     return basin
 
@@ -270,7 +265,7 @@ def stored_attractor(place: Path, index: str) -> Attractor:
     return attractors[int(index)]
 
 
-def assembled(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
+def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
     """The whole basin from its tiles, one after the other."""
     gaits = list[Attractor]()
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
@@ -278,7 +273,8 @@ def assembled(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) ->
     while done < grid.size:
         outcomes = _read_tile(run, tile, grid.size - done)
         rows = slice(done, done + len(outcomes.steps))
-        labels[rows], endings[rows], steps[rows] = claim(outcomes, gaits, problem), outcomes.endings, outcomes.steps
+        labels[rows] = assign_gaits(outcomes, gaits, problem)
+        endings[rows], steps[rows] = outcomes.endings, outcomes.steps
         done, tile = rows.stop, tile + 1
     return Basin(
         problem=problem, grid=grid, base=base, attractors=tuple(gaits),
@@ -380,7 +376,7 @@ class BasinPlan(Plan[Basin]):
         for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
             if isinstance(result, FailedJob):
                 raise SolveError(f"tile {tile} of the basin was given up: {result.reason}; the others are kept")
-        basin = assembled(self.run, self.problem, self.grid, self.base)
+        basin = assemble_basin(self.run, self.problem, self.grid, self.base)
         self.run.seal(*map(TILE_FILE.format, self.tiles))
         self.run.write({BASIN_FILE: json_file(basin.to_record())})
         return basin

@@ -28,7 +28,7 @@ from gaitopt.store.run import Run
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
 
-Result = TypeVar("Result", covariant=True)
+R = TypeVar("R", covariant=True)
 Stored = tuple[dict[str, Any], Callable[[str, Any], Any]]
 """Results that are on the disk by the keys of their jobs, and the function that stores another one."""
 SET_ASIDE: Literal["set_aside"] = "set_aside"
@@ -36,7 +36,7 @@ SET_ASIDE: Literal["set_aside"] = "set_aside"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(ABC, Generic[Result]):
+class Plan(ABC, Generic[R]):
     """Long work for a problem, and the run folder that keeps it.
 
     Attributes
@@ -62,10 +62,10 @@ class Plan(ABC, Generic[Result]):
         """Open the file of results in the locked run folder."""
 
     @abstractmethod
-    def result(self, jobs: ResumableJobs) -> Result:
+    def result(self, jobs: ResumableJobs) -> R:
         """Complete the jobs, and write their summary if there is one."""
 
-    def complete(self, workers: Workers | None = None, *, progress: Counted = None, should_stop: Stop = None) -> Result:
+    def complete(self, workers: Workers | None = None, *, progress: Counted = None, should_stop: Stop = None) -> R:
         """Do the jobs that are not on the disk yet; the result of all.
 
         Parameters

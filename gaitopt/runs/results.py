@@ -64,23 +64,25 @@ def restore_gait(folder: Path) -> Gait:
 def restore_walk(folder: Path) -> Walk:
     """The walk that a run folder holds."""
     run = Run(folder)
-    record, table = run.read_result(WALK_FILES)
-    problem = run.problem()
+    (stored, table), problem = run.read_result(WALK_FILES), run.problem()
     try:
-        validated(WalkRecord, record, folder / WALK_FILE, states=problem.walker.state_names())
+        record = validated(WalkRecord, stored, folder / WALK_FILE, states=problem.walker.state_names())
         dynamics = problem_dynamics(problem).at(record["parameters"])
         system = dynamics.system
-        section = record["section"]
-        began = [float(point["time"]) for point in section]
-        impacts = [Mode(point["impact"]) for point in section[1:]]
-        start, *_ = (np.array([point["state"][name] for name in system.state_names]) for point in section)
-        gait = [[float(state[name]) for name in system.state_names] for state in record["gait_states"]]
-        ending, message = Ending(record["status"]), str(record["message"])
-        steps = tabulated_steps(dynamics, table, began, impacts) if table.rows else ()
+        began = [point["time"] for point in record["section"]]
+        impacts = [Mode(point["impact"] or "") for point in record["section"][1:]]
+        start = np.array([record["section"][0]["state"][name] for name in system.state_names], dtype=float)
+        gait = [[state[name] for name in system.state_names] for state in record["gait_states"]]
+        trajectory = Trajectory(
+            names=system.state_names,
+            start=start,
+            steps=tabulated_steps(dynamics, table, began, impacts) if table.rows else (),
+            ending=Ending(record["status"]),
+            message=record["message"],
+        )
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
-    trajectory = Trajectory(names=system.state_names, start=start, steps=steps, ending=ending, message=message)
-    states = np.array(gait).reshape(-1, len(system.state_names))
+    states = np.array(gait, dtype=float).reshape(-1, len(system.state_names))
     walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
     check_agrees(folder / WALK_FILE, record, walk.to_record(), "the table beside it")
     return walk

@@ -23,7 +23,7 @@ from gaitopt.runs.basin import (
     SETTLED,
     UNDECIDED,
     BasinPlan,
-    claim,
+    assign_gaits,
     follow,
     read_basin,
 )
@@ -168,7 +168,7 @@ def test_cycle_has_its_period_and_one_name_wherever_it_is_entered(period):
     outcomes = follow(Map(rotation(angle, 1.0) if period > 1 else rotation(0, 0.5)), cycle, 200)
     assert set(outcomes.periods) == {period}
     gaits = []
-    assert set(claim(outcomes, gaits, load_problem("compass-passive-a"))) == {0}
+    assert set(assign_gaits(outcomes, gaits, load_problem("compass-passive-a"))) == {0}
     assert gaits[0].count == len(cycle)
 
 
@@ -189,7 +189,7 @@ def test_compass_doubles_its_period_as_the_slope_grows(slope, period):
     outcomes = follow(step_map(problem, None, Engine.HEYOKA), xi, 400)
     assert set(outcomes.periods) <= {0, period}
     gaits = []
-    claim(outcomes, gaits, problem)
+    assign_gaits(outcomes, gaits, problem)
     (attractor,) = gaits
     assert str(attractor).startswith("sticking")
     gait = go.solve(attractor)
