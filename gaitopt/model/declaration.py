@@ -30,7 +30,7 @@ FOOT_COORDINATES = ("x", "y")
 RESERVED = ("mode", "contact", "impact", "model", "type", "touchdown", "upright", "clearance", "painleve")
 """Words with another meaning where the names of stops, switches and actuators occur."""
 DERIVED = (
-    "contacts",
+    "foot_modes",
     "modes",
     "steps_per_cycle",
     "step_parameters",

@@ -268,7 +268,7 @@ class Transitions:
     def __init__(self, walker: type[Walker], friction: Friction) -> None:
         self.walker, self._friction = walker, friction
         self.modes = walker.modes()
-        self.landed = tuple(walker.released(contact) for contact in grounded(walker.contacts()))
+        self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[Mode, Mapping[str, Transition]] = {}
@@ -315,7 +315,7 @@ class Transitions:
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
         """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""
-        return tuple(mode.with_contact(contact) for contact in self.walker.contacts())
+        return tuple(mode.with_contact(contact) for contact in self.walker.foot_modes())
 
     def onset(self, mode: Mode) -> Transition:
         """The transition where static friction holds the foot at the start of a slip from rest."""
@@ -329,7 +329,7 @@ class Transitions:
         ValueError
             If not; the message says what the walker can do.
         """
-        model, contacts = self.walker.model, self.walker.contacts()
+        model, contacts = self.walker.model, self.walker.foot_modes()
         start = self.walker.released(Mode.STICK).stops
         for step in cycle.steps:
             for mode in (*step.phases, step.impact):

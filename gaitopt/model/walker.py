@@ -206,7 +206,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         raise NotImplementedError
 
     @classmethod
-    def contacts(cls) -> tuple[Mode, ...]:
+    def foot_modes(cls) -> tuple[Mode, ...]:
         """States of the foot, as modes without stops."""
         ground = CONTACTS[:1] if cls.massless_feet else CONTACTS
         return (*ground, Mode.FLIGHT) if cls.flies else ground
@@ -216,7 +216,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         """All modes: every state of the foot with every state of the stops and switches."""
         choices = {**dict.fromkeys(cls.stops, STOP_STATES), **dict.fromkeys(cls.switches, SWITCH_STATES)}
         states = [dict(zip(choices, choice, strict=True)) for choice in product(*choices.values())]
-        return tuple(Mode.of(contact, stops) for stops in states for contact in cls.contacts())
+        return tuple(Mode.of(contact, stops) for stops in states for contact in cls.foot_modes())
 
     @classmethod
     def steps_per_cycle(cls) -> int:

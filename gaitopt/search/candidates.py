@@ -164,7 +164,7 @@ def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Arr
         xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
         if not walker.flies:
             _turn_forward(dynamics, xi)
-    if not any(mode.slips for mode in walker.contacts()):
+    if not any(mode.slips for mode in walker.foot_modes()):
         xi[:, -1] = 0.0
     elif box.lower[-1] <= 0 <= box.upper[-1]:
         xi[::2, -1] = 0.0

@@ -10,7 +10,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import STATIC_KINETIC, ImpactLaw
+from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -56,6 +56,13 @@ def test_the_impulse_of_a_slipping_impact_is_kinetic_and_without_drag(mode):
     for z in states:
         f_t, f_n = np.asarray(system.impact(mode)(z, p)[1]).ravel()
         assert f_t == pytest.approx(-mode.direction * KINETIC * f_n, rel=1e-12)
+
+
+def test_one_number_is_the_static_and_the_kinetic_coefficient_without_drag():
+    assert COULOMB.coefficients([0.3]) == (0.3, 0.3, 0.0)
+    assert STATIC_KINETIC.coefficients([0.5, 0.3, 2.0]) == (0.5, 0.3, 2.0)
+    assert STATIC_KINETIC.may_drop
+    assert not COULOMB.may_drop
 
 
 def test_equal_coefficients_are_one_coefficient():

@@ -29,6 +29,13 @@ def test_every_event_ends_the_motion_or_leads_to_modes_of_the_walker(table):
 
 
 @pytest.mark.parametrize("table", TABLES, ids=IDS)
+def test_a_walker_has_a_normal_force_where_a_contact_touches_the_ground_and_nowhere_else(table):
+    for mode in table.modes:
+        assert ("normal_force" in table.of(mode)) == bool(mode.touching)
+    assert all(mode.touching for mode in table.landed)
+
+
+@pytest.mark.parametrize("table", TABLES, ids=IDS)
 def test_the_event_between_two_modes_has_the_second_as_a_candidate(table):
     for mode in table.modes:
         for transition in table.of(mode).values():
