@@ -103,7 +103,8 @@ def plot(
     scalar of the result. Front: front.
     """
     from gaitopt.api.pictures import ANIMATION, save_figures
-    from gaitopt.show.catalogue import figures_of, folder_figures, map_kind
+    from gaitopt.runs.results import PARTS, kind_of
+    from gaitopt.show.catalogue import figures_of, folder_figures
     from gaitopt.store.files import check_writable
 
     if output is not None:
@@ -111,7 +112,7 @@ def plot(
     folder, alone = Path(runs[0]), len(runs) == 1
     figures = folder_figures(*map(Path, runs))
     if figures:
-        place = output or (Path(COMPARISON) if not alone else folder if map_kind(folder) else folder / FIGURES)
+        place = output or (Path(COMPARISON) if not alone else folder if kind_of(folder) in PARTS else folder / FIGURES)
     else:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):

@@ -106,9 +106,19 @@ KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
 """By kind of result: the file by which it is known, and its reader. Of several kinds in one folder the first counts."""
 
 
+PARTS = ("sweep", "basin")
+"""Kinds of results that have a folder KIND-KEY of their own within a run folder."""
+
+
 def kind_of(folder: Path) -> str:
-    """The kind of result in a folder, a key of ``KINDS``; empty where there is no such folder, or no result in it."""
+    """The kind of result in a folder, a key of ``KINDS``; empty where there is no such folder, or no result in it.
+
+    A part of a run is known by its name, so that an unfinished one is an error where it is read.
+    """
     try:
+        part = folder.name.partition("-")[0]
+        if part in PARTS and folder.is_dir() and not (folder / MANIFEST_FILE).exists():
+            return part
         return next((kind for kind, (name, _) in KINDS.items() if any(folder.glob(name))), "")
     except OSError:  # a text that is no name of a folder
         return ""

@@ -24,7 +24,6 @@ from gaitopt.show.grids import basin, front_figure, sweep
 from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
 from gaitopt.show.pages import animation_page
 from gaitopt.show.style import Parameter, parameter_of
-from gaitopt.store.run import MANIFEST_FILE
 from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
@@ -231,7 +230,7 @@ def folder_figures(*folders: Path) -> list[Figures]:
         problem, key, _ = branches[str(folder)]
         records = {name: branch for name, (_, _, branch) in branches.items()}
         return [_families_figures(records, parameter_of(problem, key))]
-    kind = map_kind(folder) or kind_of(folder)
+    kind = kind_of(folder)
     if kind in ("basin", "sweep"):
         result = read_basin(folder) if kind == "basin" else read_sweep(folder)
         if len(result.grid.axes) > DRAWN_AXES:
@@ -243,10 +242,3 @@ def folder_figures(*folders: Path) -> list[Figures]:
     if kind == "walk":
         return [figures_of(restore_walk(folder))]
     return [figures_of(front) for front in read_fronts(folder)] if kind == "front" else []
-
-
-def map_kind(folder: Path) -> str:
-    """``basin`` or ``sweep`` if the folder is that of one, finished or not, within a run folder; else empty."""
-    kind = folder.name.partition("-")[0]
-    is_map = kind in ("basin", "sweep") and folder.is_dir() and not (folder / MANIFEST_FILE).exists()
-    return kind if is_map else ""

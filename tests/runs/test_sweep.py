@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from gaitopt import load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.problem.problem import load_problem
@@ -255,3 +256,11 @@ def test_finished_sweep_is_drawn_again_from_its_folder_unless_it_is_broken(tmp_p
     Run.at(Path(record["run"])).seal(TABLE_FILE)
     assert main(["plot", record["run"]]) == 6
     assert "has 3 rows for 4 points" in capsys.readouterr().err
+
+
+def test_unfinished_sweep_is_named_where_it_is_read(tmp_path):
+    sweep, done = wheel_sweep(tmp_path), []
+    with pytest.raises(KeyboardInterrupt):
+        sweep.complete(HERE, progress=lambda k, n: done.append(k), should_stop=lambda: len(done) == 2)
+    with pytest.raises(StorageError, match=r"sweep\.json: missing"):
+        load_run(sweep.run.place)
