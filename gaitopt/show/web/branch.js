@@ -1,4 +1,4 @@
-// The diagram of a branch: any scalar over the parameter; a gait is chosen by click, slider, or arrow keys.
+// The diagram of a branch: any scalar versus the parameter; click, slider or arrow keys select a gait.
 
 const SPECIAL_WORDS = {
   fold: "fold", branch_point: "branches cross", period_doubling: "period doubling", neimark_sacker: "Neimark–Sacker", mode_change: "other phases begin",
@@ -6,8 +6,8 @@ const SPECIAL_WORDS = {
   vanishing: "gait vanishes",
 };
 const LOG = 10; // multipliers beyond this go on a log axis
-const SMALLEST = 1e-3; // what a multiplier of zero is drawn as there
-const NEAR = 40; // pixels within which a gait is under the pointer
+const SMALLEST = 1e-3; // height of a multiplier of zero on that axis
+const NEAR = 40; // largest distance of the pointer from a gait that it selects [pixels]
 
 // Outlines around (0, 0) of unit size, one for every type of special point.
 const MARKS = {
@@ -61,12 +61,12 @@ class BranchDiagram {
     return gait.scalars[this.quantity.value];
   }
 
-  // The scalar of a gait, or of every step of a cycle where each has its own.
+  // The scalar of a gait, or of every step of a cycle of several steps.
   values(gait) {
     return gait.steps?.[this.quantity.value] ?? [this.value(gait)];
   }
 
-  // Where a value stands on the vertical axis.
+  // Height of a value on the vertical axis.
   height(value) {
     return this.log && typeof value === "number" ? Math.log10(Math.max(value, SMALLEST)) : value;
   }

@@ -1,7 +1,7 @@
 // A small chart: axes with round ticks, lines, points and bands; redrawn whenever its width changes.
 
 const MARGIN = { left: 66, right: 12, top: 10, bottom: 42 };
-const PADDING = 0.05; // of a range, on both sides
+const PADDING = 0.05; // margin on both sides of a range, relative to it
 
 class Chart {
   // paint(chart) draws the contents; ranges are [low, high]; square: units of both axes are equally long
@@ -11,7 +11,7 @@ class Chart {
     this.title = title;
     host.append(html("figure", {}, html("figcaption", {}, title), this.box));
     new ResizeObserver(() => {
-      const width = this.box.clientWidth; // zero once the chart has left the page
+      const width = this.box.clientWidth; // zero after the chart was removed from the page
       if (width > 0 && width !== this.width) this.redraw();
     }).observe(this.box);
   }

@@ -1,4 +1,4 @@
-// Columns of numbers packed by packing.py: value = low + step * code; all low bytes, then all high bytes, in base64.
+// Columns of numbers packed by film.py: value = low + step * code; all low bytes, then all high bytes, in base64.
 
 function unpack({ rows, columns }) {
   const unpacked = {};
@@ -9,7 +9,7 @@ function unpack({ rows, columns }) {
   return unpacked;
 }
 
-const SMOOTH = 33; // equidistant points of a phase on the page; a longer one has more
+const SMOOTH = 33; // smallest number of equidistant points of a phase on the page
 const PER_SECOND = 90;
 
 // A film whose columns are equidistant within each phase and close enough for straight lines between them; all x are

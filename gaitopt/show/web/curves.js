@@ -1,10 +1,10 @@
 // The figures of one gait: portrait, forces, slip, torques, multipliers; dashed where the foot slips.
-// `fellows` are all motions that stand side by side, this one among them: they share their axes.
+// `fellows` are all motions of the page, with this one: they share their axes.
 
 const COLOURS = ["first", "second", "third", "fourth", "fifth", "sixth", "seventh"];
-const CARRIES = 0.01; // part of the weight
-const LEAP = 1e-3; // part of a range that is a jump
-const REACH = 2; // of the plane of multipliers: beyond it they stand at its edge with their value
+const CARRIES = 0.01; // smallest normal force with a force ratio, relative to the weight
+const LEAP = 1e-3; // smallest jump of a state, relative to its range
+const REACH = 2; // half width of the plane of multipliers; larger ones are at its edge with their value
 
 // Times, columns and phases of an unrolled film, and the slip of the stance foot since its own step began.
 function motion(film) {
@@ -32,7 +32,7 @@ function timeAxis(film) {
 
 const STROKES = { stick: "", flight: "flying" };
 
-// Draw y over x, phase by phase, as far as y is a number: there is no force in flight.
+// Draw y versus x, phase by phase, where y is a number: there is no force in flight.
 function stroke(chart, moving, x, y, colour) {
   for (const { mode, first, last } of moving.film.phases) {
     const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]).filter((point) => point.every(Number.isFinite));
@@ -40,7 +40,7 @@ function stroke(chart, moving, x, y, colour) {
   }
 }
 
-// What the lines of a figure mean, as far as they occur.
+// The meaning of the line styles in a figure.
 function strokesMean({ film }) {
   const modes = film.phases.map((phase) => phase.mode);
   return (modes.some((mode) => !(mode in STROKES)) ? "Dashed: the foot slips. " : "") + (modes.includes("flight") ? "Dotted, thin: flight. " : "");
@@ -81,7 +81,7 @@ function portrait(host, moving, fellows, labels) {
   legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}Dotted: the impact${locks ? ", or a stop that locks" : ""}. Dot: just after the impact.`);
 }
 
-// Where the foot carries nothing, there is no ratio.
+// There is no ratio while the foot carries nothing.
 function ratios({ film, f_t, f_n }) {
   return f_t.map((force, k) => (f_n[k] > CARRIES * film.weight ? force / f_n[k] : NaN));
 }
@@ -136,7 +136,7 @@ function torques(host, moving, fellows) {
 function multiplierPlane(host, gait) {
   const largest = Math.max(...gait.multipliers.flat().map(Math.abs));
   const reach = Math.min(REACH, Math.max(1.15, 1.1 * largest));
-  const height = matchMedia("(max-width: 50rem)").matches ? 200 : 250; // with its list it is as high as the others
+  const height = matchMedia("(max-width: 50rem)").matches ? 200 : 250; // with the list below, the figure is as high as the others
   const options = { title: "Floquet multipliers", x: "real part", y: "imaginary part", xRange: [-reach, reach], yRange: [-reach, reach], height, square: true };
   new Chart(host, options, (chart) => {
     const turn = Array.from({ length: 121 }, (_, k) => (2 * Math.PI * k) / 120);
@@ -152,7 +152,7 @@ function multiplierPlane(host, gait) {
   host.lastElementChild.append(multiplierList(gait));
 }
 
-// The multipliers in figures, with their moduli; one line for a conjugate pair.
+// Table of the multipliers with their moduli; one line per conjugate pair.
 function multiplierList({ multipliers }) {
   const body = html("tbody");
   const cells = (tag, words) => words.map((word) => html(tag, tag === "th" ? { scope: "col" } : { class: "number" }, word));
@@ -175,7 +175,7 @@ function comparison(host, { nodes, lines }, film, labels) {
       pairs(solved.t, solved[name]).forEach(([t, angle]) => chart.dot(t, angle, `ring ${colour}`, 3.5));
     }),
   );
-  legend(host, names.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Lines: simulation, which chooses its modes. Circles: NLP.");
+  legend(host, names.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), "Lines: simulation, which finds its modes. Circles: NLP.");
 }
 
 function comparisonDifference(host, { gaps }, film) {

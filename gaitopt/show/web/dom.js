@@ -1,4 +1,4 @@
-// Elements of a page by one call each.
+// Elements of a page, each made by one call.
 
 const SVG_NAMESPACE = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
 
@@ -20,7 +20,7 @@ function set(element, attributes) {
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
 }
 
-// Who dislikes motion is not shown any unasked.
+// Where the user prefers reduced motion, nothing moves before Play is pressed.
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 function scrolling() {

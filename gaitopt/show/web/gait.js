@@ -1,4 +1,4 @@
-// One gait: what it is, how it moves, its figures.
+// One gait: its modes, the moving walker, its figures.
 
 function radius(gait) {
   return Math.max(0, ...gait.multipliers.map(([re, im]) => Math.hypot(re, im)));
@@ -17,7 +17,7 @@ function sequence(film) {
 }
 
 class GaitPanel {
-  // gaits: all that stand side by side, this one among them
+  // gaits: all gaits of the page, with this one
   constructor(host, gait, gaits, labels, heading, settings) {
     host.replaceChildren();
     const check = { true: "verified by simulation", false: "NOT verified", null: "" }[gait.passed];
@@ -47,7 +47,7 @@ class GaitPanel {
   }
 }
 
-// Scalars, state after impact and freed parameters of gaits in columns; of two also their difference.
+// Scalars, state after impact and freed parameters of gaits in columns, with the difference of two gaits.
 function numbersTable(host, gaits, labels) {
   const body = html("tbody");
   const names = gaits.map((gait) => gait.film.name);
@@ -84,7 +84,7 @@ function tabs(gaits, side) {
   return html("nav", { class: "tabs", "aria-label": "gaits" }, ...buttons);
 }
 
-// One button for all walkers, and the first two of them drawn over each other, at the time of the first one.
+// A button that plays all walkers, and an overlay of the first two at the time of the first one.
 function together(panels, gaits) {
   const section = html("section", { class: "together", "aria-label": "all gaits together" });
   const play = html("button", { type: "button", class: "play" });

@@ -4,7 +4,7 @@ const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2];
 const FIRST_SPEED = 0.25;
 
 class Player {
-  // settings: those of another player, to go on with the same speed
+  // settings: speed and state of another player, which this one takes over
   constructor(host, film, settings = { speed: FIRST_SPEED, playing: !STILL.matches }) {
     this.walker = new Walker(host, film);
     this.time = 0;

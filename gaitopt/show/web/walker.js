@@ -2,9 +2,9 @@
 // World coordinates are metres with x downhill and y along the slope's normal; one group turns and scales them.
 
 const VIEW = { width: 640, height: 360 };
-const WALKER_SHARE = 0.66; // of the view's height
+const WALKER_SHARE = 0.66; // height of the walker relative to the view
 const GROUND_AT = 0.84;
-const FORCE_PER_WEIGHT = 0.45; // length of an arrow as heavy as the walker, in heights of the walker
+const FORCE_PER_WEIGHT = 0.45; // length of the arrow of a force equal to the weight, in heights of the walker
 const CONE = 0.6;
 const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the ground, in heights of the walker
 
@@ -39,7 +39,7 @@ class Walker {
     this.force = svg(this.world, "path", { class: "force" });
   }
 
-  // Every slip of every cycle: from when, and between which frames.
+  // Every slip of every cycle: its start time, and its first and last frame.
   slips() {
     const slipping = this.film.phases.filter((phase) => phase.mode in MARK_DEPTH);
     return Array.from({ length: this.repeats }, (_, cycle) => slipping.map((phase) => ({ ...phase, cycle }))).flat();
@@ -81,7 +81,7 @@ class Walker {
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
   }
 
-  // Where the picture is at a time of the cycle: between the places of the walker at the starts of its steps.
+  // Position of the picture at a time of the cycle, interpolated between the starts of the steps.
   along(t) {
     const { path } = this.film;
     const k = Math.max(1, path.findIndex(([time]) => time >= t));
@@ -122,7 +122,7 @@ class Walker {
   drawForce([x, y], frame) {
     const mu = this.film.friction;
     const top = CONE * this.height;
-    const cone = Math.min(1, 0.5 / mu) * top; // a wide cone is cut lower, so that it stays in the picture
+    const cone = Math.min(1, 0.5 / mu) * top; // a wide cone is cut off so that it stays in the picture
     this.cone.setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
     const unit = (FORCE_PER_WEIGHT * this.height) / this.film.weight;
     const tip = [x + unit * this.at("f_t", frame), y + unit * this.at("f_n", frame)];
