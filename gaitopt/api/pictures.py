@@ -23,7 +23,7 @@ from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.results import kind_of, restore_walk
 from gaitopt.show.catalogue import Figures, figures_of
 from gaitopt.show.pages import branch_report, comparison_report, walk_report
-from gaitopt.show.style import drawn
+from gaitopt.show.style import encoded
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
 from gaitopt.store.files import clear_leftovers, make_folder, write_whole
@@ -178,7 +178,7 @@ def page_in(folder: Path) -> Page | None:
 def html(result: Any) -> str:
     """The table that the command line prints and a small picture, for a notebook."""
     try:
-        code = b64encode(drawn(draw(result), "png", SMALL)).decode()
+        code = b64encode(encoded(draw(result), "png", SMALL)).decode()
         picture = f'<img alt="" src="data:image/png;base64,{code}">'
     except (TypeError, ValueError):  # has none
         picture = ""
@@ -200,4 +200,4 @@ def _show(figure: Figure) -> None:
     if shell is not None and getattr(shell, "kernel", None) is not None:
         from IPython.display import display
 
-        display({"image/png": drawn(figure, "png", 100)}, raw=True)
+        display({"image/png": encoded(figure, "png", 100)}, raw=True)

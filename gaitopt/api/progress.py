@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal or in a notebook, a line now and then elsewhere, or a function's calls."""
+"""Progress of long work: a bar on a terminal or in a notebook, lines elsewhere, or calls of a function."""
 
 import math
 import time
@@ -21,21 +21,21 @@ SOLVED = 1e-10
 LINE_EVERY = 5.0
 """Seconds between two lines of progress where there is no terminal."""
 
-Counter = bool | Callable[[int, int], None]
-"""``progress`` of a call with countable parts: show it or not, or call a function with parts done and their total."""
-Follower = bool | Callable[[int, float], None]
-"""``progress`` of a solution or a continuation: show it or not, or call a function with a number and a value."""
-Teller = bool | Callable[[str], None]
-"""``progress`` of a call that reports in words: show them or not, or call a function with them."""
+CountProgress = bool | Callable[[int, int], None]
+"""``progress`` of a call with countable parts: whether to show it, or a function of finished parts and total."""
+ValueProgress = bool | Callable[[int, float], None]
+"""``progress`` of a solution or a continuation: whether to show it, or a function of a number and a value."""
+TextProgress = bool | Callable[[str], None]
+"""``progress`` of a call that describes its stages: whether to show them, or a function of the text."""
 
 
 @contextmanager
 def shown(
     progress: bool | Callable[..., None], bar: Callable[..., AbstractContextManager[Callable[..., None]]], *words: str
 ) -> Iterator[Callable[..., None]]:
-    """The callback that ``progress`` of a library call stands for: itself, or that of a bar described in words.
+    """The callback for the argument ``progress``: the argument itself if it is a function, or that of a bar.
 
-    A bar is shown on standard error of a terminal or in a notebook's output, and nowhere else.
+    A bar is shown on standard error of a terminal or in the output of a notebook, and nowhere else.
     """
     if callable(progress):
         yield progress
@@ -49,17 +49,17 @@ def shown(
 
 
 def _is_live(console: Console) -> bool:
-    """Whether a bar is to be shown and can be drawn again and again; in a notebook that takes ipywidgets."""
-    if console.quiet:  # a widget would be there all the same, though empty
+    """Whether a bar is wanted and can be redrawn; in a notebook that takes ipywidgets."""
+    if console.quiet:  # else a notebook would show an empty widget
         return False
     return find_spec("ipywidgets") is not None if console.is_jupyter else console.is_terminal
 
 
 @contextmanager
 def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, float], None]]:
-    """Give a callback that shows iteration and violation: a bar on a terminal, one line per iteration elsewhere.
+    """Yield a callback that shows iteration and violation: a bar on a terminal, one line per iteration elsewhere.
 
-    The bar counts the decimal digits that the violation has lost.
+    The bar shows the negative decimal logarithm of the violation.
     """
     if not _is_live(console):
         console.print(what)
@@ -79,14 +79,14 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 
 @contextmanager
 def value_progress(console: Console, what: str, parameter: str) -> Iterator[Callable[[int, float], None]]:
-    """Give a callback that shows a number of gaits and the value of a parameter beside a clock."""
+    """Yield a callback that shows the number of gaits and the parameter beside a clock."""
     with word_progress(console, what) as say:
         yield lambda n, value: say(f"{n} gaits, {parameter} = {value:.6g}")
 
 
 @contextmanager
 def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]]:
-    """Give a callback that shows its words beside a clock."""
+    """Yield a callback that shows a text beside a clock."""
     columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         bar = progress.add_task(what, total=None)
@@ -95,7 +95,7 @@ def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]
 
 @contextmanager
 def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
-    """Give a callback (done, total) that shows progress and the time that is left."""
+    """Yield a callback (done, total) that shows progress and the remaining time."""
     if _is_live(console):
         columns = (
             TextColumn("{task.description}", markup=False),

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from gaitopt.api.progress import (
-    Counter,
-    Follower,
-    Teller,
+    CountProgress,
+    TextProgress,
+    ValueProgress,
     job_progress,
     shown,
     solver_progress,
@@ -69,7 +69,7 @@ def solve(
     start: Gait | None = None,
     output: Output = False,
     reuse: bool = False,
-    progress: Follower = True,
+    progress: ValueProgress = True,
     should_stop: Stop = None,
 ) -> Gait:
     """Solve a problem for its gait; the reference of a PD law is solved first.
@@ -108,17 +108,17 @@ def solve(
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    question = problem if isinstance(problem, Attractor) else _stated(problem)
-    stated = question.problem if isinstance(question, Attractor) else question
+    question = problem if isinstance(problem, Attractor) else _loaded(problem)
+    loaded = question.problem if isinstance(question, Attractor) else question
     folder = None if isinstance(question, Attractor) else _folder(question, output)
     if reuse:
         if folder is None:
             raise ProblemError("reuse: takes the gait of a problem from its run folder; give output=True or a folder")
-        known = stored_gait(stated, folder)
+        known = stored_gait(loaded, folder)
         if known is not None:
             return known
-    with nullcontext() if folder is None else Run(folder).writing(stated):
-        with shown(progress, solver_progress, f"solving {stated.name}") as show:
+    with nullcontext() if folder is None else Run(folder).writing(loaded):
+        with shown(progress, solver_progress, f"solving {loaded.name}") as show:
             gait = single.solve(question, start=start, progress=show, should_stop=should_stop)
         if output and gait.converged:
             gait = gait.verified(verify(gait).to_record())
@@ -141,7 +141,7 @@ def simulate(
     Parameters
     ----------
     start : a gait, or a problem, its name or path (then from the state of its guess).
-    state : values by name that replace those of ``start``'s state; what follows from the section is completed.
+    state : values by name that replace those of ``start``'s state; the other coordinates follow from the section.
     steps : number of steps.
     dense : False keeps only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
@@ -159,11 +159,11 @@ def simulate(
         If ``state`` names something that is not a section coordinate of the walker, or the
         engine is unknown or not installed.
     StorageError
-        If so many steps do not fit into memory or on the disk, or the folder cannot be written.
+        If the steps do not fit into memory or on the disk, or the folder cannot be written.
     """
     from gaitopt.runs.grid import check_room
 
-    begin = start if isinstance(start, Gait) else _stated(start)
+    begin = start if isinstance(start, Gait) else _loaded(start)
     folder = _folder(begin.problem if isinstance(begin, Gait) else begin, output)
     if folder is not None:
         Run(folder).check(begin.problem if isinstance(begin, Gait) else begin)
@@ -176,7 +176,7 @@ def simulate(
     return walk
 
 
-def neighbourhood(gait: Gait, *, progress: Counter = True) -> "Neighbourhood":
+def neighbourhood(gait: Gait, *, progress: CountProgress = True) -> "Neighbourhood":
     """Search the feasible neighbourhood of a design for a better gait.
 
     Parameters
@@ -205,7 +205,7 @@ def find(
     workers: int | None = 1,
     scheduler: str | None = None,
     output: Output = False,
-    progress: Counter = True,
+    progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> Gaits:
     """Find all gaits at a problem's parameters that two searches lead to, of any mode sequence.
@@ -236,7 +236,7 @@ def find(
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    unknown = with_open_modes(_stated(problem))
+    unknown = with_open_modes(_loaded(problem))
     unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
     plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=within or {})
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
@@ -255,10 +255,10 @@ def explain(
     starts: int = STARTS,
     seed: int = 0,
     workers: int | None = 1,
-    progress: Teller = True,
+    progress: TextProgress = True,
     should_stop: Stop = None,
 ) -> "Explanation":
-    """Explain why a problem has no gait: violated conditions, other gaits, and the nearest values with the gait.
+    """Explain why a problem has no gait: violated conditions, other gaits, and the nearest values with a gait.
 
     Parameters
     ----------
@@ -273,10 +273,10 @@ def explain(
     """
     from gaitopt.search.explain import explain as explain_problem
 
-    stated, processes = _stated(problem), make_workers(workers, None)
-    with shown(progress, word_progress, f"explaining {stated.name}") as say:
+    loaded, processes = _loaded(problem), make_workers(workers, None)
+    with shown(progress, word_progress, f"explaining {loaded.name}") as say:
         return explain_problem(
-            stated, starts=starts, seed=seed, workers=processes.count, progress=say, should_stop=should_stop
+            loaded, starts=starts, seed=seed, workers=processes.count, progress=say, should_stop=should_stop
         )
 
 
@@ -295,7 +295,7 @@ def continuation(
     branch_points: int = 0,
     mode_changes: int = 0,
     output: Output = False,
-    progress: Follower = True,
+    progress: ValueProgress = True,
     should_stop: Stop = None,
 ) -> Branch:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
@@ -310,10 +310,10 @@ def continuation(
     lower, upper : further bounds of the parameter, for families with folds.
     events : functions of a gait, continuous along the family: ``{"fast": lambda gait: gait.scalar("speed") - 0.5}``.
         Their zeros are located as precisely as bifurcations, and are special points of that type.
-    max_points, max_seconds : limits of the work towards each target; a branch that ends at one of them is ``open``.
+    max_points, max_seconds : limits of points and time per target; a branch that ends at a limit is ``open``.
     verify_every : the simulator verifies every N-th point; 0 for none.
-    doublings, branch_points, mode_changes : how many times in turn the other branches that begin at such special points
-        on the way are followed as well.
+    doublings, branch_points, mode_changes : number of levels to which the other branches that begin at such special
+        points are followed as well.
     output : run folder in which every point is kept as soon as it is found; the branch is then read from it, with the
         points of earlier calls. True for a folder in ``results`` that is named after gait, parameter and targets.
     progress : whether to show it, or a function of the number of points and the parameter.
@@ -450,18 +450,18 @@ def prove(
     parameter: str | None = None,
     width: float | None = None,
     output: Output = False,
-    progress: Teller = True,
+    progress: TextProgress = True,
 ) -> "Proof":
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
-    Of a special point of a branch it is proved that the family exists around it, and that the function that defines the
+    For a special point of a branch, prove that the family exists around it, and that the function that defines the
     special point changes its sign.
 
     Parameters
     ----------
-    start : a converged gait, of which nothing is trusted; or a special point with a gait.
-    intervals : parameters by dotted key for all of whose values this is to be proved, as ``0.18..0.25``. If the orbit
-        moves with the parameter, boxes that follow the orbit cover the interval.
+    start : a converged gait, on which the proof does not rely; or a special point with a gait.
+    intervals : intervals of parameters by dotted key, such as ``0.18..0.25``, for all of whose values to prove this. If
+        the orbit moves with the parameter, boxes that follow the orbit cover the interval.
     parameter : dotted key of the branch of a special point.
     width : of the bracket around a special point; None for the narrowest that can be proved.
     output : file of the certificate; True for ``proof.json`` in the run folder of the gait.
@@ -551,7 +551,7 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
-    progress: Counter = True,
+    progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Sweep":
     """Solve and verify a problem over a grid of its parameters; the result at a point is that of ``solve``.
@@ -582,9 +582,9 @@ def sweep(
     """
     from gaitopt.runs.sweep import SweepPlan
 
-    stated, grid, processes = _stated(problem), _grid(over), make_workers(workers, scheduler)
-    folder = _run_folder(stated, output)
-    plan = SweepPlan(problem=stated, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
+    loaded, grid, processes = _loaded(problem), _grid(over), make_workers(workers, scheduler)
+    folder = _run_folder(loaded, output)
+    plan = SweepPlan(problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
     with shown(progress, job_progress, "jobs") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
@@ -598,7 +598,7 @@ def basin(
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
-    progress: Counter = True,
+    progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Basin":
     """Walk from every state of a grid until it settles on a gait or fails.
@@ -618,7 +618,7 @@ def basin(
     """
     from gaitopt.runs.basin import BasinPlan
 
-    origin = start if isinstance(start, Gait) else _stated(start)
+    origin = start if isinstance(start, Gait) else _loaded(start)
     grid, processes = _grid(over), make_workers(workers, scheduler)
     folder = _run_folder(origin.problem if isinstance(origin, Gait) else origin, output)
     plan = BasinPlan.around(origin, grid, max_steps=steps, engine=engine, folder=folder)
@@ -631,7 +631,7 @@ def front(
     over: Over,
     *,
     output: str | Path | None = None,
-    progress: Counter = True,
+    progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Front":
     """Design along one number of a problem, in both directions, and mark the Pareto front.
@@ -651,10 +651,10 @@ def front(
     """
     from gaitopt.runs.front import FrontPlan
 
-    stated, axes = _stated(problem), _grid(over).axes
+    loaded, axes = _loaded(problem), _grid(over).axes
     if len(axes) != 1:
         raise ProblemError("a front runs along one key")
-    plan = FrontPlan(problem=stated, axis=axes[0], folder=_run_folder(stated, output))
+    plan = FrontPlan(problem=loaded, axis=axes[0], folder=_run_folder(loaded, output))
     with shown(progress, job_progress, "designs") as show:
         return plan.complete(progress=show, should_stop=should_stop)
 
@@ -668,7 +668,7 @@ def multistart(
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
-    progress: Counter = True,
+    progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "list[Optimum]":
     """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
@@ -684,12 +684,12 @@ def multistart(
     Raises
     ------
     StorageError
-        If the folder belongs to something else or cannot be written, or so many starts do not fit.
+        If the folder belongs to something else or cannot be written, or the starts do not fit.
     """
     from gaitopt.runs.multistart import StartsPlan
 
-    stated, processes = _stated(problem), make_workers(workers, scheduler)
-    plan = StartsPlan(problem=stated, starts=starts, seed=seed, spread=spread, folder=_run_folder(stated, output))
+    loaded, processes = _loaded(problem), make_workers(workers, scheduler)
+    plan = StartsPlan(problem=loaded, starts=starts, seed=seed, spread=spread, folder=_run_folder(loaded, output))
     with shown(progress, job_progress, "starts") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
@@ -733,7 +733,7 @@ def _call(task: Callable[[Any], Any], argument: Any, *_: Any) -> Any:
     return task(argument)
 
 
-def _stated(problem: Problem | str | Path) -> Problem:
+def _loaded(problem: Problem | str | Path) -> Problem:
     return problem if isinstance(problem, Problem) else load_problem(problem)
 
 

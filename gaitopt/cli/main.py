@@ -31,7 +31,7 @@ from gaitopt.cli.views import list_problems, plot, report, reproduce, schema, sh
 from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
 
 PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to ", "what": "--what "}
-"""Options by the argument of the library function that an error is about."""
+"""Options by the argument of the library function that an error concerns."""
 SUFFIXES = {"output": " with -o"}
 
 Shared = tuple[str, Any]
@@ -65,7 +65,7 @@ def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callabl
 
 
 COLLECT_AFTER = 100_000
-"""New objects between two garbage collections. Modules and compiled functions live as long as the command; Python's
+"""New objects between two garbage collections. Modules and compiled functions live until the command ends; Python's
 default of 700 costs a tenth of its time."""
 
 COMPLETION = "_GAITOPT_COMPLETE"
@@ -182,13 +182,13 @@ def _shown_warnings() -> Iterator[None]:
 
 
 def _error_words(error: GaitoptError) -> str:
-    """The message of an error, with the option that it is about."""
+    """The message of an error with the option that it concerns."""
     prefix, suffix = PREFIXES.get(error.argument, ""), SUFFIXES.get(error.argument, "")
     return "\n".join(prefix + line for line in str(error).splitlines()) + suffix
 
 
 def _internal_error(error: Exception) -> str:
-    """A bug in one line: the exception, and where it was raised, because some exceptions have no message."""
+    """One line about a bug: the exception and its place, because some exceptions have no message."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     words = ": ".join(filter(None, (type(error).__name__, str(error))))
     place = "/".join(Path(frame.filename).parts[-2:])
@@ -209,7 +209,7 @@ def _run(arguments: list[str]) -> int:
 
 @cache
 def _commands() -> Any:
-    """The parser of all commands; building it takes a while."""
+    """The parser of all commands, which takes a while to build."""
     return typer.main.get_command(app)
 
 

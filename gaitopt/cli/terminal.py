@@ -120,7 +120,7 @@ class Terminal:
 
     @contextmanager
     def working(self, jobs: str) -> Iterator[tuple[Progress, Callable[[], bool]]]:
-        """Show progress in ``jobs``; yields a callback (done, total), and a function that tells whether to stop."""
+        """Show progress in ``jobs``; yields a callback (done, total) and a function that says whether to stop."""
         from gaitopt.api.progress import job_progress
 
         with interruptible() as interrupted, job_progress(self.narration, jobs) as progress:
@@ -128,7 +128,7 @@ class Terminal:
 
     @contextmanager
     def solving(self, name: str) -> Iterator[tuple[Progress, Callable[[], bool]]]:
-        """Show the iterations of a solver; yields a callback, and a function that tells whether to stop."""
+        """Show the iterations of a solver; yields a callback and a function that says whether to stop."""
         from gaitopt.api.progress import solver_progress
 
         with interruptible() as interrupted, solver_progress(self.narration, f"solving {name}") as progress:
@@ -161,13 +161,13 @@ class SignalRecord:
 
     @property
     def words(self) -> str:
-        """What the user is told."""
+        """The message for the user."""
         return "terminated" if self.exit_code == TERMINATED else "interrupted"
 
 
 @contextmanager
 def listening() -> Iterator[SignalRecord]:
-    """Turn both signals into a KeyboardInterrupt within the block, if this is the main thread."""
+    """Turn SIGINT and SIGTERM into a KeyboardInterrupt within the block, in the main thread."""
     record = SignalRecord()
     if threading.current_thread() is not threading.main_thread():
         yield record
@@ -183,10 +183,10 @@ def listening() -> Iterator[SignalRecord]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Yield a function that tells whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
+    """Yield a function that says whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
 
-    CasADi swallows the KeyboardInterrupt and returns as if nothing had happened, or turns it into an error of its own;
-    hence the flag. Python delivers signals to the main thread only: in other threads the flag stays down.
+    CasADi may swallow the KeyboardInterrupt and return normally, or turn it into another error; hence the flag. Python
+    delivers signals to the main thread only; in other threads the flag stays down.
     """
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():

@@ -33,7 +33,7 @@ from gaitopt.show.motion import (
     smooth,
     thinned,
 )
-from gaitopt.show.style import MODE_WORDS, drawn, label, parameter_of, symbol
+from gaitopt.show.style import MODE_WORDS, encoded, label, parameter_of, symbol
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
@@ -243,7 +243,7 @@ def walk_report(walk: Walk) -> str:
         walk=walk,
         columns=[f"{symbol(name)} [{state_unit(name)}]" for name in names],
         rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
-        picture=f"data:image/svg+xml;base64,{b64encode(drawn(section_states(walk), 'svg')).decode()}",
+        picture=f"data:image/svg+xml;base64,{b64encode(encoded(section_states(walk), 'svg')).decode()}",
         data={"film": film(motion_of_walk(walk))},
         checks=[],
         origins=[provenance(walk.problem, {})],

@@ -28,7 +28,7 @@ from gaitopt.store.files import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 MORE_COLOURS = ("#332288", "#999933", "#882255", "#44aa99", "#cc6677", "#117733", "#aa4499")
-"""Where those are not enough: of P. Tol's muted scheme, https://personal.sron.nl/~pault/."""
+"""Further colours, from P. Tol's muted scheme, https://personal.sron.nl/~pault/."""
 MODE_COLOURS = {
     Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
 }  # fmt: skip
@@ -40,9 +40,9 @@ JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 """Line of a jump at the impact."""
 
 LEGEND_CHARACTERS, LEGEND_LINE = 96, 9
-"""Characters that fit side by side under a figure, and how many of them a sample line and its gap take."""
+"""Characters that fit side by side under a figure, and the width of a sample line with its gap in characters."""
 LEGEND_ROWS, LEGEND_ROW = 3, 0.2
-"""Rows of a legend for which a figure has room, and height of each further one [inch]."""
+"""Rows of a legend that fit below a figure, and the height of each further row [inch]."""
 WIDTH, HEIGHT = 6.0, 4.0
 """Size of a figure with one panel [inch]."""
 STYLE: Any = {
@@ -67,7 +67,7 @@ SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
 GREEK = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _STYLING = threading.RLock()
-"""Held while matplotlib's settings are those of ``STYLE``: they hold for the whole process."""
+"""Held while Matplotlib has the settings of ``STYLE``, which are those of the whole process."""
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
 
 
@@ -94,12 +94,12 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = ("svg", "png")) ->
     """Write a figure in several formats; the same figure gives the same bytes."""
     paths = [stem.with_name(f"{stem.name}.{extension}") for extension in formats]
     for path, extension in zip(paths, formats, strict=True):
-        write_whole(path, drawn(figure, extension))
+        write_whole(path, encoded(figure, extension))
     return paths
 
 
-def drawn(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
-    """A figure as a file of some format."""
+def encoded(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -> bytes:
+    """The bytes of a figure as a file."""
     content = BytesIO()
     with figure_style():
         figure.savefig(content, format=extension, metadata=_NO_DATE[extension], dpi=dpi)
@@ -117,7 +117,7 @@ def entry(words: str, **style: Any) -> Line2D:
 
 
 def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
-    """Legend entries that say what solid, dashed and dotted mean, as far as they occur."""
+    """Legend entries for the line styles of the modes that occur."""
     entries = []
     if any(mode.sticks for mode in modes):
         entries.append(entry("foot sticks"))
@@ -129,7 +129,7 @@ def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
 
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
-    """A legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows with it."""
+    """Add a legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows."""
     for handle in handles:
         handle.set_label(fill(str(handle.get_label()), LEGEND_CHARACTERS - LEGEND_LINE))
     lines = [str(handle.get_label()).split("\n") for handle in handles]
@@ -143,7 +143,7 @@ def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """How a quantity is written."""
+    """Words and unit of a quantity."""
 
     words: str
     unit: str = ""
@@ -154,14 +154,14 @@ class Label:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """The parameter of a branch as figures and pages show it: in degrees where the problem's file gives degrees."""
+    """The parameter of a branch, shown in degrees if the problem file gives it in degrees."""
 
     key: str
     in_degrees: bool = False
 
     @property
     def label(self) -> Label:
-        """Its label with the unit in which it is shown."""
+        """The label with the unit in which the parameter is shown."""
         return replace(label(self.key), unit="°") if self.in_degrees else label(self.key)
 
     def shown(self, records: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -172,7 +172,7 @@ class Parameter:
 
 
 def parameter_of(problem: Problem, key: str) -> Parameter:
-    """How the continued parameter of a problem is shown."""
+    """The continued parameter of a problem, with the unit of the problem file."""
     value: Any = parse_source(problem.text, problem.name).data if problem.text else None
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
@@ -180,7 +180,7 @@ def parameter_of(problem: Problem, key: str) -> Parameter:
 
 
 def symbol(state: str) -> str:
-    """A state's name as it is written: ``dtheta1`` becomes θ̇₁."""
+    """The symbol of a state: ``dtheta1`` becomes θ̇₁."""
     rate = state.startswith("d") and len(state) > 1
     name = state[1:] if rate else state
     stem = name.rstrip("0123456789")
@@ -192,7 +192,7 @@ def symbol(state: str) -> str:
 
 
 def label(key: str) -> Label:
-    """Label of a scalar, a state or a parameter by its key; what is unknown keeps its key."""
+    """Label of a scalar, a state or a parameter; an unknown key is its own label."""
     if key == "time":
         return Label(words="time since impact", unit="s")
     if key in SCALARS or key in FRICTION_LABELS:
