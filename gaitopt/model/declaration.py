@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import fields
 from types import SimpleNamespace, UnionType
 from typing import Any
 from weakref import WeakSet
@@ -301,33 +300,34 @@ def _checked_switch(
 
 def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[str]:
     """Messages about the containers of a mechanism, whose entries the class attributes announce."""
-    parts: dict[str, Any] = {part.name: getattr(mechanism, part.name) for part in fields(mechanism)}
-    for part, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
-        if not _is_list(parts[part], kind):
+    for name, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
+        value: Any = getattr(mechanism, name)
+        if not _is_list(value, kind):
             words = "angles" if kind is object else f"{kind.__name__}(...)"
-            yield f"Mechanism.{part} is {shown(parts[part])}, but must be a tuple of {words}"
-    for part in ("stops", "switches", "potential_while"):
-        if not isinstance(parts[part], Mapping):
-            yield f"Mechanism.{part} is {shown(parts[part])}, but must be a mapping from names to expressions"
+            yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {words}"
+    for name in ("stops", "switches", "potential_while"):
+        value = getattr(mechanism, name)
+        if not isinstance(value, Mapping):
+            yield f"Mechanism.{name} is {shown(value)}, but must be a mapping from names to expressions"
     if not mechanism.bodies:
         yield "Mechanism.bodies is empty: a walker has a mass"
     if len(mechanism.motors) != len(walker.actuators):
         yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
     if walker.pushes is (mechanism.push is None):
         yield f"pushes is {walker.pushes}, which Mechanism.push contradicts"
-    for part, declared in (("stops", walker.stops), ("switches", walker.switches)):
-        if (*parts[part],) != declared:
-            words = ", ".join(map(str, parts[part])) or "none"
-            yield f"Mechanism.{part} has {words}, but {part} are {declared}"
-    strange = [name for name, margin in parts["switches"].items() if not callable(margin)]
-    if strange:
-        words = f"{shown(parts['switches'][strange[0]])}, but must be a function of the rates, lambda dq: ..."
-        yield f"Mechanism.switches[{strange[0]!r}] is {words}"
+    for name in ("stops", "switches"):
+        names, declared = (*getattr(mechanism, name),), getattr(walker, name)
+        if names != declared:
+            yield f"Mechanism.{name} has {', '.join(map(str, names)) or 'none'}, but {name} are {declared}"
+    for name, margin in mechanism.switches.items():
+        if not callable(margin):
+            words = f"{shown(margin)}, but must be a function of the rates, lambda dq: ..."
+            yield f"Mechanism.switches[{name!r}] is {words}"
     states = ["contact", *(f"{stop} {state}" for stop in walker.stops for state in STOP_STATES)]
     states += [f"{switch} {state}" for switch in walker.switches for state in SWITCH_STATES]
-    unknown = [state for state in parts["potential_while"] if state not in states]
-    if unknown:
-        yield f"Mechanism.potential_while names {shown(unknown[0])}; allowed: {', '.join(states)}"
+    for name in mechanism.potential_while:
+        if name not in states:
+            yield f"Mechanism.potential_while names {shown(name)}; allowed: {', '.join(states)}"
 
 
 def _class_faults(walker: type[Walker]) -> Iterator[str]:

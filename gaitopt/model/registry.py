@@ -32,11 +32,11 @@ def _plugins() -> tuple[dict[str, type[Walker]], dict[str, str]]:
     points = sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: (point.name, point.value))
     for name, alike in groupby(points, key=lambda point: point.name):
         values = {point.value: point for point in alike}
-        own = [point for value, point in values.items() if value.startswith(OWN_PACKAGE)]
-        if len(values) > 1 and not own:
+        ours = [point for value, point in values.items() if value.startswith(OWN_PACKAGE)]
+        if len(values) > 1 and not ours:
             refused[name] = f"several plugins have this name, {' and '.join(values)}: uninstall all but one"
             continue
-        point = (own or [*values.values()])[0]
+        point = (ours or [*values.values()])[0]
         try:
             walkers[name] = _load(point)
         except ProblemError as error:

@@ -380,9 +380,9 @@ class HybridSystem:
     @building
     def _compile(self, key: tuple[Any, ...], inputs: str, expressions: Callable[[], dict[str, SX]]) -> None:
         if key not in self._functions:  # unless another thread has just built it
-            known = {"t": self._symbols.t, "z": self._symbols.z, "p": self._symbols.p, "r": self._symbols.r}
+            common = {"t": self._symbols.t, "z": self._symbols.z, "p": self._symbols.p, "r": self._symbols.r}
             results = expressions()
-            symbols = [results.pop(letter) if letter in results else known[letter] for letter in inputs]
+            symbols = [results.pop(letter) if letter in results else common[letter] for letter in inputs]
             name = re.sub(r"\W+", "_", "_".join(map(str, key)))
             self._functions[key] = Function(name, symbols, cse([*results.values()]), [*inputs], [*results])
 

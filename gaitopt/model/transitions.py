@@ -419,12 +419,12 @@ class Transitions:
         zeros_after: tuple[str, ...] = (),
     ) -> Transition:
         """A row; by default the motion ends, as the margin states, unless there are candidates."""
-        known = margin(guard)
+        facts = margin(guard)
         return Transition(
             guard=guard,
-            margin=known,
-            ending=ending if ending is not None or candidates else known.ending,
-            reason=reason or known.lost,
+            margin=facts,
+            ending=ending if ending is not None or candidates else facts.ending,
+            reason=reason or facts.lost,
             reset=reset,
             at_rest=at_rest,
             candidates=candidates,

@@ -119,8 +119,8 @@ class Within:
 
     def __str__(self) -> str:
         word = UNITS[self.unit][0]
-        parts = [("", self.possible), ("usually ", self.usual)]
-        return "; ".join(f"{prefix}{_words(span, word)}" for prefix, span in parts if span != ANY)
+        spans = [("", self.possible), ("usually ", self.usual)]
+        return "; ".join(f"{prefix}{_words(span, word)}" for prefix, span in spans if span != ANY)
 
 
 def symmetric(size: float) -> Interval:
