@@ -15,6 +15,8 @@ FINE_FACTOR = 6
 """Points of the grid on which extrema and roots are bracketed, per Chebyshev point."""
 NEWTON_STEPS = 4
 """Quadratic convergence from a grid of this density reaches rounding in three steps; the fourth is a reserve."""
+COUNTS = (33, 65, 129, 257)
+"""Numbers of points that are tried in turn until an arc is resolved; 33 resolve a phase of walking."""
 RESOLVED = 1e-12
 """Last Chebyshev coefficients (see ``tail``) of an arc that is resolved: the rounding of its states."""
 SHORT_ARC = 1e-4

@@ -15,9 +15,6 @@ from gaitopt.nlp.newton import Solution, section_sensitivity
 from gaitopt.nlp.shooting import transcribe
 from gaitopt.problem.problem import Problem
 
-COUNTS = (33, 65, 129, 257)
-"""Chebyshev points tried in turn until an arc is resolved."""
-
 
 def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
     """The unknowns of a gait on the layout on which it was solved.
@@ -84,7 +81,7 @@ def assemble_gait(
     )
 
 
-def assemble_steps(at: Solution, counts: tuple[int, ...] = COUNTS) -> tuple[Step, ...]:
+def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tuple[Step, ...]:
     """The steps of a solution; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
     at, equations = _forward_in_time(at), at.equations
     nodes, _, freed = equations.unpack(at.w)

@@ -35,8 +35,6 @@ INSTALL = "pip install 'gaitopt[fast]' on Linux, conda install heyoka.py elsewhe
 MAX_ARC_STEPS = 20_000
 """Largest number of integration steps of one arc: walking takes tens, only a very stiff control law takes more."""
 NOT_FINITE = "the equations of motion are not finite"
-COUNTS = (33, 65, 129, 257)
-"""Numbers of Chebyshev points that are tried in turn; 33 resolve a phase of walking."""
 STRAIGHT = 1e-8
 """An arc this short, in natural units, is straight to rounding: its two ends are enough."""
 
@@ -148,7 +146,7 @@ class Stepper(ABC):
 
     def sample_arc(self, mode: Mode, segment: int, state: Array, start: float, end: float) -> tuple[Array, Array]:
         """Times (m,) and states (m, n_z) at as many Chebyshev points as resolve the arc that begins with ``state``."""
-        for count in COUNTS if end - start > STRAIGHT * self._natural.time else (2,):
+        for count in curves.COUNTS if end - start > STRAIGHT * self._natural.time else (2,):
             times = start + (end - start) * (curves.points(count) + 1) / 2
             times[-1] = end
             states = self.sample(mode, segment, state, times)

@@ -8,7 +8,7 @@ import pytest
 from named import named
 
 from gaitopt.gait import curves
-from gaitopt.nlp.assembly import COUNTS, assemble_steps, solution_of
+from gaitopt.nlp.assembly import assemble_steps, solution_of
 
 GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-step", "compass-unequal", "kneed-passive")
 
@@ -87,6 +87,6 @@ def test_a_foot_at_rest_has_no_slip_velocity_at_all(name):
 
 def test_an_arc_that_few_points_do_not_resolve_gets_more():
     solution = solution_of(named("compass-passive-a"))
-    coarse, fine = assemble_steps(solution, (5,)), assemble_steps(solution, (5, *COUNTS))
+    coarse, fine = assemble_steps(solution, (5,)), assemble_steps(solution, (5, *curves.COUNTS))
     assert {arc.times.size for arc in coarse[0].arcs} == {5}
-    assert min(arc.times.size for arc in fine[0].arcs) >= COUNTS[0]
+    assert min(arc.times.size for arc in fine[0].arcs) >= curves.COUNTS[0]
