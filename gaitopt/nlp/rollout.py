@@ -31,6 +31,8 @@ RTOL, ATOL = 1e-8, 1e-10
 """Sufficient for a guess; the absolute tolerance is in natural units."""
 GRID = 8
 """Points per integrator step at which the end of a phase is sought."""
+WIDTH = 64
+"""Points at which margins are evaluated in one call; the function of another number would have to be built first."""
 ARMED = 1e-12
 """In natural units; a margin that is zero up to rounding is not yet positive."""
 FIRST_STEP = 2.5e-5
@@ -233,6 +235,7 @@ class _ModeFlow:
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
         self._within, self._margins = shooting_step(system, mode), buffered(system.margins(mode))
+        self._many_margins = buffered_map(system.margins(mode), WIDTH)
         point = _rate_and_margins(system, mode)
         self._point = Buffers(point)
         self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
@@ -305,8 +308,13 @@ class _ModeFlow:
         """Times on a grid, and all margins there in natural units, shape (n, n_margins)."""
         steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
         times = np.append(steps, motion.end)
-        rows = [self._margins_at(time, z) for time, z in zip(times.tolist(), motion(times).T, strict=True)]
-        return times, np.array(rows)
+        states, margins = motion(times).T, np.empty((times.size, self._units.size))
+        data = np.array(self._data)[np.searchsorted(self._breakpoints, times, side="right")]
+        for start in range(0, times.size, WIDTH):
+            rows = np.minimum(np.arange(start, start + WIDTH), times.size - 1)  # the last ones are evaluated again
+            (values,) = self._many_margins(times[rows, None], states[rows], self._p, data[rows])
+            margins[rows] = values
+        return times, margins / self._units
 
     def _first_fall(self, motion: PhaseMotion, times: Array, margins: Array, row: int) -> float | None:
         """First time at which a margin falls through zero after it was positive; None if it does not."""

@@ -444,7 +444,7 @@ class MultipleShooting:
     def _stages(self) -> list[BufferedMap]:
         """Stage derivatives of all intervals of every arc; a free parameter may have another role in the next step."""
         names, maps = self.system.parameters, []
-        roles = [dict(zip(own.tolist(), names, strict=True)) for own in self._per_phase(np.array(names))]
+        roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self._per_phase(np.array(names))]
         for arc in self.layout.arcs:
             free = tuple(roles[arc.phase][name] for name in self.free)
             maps.append(buffered_map(stage_derivatives(self.system, arc.mode, free), arc.intervals))
