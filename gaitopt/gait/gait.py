@@ -150,7 +150,7 @@ def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
 
 
 def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
-    """Rows under ``trajectory_header``; time runs on over the steps, x counts from each step's own stance foot.
+    """Rows under ``trajectory_header``; time continues over the steps, x is measured from the stance foot of each step.
 
     Both ends of an arc have a row, so that a time that occurs twice separates two arcs.
     """

@@ -14,7 +14,6 @@ from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.units import Scales
 from gaitopt.problem.scalars import MEASURES, SCALARS
-from gaitopt.threads import cached_property
 
 ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
@@ -64,17 +63,19 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     several steps it is the smallest of these.
     """
     cycle = _Measured(steps)
-    extrema = {
-        "peak_torque": cycle.peak_torque,
-        "foot_clearance": cycle.foot_clearance,
-        "required_friction": cycle.required_friction,
-        "impulse_ratio": cycle.impulse_ratio,
-        "min_normal_force": cycle.min_normal_force,
+    friction_ratios = (friction_ratio(o.force) for arc, o in cycle.arcs if arc.mode.sticks)
+    impulse_ratios = (step.final_impact.impulse_ratio for step in steps)
+    extrema: dict[str, float | None] = {
+        "peak_torque": max((_peak(column) for _, o in cycle.driven for column in o.torque.T), default=0.0),
+        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in cycle.steps),
+        "required_friction": max(map(_peak, friction_ratios), default=None),
+        "impulse_ratio": max((ratio for ratio in impulse_ratios if ratio is not None), default=None),
+        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for arc, o in cycle.arcs if arc.mode.touching),
     }
     values: dict[str, float | None] = {}
     for name in MEASURES:
         formula = SCALARS[name].formula
-        value = extrema[name]() if formula is None else formula(cycle)
+        value = extrema[name] if formula is None else formula(cycle)
         values[name] = None if value is None or np.isnan(value) else value
     return values
 
@@ -94,18 +95,18 @@ def friction_ratio(force: Array) -> Array:
 
 
 class _Measured:
-    """``Quantities`` of complete steps as numbers, and the extrema of their curves."""
+    """``Quantities`` of complete steps as numbers."""
 
     def __init__(self, steps: Sequence[Step]) -> None:
         self._dynamics = dynamics = steps[0].arcs[0].dynamics
-        self._impacts = [step.final_impact for step in steps]
-        self._steps = [[(arc, observe(arc)) for arc in step.arcs] for step in steps]
-        self._arcs = [pair for pairs in self._steps for pair in pairs]
+        self.steps = [[(arc, observe(arc)) for arc in step.arcs] for step in steps]
+        self.arcs = [pair for pairs in self.steps for pair in pairs]
+        self.driven = [(arc, o) for arc, o in self.arcs if o.torque.any()]  # on the others no motor acts
         self.duration = sum(step.period for step in steps)
-        self.distance = sum(impact.step_length for impact in self._impacts)
-        self.push_work = sum(impact.push_work for impact in self._impacts)
+        self.distance = sum(step.final_impact.step_length for step in steps)
+        self.push_work = sum(step.final_impact.push_work for step in steps)
         x = dynamics.system.n_shape
-        self.slip = sum(float(abs(a.states[-1, x] - a.states[0, x])) if a.mode.slips else 0.0 for a, _ in self._arcs)
+        self.slip = sum(float(abs(a.states[-1, x] - a.states[0, x])) if a.mode.slips else 0.0 for a, _ in self.arcs)
 
     @property
     def transport(self) -> float:
@@ -117,34 +118,13 @@ class _Measured:
     def integral(self, rate: str) -> float:
         """Integral of ``power``, ``absolute_power``, ``loss`` or ``squared_torque`` over all arcs."""
         if rate == "loss":
-            return sum(curves.integral(o.loss, arc.duration) for arc, o in self._arcs)
+            return sum(curves.integral(o.loss, arc.duration) for arc, o in self.arcs)
         if rate == "power":
-            return sum(curves.integral(o.power.sum(axis=1), arc.duration) for arc, o in self._driven)
+            return sum(curves.integral(o.power.sum(axis=1), arc.duration) for arc, o in self.driven)
         if rate == "squared_torque":
-            return sum(curves.integral((o.torque**2).sum(axis=1), arc.duration) for arc, o in self._driven)
-        columns = ((column, arc.duration) for arc, o in self._driven for column in o.power.T)
+            return sum(curves.integral((o.torque**2).sum(axis=1), arc.duration) for arc, o in self.driven)
+        columns = ((column, arc.duration) for arc, o in self.driven for column in o.power.T)
         return sum(curves.absolute_integral(column, duration) for column, duration in columns)
-
-    def peak_torque(self) -> float:
-        return max((_peak(column) for _, o in self._driven for column in o.torque.T), default=0.0)
-
-    def foot_clearance(self) -> float:
-        return min(max(_clearances(pairs), default=0.0) for pairs in self._steps)
-
-    def required_friction(self) -> float | None:
-        return max((_peak(friction_ratio(o.force)) for arc, o in self._arcs if arc.mode.sticks), default=None)
-
-    def impulse_ratio(self) -> float | None:
-        ratios = [impact.impulse_ratio for impact in self._impacts]
-        return max((ratio for ratio in ratios if ratio is not None), default=None)
-
-    def min_normal_force(self) -> float:
-        return min(-curves.maximum(-o.force[:, 1])[1] for arc, o in self._arcs if arc.mode.touching)
-
-    @cached_property
-    def _driven(self) -> list[tuple[Arc, Observation]]:
-        """The arcs on which the motors act."""
-        return [(arc, o) for arc, o in self._arcs if o.torque.any()]
 
 
 def _peak(values: Array) -> float:

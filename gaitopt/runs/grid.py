@@ -151,7 +151,7 @@ def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
 
 
 def check_jobs_fit(jobs: int, folder: Path, what: str = "points") -> None:
-    """Refuse more problems than can be solved and kept, before anything is written; errors as of ``check_room``."""
+    """Refuse more problems than can be solved and kept, before anything is written; raises as ``check_room``."""
     check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY, what=what)
 
 

@@ -59,6 +59,7 @@ def gait_from_record(
     steps : from ``tabulated_steps`` or ``integrated_steps``.
     measures : its scalars by name; those of the record if they are not given.
     """
+    scalars: Mapping[str, Any] = {**OLDER, **record}
     return Gait(
         problem=problem,
         dynamics=dynamics,
@@ -66,16 +67,11 @@ def gait_from_record(
         message=str(record["message"]),
         steps=steps,
         multipliers=multipliers_of(record),
-        measures=_measures(record) if measures is None else measures,
+        measures={name: scalars[name] for name in MEASURES} if measures is None else measures,
         freed=freed_values(record),
         solver=cast(Mapping[str, float], record["solver"]),  # earlier versions may have written words
         verification=record["verification"],
     )
-
-
-def _measures(record: GaitRecord) -> dict[str, float | None]:
-    stated: Mapping[str, Any] = {**OLDER, **record}
-    return {name: stated[name] for name in MEASURES}
 
 
 def branch_gait(family: Gait, parameter: str, value: float, record: GaitRecord) -> Gait:

@@ -41,6 +41,8 @@ class Writer:
 def only_writer(folder: Path) -> Iterator[None]:
     """Lock an existing folder for writing, and remove the temporary files of killed writers; may be nested.
 
+    A folder in which nothing was written is removed at the end.
+
     Raises
     ------
     StorageError
@@ -66,7 +68,11 @@ def only_writer(folder: Path) -> Iterator[None]:
         yield
     finally:
         if outermost and _is_ours(folder):
-            _leave(folder)
+            with suppress(OSError):  # Windows does not remove open files: there the lock stays, which is harmless
+                (folder / WRITER_FILE).unlink()
+                (folder / LOCK_FILE).unlink()
+                if not any(folder.iterdir()):
+                    folder.rmdir()
         with suppress(OSError):  # the folder may be gone
             lock.release()
 
@@ -116,12 +122,3 @@ def _holder(folder: Path) -> str:
     except StorageError:  # it holds the lock, but has not written its name yet
         return "another process"
     return f"process {writer.pid} ({writer.command}, since {writer.since})"
-
-
-def _leave(folder: Path) -> None:
-    """Remove the writer's name and the lock while it is held, and the folder if nothing was written."""
-    with suppress(OSError):  # Windows does not remove open files: there the lock stays, which is harmless
-        (folder / WRITER_FILE).unlink()
-        (folder / LOCK_FILE).unlink()
-        if not any(folder.iterdir()):
-            folder.rmdir()
