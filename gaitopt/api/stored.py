@@ -152,7 +152,7 @@ def special_records(run: str | Path, label: str = "") -> tuple[Problem, str, "li
 
 def load_special_point(place: str) -> tuple[SpecialPoint, str]:
     """The special point ``RUN@special.K``, and the parameter of its branch."""
-    from gaitopt.branches.request import family_of
+    from gaitopt.branches.request import motionless_gait
     from gaitopt.store.gaits import special_point
 
     run, _, index = place.rpartition(SPECIAL)
@@ -160,12 +160,12 @@ def load_special_point(place: str) -> tuple[SpecialPoint, str]:
     if not index.isdecimal() or int(index) >= len(records):
         known = f"0 to {len(records) - 1}" if records else "none"
         raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
-    return special_point(family_of(problem, parameter), parameter, records[int(index)]), parameter
+    return special_point(motionless_gait(problem, parameter), parameter, records[int(index)]), parameter
 
 
 def load_branch_point(place: str, label: str = "") -> BranchPoint:
     """The point ``RUN@BRANCH.INDEX`` of a branch; error messages begin with ``label``."""
-    from gaitopt.branches.request import family_of
+    from gaitopt.branches.request import motionless_gait
     from gaitopt.store.gaits import branch_point
 
     run, _, number = place.rpartition("@")
@@ -176,7 +176,7 @@ def load_branch_point(place: str, label: str = "") -> BranchPoint:
             f"{label}{place}: the branch has no point {number}; its points are {next(iter(points))} to "
             f"{list(points)[-1]}, in columns branch and index of branch.csv"
         )
-    return branch_point(family_of(problem, parameter), parameter, points[number])
+    return branch_point(motionless_gait(problem, parameter), parameter, points[number])
 
 
 def load_attractor(place: str) -> Attractor:

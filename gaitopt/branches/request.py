@@ -149,7 +149,7 @@ class Request:
         return {"record": "continuation", **record, "to": list(self.to), **followed}
 
 
-def family_of(problem: Problem, parameter: str) -> Gait:
+def motionless_gait(problem: Problem, parameter: str) -> Gait:
     """A gait without a motion, with the problem and the dynamics of the family of ``problem`` along ``parameter``."""
     stated = Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.CONVERGED, message="")
     return _with_friction(stated, parameter)

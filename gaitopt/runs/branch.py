@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.branches.request import Request, family_of
+from gaitopt.branches.request import Request, motionless_gait
 from gaitopt.callbacks import Stop
 from gaitopt.errors import StorageError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_table
@@ -159,7 +159,7 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
 def restore_branch(folder: Path) -> Branch:
     """The branch in a run folder; raises as ``stored_branch``, and if the motion of a point is not periodic."""
     problem, parameter, records = stored_branch(folder)
-    family, path = family_of(problem, parameter), folder / BRANCH_FILE
+    family, path = motionless_gait(problem, parameter), folder / BRANCH_FILE
     points, specials = list[BranchPoint](), list[SpecialPoint]()
     try:
         for record in records:
