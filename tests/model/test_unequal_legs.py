@@ -16,6 +16,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
+from gaitopt.nlp.assembly import solution_of
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.step_map import return_map
 
@@ -211,6 +212,20 @@ def test_walkers_with_equal_legs_keep_their_parameters():
     p = np.arange(8.0)
     (same,) = Walker.step_parameters(p)
     assert same is p
+
+
+@pytest.mark.parametrize("key", ["walker.leg_mass", "walker.other_leg_com", "walker.hip_mass"])
+def test_the_equations_know_that_a_free_parameter_belongs_to_the_other_leg_in_the_next_step(key):
+    at = solution_of(named("compass-unequal"), (key,))
+    values, jacobian = at.equations.linearised(at.w, at.p)
+    np.testing.assert_allclose(values, at.equations.violation(at.w, at.p), atol=1e-12)
+    column, step = jacobian.dense(at.w.size - 1, at.w.size).ravel(), 1e-5
+    change = step * np.eye(at.w.size)[-1]
+    ahead, behind = (at.equations.violation(at.w + sign * change, at.p) for sign in (1, -1))
+    np.testing.assert_allclose(column, (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-8)
+    first, second = np.split(np.abs(column[: at.equations.layout.intervals * 6]), 2)
+    assert first.max() > 1e-4
+    assert second.max() > 1e-4
 
 
 def test_every_arc_has_the_dynamics_of_its_step():
