@@ -107,5 +107,17 @@ def test_the_public_api_is_as_stated() -> None:
     assert not difference, f"the public API has changed; run python tests/{Path(__file__).name}\n{difference}"
 
 
+def test_the_table_of_commands_and_calls_has_every_command_and_only_public_names() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "api.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*`) \| (.*) \|$", page, re.MULTILINE)
+    words = [re.findall(r"`([a-z]+)`", commands) for commands, _ in rows]
+    assert {word for row in words for word in row} == set(typer.main.get_command(app).commands)
+    for _, calls in rows:
+        for call in re.findall(r"`(\w+(?:\.\w+)?)`", calls):
+            name, _, method = call.partition(".")
+            assert name in gaitopt.__all__, call
+            assert not method or hasattr(getattr(gaitopt, name), method), call
+
+
 if __name__ == "__main__":
     STATED.write_text("\n".join(public_api()) + "\n")
