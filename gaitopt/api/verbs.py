@@ -164,9 +164,10 @@ def simulate(
     from gaitopt.runs.grid import check_room
 
     begin = start if isinstance(start, Gait) else _loaded(start)
-    folder = _folder(begin.problem if isinstance(begin, Gait) else begin, output)
+    problem = begin.problem if isinstance(begin, Gait) else begin
+    folder = _folder(problem, output)
     if folder is not None:
-        Run(folder).check(begin.problem if isinstance(begin, Gait) else begin)
+        Run(folder).check(problem)
     disk = 0 if folder is None else STEP_BYTES_DISK
     check_room(steps, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
     walk = simulate_walk(begin, state, steps, dense=dense, engine=engine, should_stop=should_stop)
@@ -583,7 +584,7 @@ def sweep(
     from gaitopt.runs.sweep import SweepPlan
 
     loaded, grid, processes = _loaded(problem), _grid(over), make_workers(workers, scheduler)
-    folder = _run_folder(loaded, output)
+    folder = Run.of(loaded, output).folder
     plan = SweepPlan(problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
     with shown(progress, job_progress, "jobs") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
@@ -620,7 +621,7 @@ def basin(
 
     origin = start if isinstance(start, Gait) else _loaded(start)
     grid, processes = _grid(over), make_workers(workers, scheduler)
-    folder = _run_folder(origin.problem if isinstance(origin, Gait) else origin, output)
+    folder = Run.of(origin.problem if isinstance(origin, Gait) else origin, output).folder
     plan = BasinPlan.around(origin, grid, max_steps=steps, engine=engine, folder=folder)
     with shown(progress, job_progress, "tiles") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
@@ -654,7 +655,7 @@ def front(
     loaded, axes = _loaded(problem), _grid(over).axes
     if len(axes) != 1:
         raise ProblemError("a front runs along one key")
-    plan = FrontPlan(problem=loaded, axis=axes[0], folder=_run_folder(loaded, output))
+    plan = FrontPlan(problem=loaded, axis=axes[0], folder=Run.of(loaded, output).folder)
     with shown(progress, job_progress, "designs") as show:
         return plan.complete(progress=show, should_stop=should_stop)
 
@@ -689,7 +690,7 @@ def multistart(
     from gaitopt.runs.multistart import StartsPlan
 
     loaded, processes = _loaded(problem), make_workers(workers, scheduler)
-    plan = StartsPlan(problem=loaded, starts=starts, seed=seed, spread=spread, folder=_run_folder(loaded, output))
+    plan = StartsPlan(problem=loaded, starts=starts, seed=seed, spread=spread, folder=Run.of(loaded, output).folder)
     with shown(progress, job_progress, "starts") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
@@ -742,10 +743,6 @@ def _folder(problem: Problem, output: Output) -> Path | None:
     if output is False:
         return None
     return Run.of(problem, None if output is True else output).folder
-
-
-def _run_folder(problem: Problem, output: str | Path | None) -> Path:
-    return Run.of(problem, output).folder
 
 
 def _grid(over: Over) -> "Grid":
