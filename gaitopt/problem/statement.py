@@ -64,7 +64,7 @@ class Guess:
     Attributes
     ----------
     state : the whole state just after the impact by name [rad, m, rad/s, m/s].
-    durations : of the phases [s]; None where the solver estimates them.
+    durations : durations of the phases [s]; None if the solver has to estimate them.
     """
 
     state: Mapping[str, float]
@@ -73,17 +73,17 @@ class Guess:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProblemStatement(Tabulated):
-    """The statement of one gait.
+    """What is required of one gait; ``Problem`` adds the source, loading and changes.
 
     Attributes
     ----------
-    name, about : from the file.
-    walker : the walker with its parameters; a freed parameter has its guess, here and below.
+    name, about : name of the problem, and a description in a sentence.
+    walker : the walker with its parameters; a freed parameter has its guess, also in friction and control.
     friction : coefficient of friction mu, or static and kinetic coefficient and drag.
     impact_law : tangential law of a slipping impact.
-    control : what the motors do.
+    control : control law of the motors.
     modes : phases and impacts of the steps after which the gait repeats itself; or an open sequence.
-    start : first guess of the gait, its state complete; None only where the sequence is open.
+    start : first guess of the gait with a complete state; None only if the sequence is open.
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
     constraints : ranges of scalars by name.
