@@ -69,7 +69,7 @@ def first_time(call: Callable[[], object]) -> float:
 
 
 def cycle_rows() -> list[Row]:
-    """The same gait as a cycle of several steps, solved with nothing kept of its layout."""
+    """The same gait as a cycle of several steps, solved with nothing kept of its mesh."""
     ways = {}
     for count in CYCLES:
         problem = load_problem("compass-passive-stick")

@@ -38,7 +38,7 @@ def rows() -> list[Row]:
 
 
 def solve_anew(problem: Problem) -> Gait:
-    """Solve with nothing kept of its layout, as the first problem of its kind is."""
+    """Solve with nothing kept of its mesh, as the first problem of its kind is."""
     for kept in (transcribe, conditions, condition_derivatives):
         kept.cache_clear()
     return solve(problem)

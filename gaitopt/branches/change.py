@@ -262,7 +262,7 @@ def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dyna
     """
     curve, slope = point.curve, point.tangent[-1]
     w = point.at.w + point.tangent * (offset / slope if slope else 0.0)
-    nodes, ends = curve.equations.unpack(w).nodes, curve.equations.layout.impact_nodes
+    nodes, ends = curve.equations.unpack(w).nodes, curve.equations.mesh.impact_nodes
     count = len(cycle.steps) if len(cycle.steps) == len(curve.cycle.steps) else 1
     states = []
     for step in range(count):

@@ -28,7 +28,7 @@ from gaitopt.integration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.layout import ArcLayout, Layout
+from gaitopt.nlp.mesh import Mesh, MeshArc
 from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
 from gaitopt.nlp.rollout import Rollout, retraced, rolled_again
 from gaitopt.nlp.shooting import MultipleShooting, transcribe
@@ -190,7 +190,7 @@ class CurvePoint:
         """Whether no switch has passed a breakpoint of the control; True as well where a phase has vanished."""
         equations = self.at.equations
         durations, breakpoints = equations.unpack(self.at.w).durations, equations.system.control.breakpoints
-        return bool(durations.min() <= 0) or equations.layout.in_order(durations, breakpoints)
+        return bool(durations.min() <= 0) or equations.mesh.in_order(durations, breakpoints)
 
     @property
     def state(self) -> ContinuationState:
@@ -199,9 +199,7 @@ class CurvePoint:
         return ContinuationState(
             unknowns=self.at.w,
             direction=self.tangent,
-            arcs=tuple(
-                (arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in equations.layout.arcs
-            ),
+            arcs=tuple((arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in equations.mesh.arcs),
             origin=float(curve.p[equations.system.parameters.index(curve.parameter)]),
             metric=curve.metric.to_array(),
             earlier=int(self.earlier is not None),
@@ -296,7 +294,7 @@ class Curve:
     def __init__(self, problem: Problem, parameter: str, equations: MultipleShooting, p: Array, metric: Metric) -> None:
         self.problem, self.parameter, self.equations = problem, parameter, equations
         self.p, self.metric = p, metric
-        section = equations.system.section(equations.layout.cycle.impact)
+        section = equations.system.section(equations.mesh.cycle.impact)
         n_w, n_phases = equations.w.numel(), equations.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
         self._scales = np.concatenate([metric.state[section], np.full(n_phases, metric.period), [metric.span]])
@@ -306,7 +304,7 @@ class Curve:
     @property
     def cycle(self) -> Cycle:
         """The modes of this curve."""
-        return self.equations.layout.cycle
+        return self.equations.mesh.cycle
 
     def entries(self, w: Array) -> Array:
         """Section coordinates, durations and parameter, in SI; shape (n_xi + n_phases + 1,)."""
@@ -534,10 +532,10 @@ def resumed_point(
     if objection is not None:
         raise ValueError(f"walk.origin: {objection}")
     arcs = (
-        ArcLayout(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
+        MeshArc(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
         for phase, segment, start, end, intervals in last.arcs
     )
-    equations = transcribe(system, Layout(cycle=cycle, arcs=tuple(arcs)), (parameter,))
+    equations = transcribe(system, Mesh(cycle=cycle, arcs=tuple(arcs)), (parameter,))
     p = dynamics.at({parameter: last.origin}).p
     curve = Curve(problem, parameter, equations, p, Metric.from_array(last.metric))
     earlier = (before[-1].unknowns, before[-1].direction) if before else None

@@ -109,13 +109,13 @@ class ArcCurves:
 
 def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     t, n_z = solution.equations, solution.equations.system.n_z
-    arc_layout, system = t.layout.arcs[index], t.system
+    mesh_arc, system = t.mesh.arcs[index], t.system
     nodes, durations, freed = t.unpack(solution.w)
-    p, data = t.dynamics(solution.p, freed).p, system.data(arc_layout.segment)
+    p, data = t.dynamics(solution.p, freed).p, system.data(mesh_arc.segment)
 
     # ends of the arc; the times are affine in the durations
     first = n_z * t.n_nodes
-    origin, *units = (t.layout.arc_times(e)[index] for e in np.vstack([np.zeros(t.n_phases), np.eye(t.n_phases)]))
+    origin, *units = (t.mesh.arc_times(e)[index] for e in np.vstack([np.zeros(t.n_phases), np.eye(t.n_phases)]))
     by_durations = np.array(units) - np.array(origin)
     starts, ends = by_durations.T @ slopes[first : first + t.n_phases]
     stretch = ends - starts
@@ -123,12 +123,12 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     # states at the Chebyshev points, each by a partial step from the node before it
     fractions = (curves.points(arc.times.size) + 1) / 2
     dt = starts + np.multiply.outer(fractions, stretch)
-    k = np.clip((fractions * arc_layout.intervals).astype(int), 0, arc_layout.intervals - 1)
-    begin, end = t.layout.arc_times(durations)[index]
-    times = begin + k * (end - begin) / arc_layout.intervals
-    d_times = starts + np.multiply.outer(k / arc_layout.intervals, stretch)
-    node = t.layout.arc_nodes[index].start + k
-    by = step_derivatives(system, arc_layout.mode, t.free, nodes[:, node], times, arc.times - times, p, data)
+    k = np.clip((fractions * mesh_arc.intervals).astype(int), 0, mesh_arc.intervals - 1)
+    begin, end = t.mesh.arc_times(durations)[index]
+    times = begin + k * (end - begin) / mesh_arc.intervals
+    d_times = starts + np.multiply.outer(k / mesh_arc.intervals, stretch)
+    node = t.mesh.arc_nodes[index].start + k
+    by = step_derivatives(system, mesh_arc.mode, t.free, nodes[:, node], times, arc.times - times, p, data)
     d_nodes = slopes[:first].reshape(t.n_nodes, n_z, -1)[node]
     dz = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
     dz += by[:, :, n_z, None] * d_times[:, None, :] + by[:, :, n_z + 1, None] * (dt - d_times)[:, None, :]
@@ -255,8 +255,8 @@ class Sensitivity:
     @property
     def slip(self) -> Differentiated:
         """Path of the sliding foot [m]."""
-        total, layout, system = self._total(()), self.equations.layout, self.equations.system
-        for arc, nodes in zip(layout.arcs, layout.arc_nodes, strict=True):
+        total, mesh, system = self._total(()), self.equations.mesh, self.equations.system
+        for arc, nodes in zip(mesh.arcs, mesh.arc_nodes, strict=True):
             start, end = (self._unknown(system.n_z * k + system.n_shape) for k in (nodes[0], nodes[-1]))
             direction = arc.mode.direction
             total += direction * (end.value - start.value), direction * (end.gradient - start.gradient)
@@ -307,7 +307,7 @@ class Sensitivity:
         """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
         t, scales = self.equations, self.dynamics.scales
         for k, arc in enumerate(self.arcs):
-            last, mode = t.layout.arcs[k].intervals, arc.arc.mode
+            last, mode = t.mesh.arcs[k].intervals, arc.arc.mode
             for (name, curve), unit in zip(arc.margins.items(), self.dynamics.margin_units(mode), strict=True):
                 if name in EVENT_MARGINS:
                     continue
@@ -321,7 +321,7 @@ class Sensitivity:
 @built_once(maxsize=8)
 def _at_impact(t: MultipleShooting) -> Function:
     """(w, p) -> ``IMPACT_SCALARS`` and the margins of the impact; and their Jacobian in w."""
-    landed = t.system.impact(t.layout.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
+    landed = t.system.impact(t.mesh.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
     impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
     margins = [expression for expression, _ in t.impact_margins]
     work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]

@@ -100,7 +100,7 @@ class SmoothedScalars:
     @property
     def distance(self) -> MX:
         """Length of the step [m]."""
-        impact = self._t.system.impact(self._t.layout.cycle.impact)
+        impact = self._t.system.impact(self._t.mesh.cycle.impact)
         return impact(z=self._t.Z[:, -1], p=self._t.p)["z_plus"][self._t.system.n_shape]
 
     @property
@@ -117,7 +117,7 @@ class SmoothedScalars:
     def slip(self) -> MX:
         """Path of the sliding foot [m]."""
         distance, x = MX(0), self._t.system.n_shape
-        for i in range(len(self._t.layout.arcs)):
+        for i in range(len(self._t.mesh.arcs)):
             arc, Z, _, _ = self._t.arc(i)
             distance += arc.mode.direction * (Z[x, -1] - Z[x, 0])
         return distance
@@ -189,7 +189,7 @@ class SmoothedScalars:
 
 
 class SmoothedProblem:
-    """The NLP of one design on one layout.
+    """The NLP of one design on one mesh.
 
     Parameters
     ----------
@@ -324,14 +324,14 @@ class SmoothedProblem:
         name = label.name.replace("_", " ")
         if label.phase is None:
             return f"the impact ({name})"
-        return f"phase {label.phase + 1} ({self.equations.layout.cycle.phases[label.phase]}: {name})"
+        return f"phase {label.phase + 1} ({self.equations.mesh.cycle.phases[label.phase]}: {name})"
 
     def _set_bounds(self, w: Array, bounds: Array, extrema: Array, n_slack: int) -> Array:
         """Set start, lower and upper bounds of all unknowns, and return their typical sizes."""
         t, n = self.equations, self.equations.system.n_shape
         nodes, durations, freed = t.unpack(w)
         period, largest = durations.sum(), np.abs(nodes).max(axis=1)
-        length = abs(float(t.system.impact(t.layout.cycle.impact)(z=nodes[:, -1], p=self._p)["z_plus"][n]))
+        length = abs(float(t.system.impact(t.mesh.cycle.impact)(z=nodes[:, -1], p=self._p)["z_plus"][n]))
         slip = max(largest[-1], length / period)
         states = np.array([*np.full(n, largest[:n].max()), length, *np.full(n, largest[n + 1 : -1].max()), slip])
         reach = states.copy()

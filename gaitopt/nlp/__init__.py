@@ -2,7 +2,7 @@
 
 solve         the path: guess, Newton's method or IPOPT, refinement, check
 rollout       first guess: the motion integrated along the mode sequence, and its mesh
-layout        mesh: arcs and shooting intervals
+mesh          arcs and shooting intervals of a cycle
 shooting      the equations of a cycle: equalities, margins, labels of their rows, Jacobian
 interval      one shooting interval: Runge-Kutta step, samples, derivatives
 newton        a solution, Newton's method, integration error, refinement, derivative of the return map

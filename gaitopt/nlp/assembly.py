@@ -10,14 +10,14 @@ from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
-from gaitopt.nlp.layout import COINCIDENT, layout
+from gaitopt.nlp.mesh import COINCIDENT, mesh_of
 from gaitopt.nlp.newton import Solution, section_sensitivity
 from gaitopt.nlp.shooting import transcribe
 from gaitopt.problem.problem import Problem
 
 
 def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
-    """The unknowns of a gait on the layout on which it was solved.
+    """The unknowns of a gait on the mesh on which it was solved.
 
     Parameters
     ----------
@@ -31,8 +31,8 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
     if gait.shooting is None:
         raise ValueError(f"{gait.problem.name}: a gait without its shooting nodes cannot be followed; solve it first")
     durations = np.array([duration for _, duration in gait.phases])
-    plan = layout(gait.problem.cycle, durations, gait.system.control.breakpoints)
-    equations = transcribe(gait.system, plan.refined(list(gait.shooting.intervals)), free)
+    mesh = mesh_of(gait.problem.cycle, durations, gait.system.control.breakpoints)
+    equations = transcribe(gait.system, mesh.refined(list(gait.shooting.intervals)), free)
     freed = tuple(gait.dynamics.parameter(key) for key in free)
     return Solution(equations, equations.pack(gait.shooting.states.T, durations, freed), gait.p)
 
@@ -68,9 +68,9 @@ def assemble_gait(
         message=message,
         steps=steps,
         shooting=Shooting(
-            times=equations.layout.node_times(durations),
+            times=equations.mesh.node_times(durations),
             states=nodes.T,
-            intervals=tuple(arc.intervals for arc in equations.layout.arcs),
+            intervals=tuple(arc.intervals for arc in equations.mesh.arcs),
             residual=at.size,
             errors=at.errors if errors is None else errors,
         ),
@@ -85,9 +85,9 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
     """The steps of a solution; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
     at, equations = _forward_in_time(at), at.equations
     nodes, _, freed = equations.unpack(at.w)
-    cycle, table = equations.layout.cycle, equations.system.transitions
+    cycle, table = equations.mesh.cycle, equations.system.transitions
     per_phase, arcs = cycle.per_phase(equations.dynamics(at.p, freed).steps), [list[Arc]() for _ in cycle.steps]
-    for index, arc in enumerate(equations.layout.arcs):
+    for index, arc in enumerate(equations.mesh.arcs):
         dynamics = per_phase[arc.phase]
         for count in counts:
             times, states = equations.sample(at.w, at.p, index, count)
@@ -103,7 +103,7 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
         arcs[cycle.step_of(arc.phase)].append(
             Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states)
         )
-    impacts = zip(arcs, cycle.impacts, equations.layout.impact_nodes, strict=True)
+    impacts = zip(arcs, cycle.impacts, equations.mesh.impact_nodes, strict=True)
     return tuple(
         Step(arcs=tuple(step_arcs), impact=impact_record(step_arcs[0].dynamics, impact, nodes[:, end]))
         for step_arcs, impact, end in impacts

@@ -38,17 +38,17 @@ RUNAWAY = 1e3
 @overflow_allowed()
 def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     """Why a solution of the equations is not a gait; empty for a gait."""
-    layout, durations = refined.equations.layout, refined.durations
+    mesh, durations = refined.equations.mesh, refined.durations
     short = np.flatnonzero(durations < VANISHING * durations.sum())
     if short.size:
-        return (vanishing_phase(layout.cycle, int(short[0]), float(durations[short[0]])),)
+        return (vanishing_phase(mesh.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
         words = "the equations are singular there: the gait is not isolated, or its motion breaks down"
         return (Cause(what="equations", words=words),)
     if not refined.size <= RESIDUAL_TOLERANCE:
         return (Cause(what="equations", words=f"the equations are only met to {refined.size:.2g}"),)
     if not refined.accurate:
-        words = f"the integration is only right to {refined.errors.max():.2g}, even with {layout.intervals} intervals"
+        words = f"the integration is only right to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
         return (Cause(what="integration", words=words),)
     violated = violations(refined)
     early = None if violated else _early_event(refined)
@@ -68,7 +68,7 @@ def failure_causes(start: Solution, failed: Solution, guess: Rollout) -> tuple[C
     """
     equations, missing = failed.equations, None
     if guess.endless is not None:
-        missing = missing_event(equations.system, equations.layout.cycle, guess.endless)
+        missing = missing_event(equations.system, equations.mesh.cycle, guess.endless)
         if missing.what == "reference":
             return (missing,)
     for at in (Feasibility(equations, relaxed=True).solve(start.w, failed.p), failed):
@@ -120,11 +120,11 @@ def _early_event(at: Solution) -> Cause | None:
 
     Scuffing in mid-swing is ignored: it precedes the last rise of the margin.
     """
-    equations, cycle, table = at.equations, at.equations.layout.cycle, at.equations.system.transitions
+    equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
     per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
     # phase, times and values on each arc of a step, by the name of each margin that rises before it falls
     rising: list[dict[str, list[tuple[int, Array, Array]]]] = [{} for _ in cycle.steps]
-    for index, arc in enumerate(equations.layout.arcs):
+    for index, arc in enumerate(equations.mesh.arcs):
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
         dynamics = per_phase[arc.phase]
         values = dynamics.margins(arc.mode, arc.segment, times, states) / dynamics.margin_units(arc.mode)
@@ -147,7 +147,7 @@ def _early_event(at: Solution) -> Cause | None:
 
 def _largest_residual(at: Solution, residual: Array) -> Cause:
     """The equality that is violated most."""
-    relative, cycle = np.abs(residual / at.units.equalities), at.equations.layout.cycle
+    relative, cycle = np.abs(residual / at.units.equalities), at.equations.mesh.cycle
     row = int(np.argmax(relative))
     if not relative[row] < RUNAWAY:
         return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
@@ -198,7 +198,7 @@ def _margin_violations(at: Solution, margins: Array) -> Iterator[Cause]:
 
 def _duration_violations(at: Solution) -> Iterator[Cause]:
     """Every phase of negative duration."""
-    cycle, durations = at.equations.layout.cycle, at.durations
+    cycle, durations = at.equations.mesh.cycle, at.durations
     for phase, value in enumerate(durations.tolist()):
         if value < 0:
             words = f"{cycle.phase_words(phase)}: its duration is {value:.4g} s, so it does not take place"
@@ -208,13 +208,13 @@ def _duration_violations(at: Solution) -> Iterator[Cause]:
 
 def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) -> Cause:
     """The cause at a row of the inequalities, whose place precedes its words."""
-    layout = at.equations.layout
-    node = layout.impact_nodes[label.step] if label.node is None else label.node
-    time = float(layout.node_times(at.durations)[node])
+    mesh = at.equations.mesh
+    node = mesh.impact_nodes[label.step] if label.node is None else label.node
+    time = float(mesh.node_times(at.durations)[node])
     if label.name in PUSH:
         place = "push-off"
     elif label.phase is None:
-        place = "impact" if len(layout.cycle.steps) == 1 else f"impact of step {label.step + 1}"
+        place = "impact" if len(mesh.cycle.steps) == 1 else f"impact of step {label.step + 1}"
     else:
-        place = f"{layout.cycle.phase_words(label.phase)}, t = {time:.4f} s"
+        place = f"{mesh.cycle.phase_words(label.phase)}, t = {time:.4f} s"
     return Cause(what=what, words=f"{place}: {words}", phase=label.phase, step=label.step, time=time, **numbers)

@@ -191,7 +191,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
         rates = (equations.unpack(before).durations - durations) / (s - s_before)
         vanishing = np.flatnonzero(durations < VANISHING * rates)
         if vanishing.size:
-            return vanishing_phase(equations.layout.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
+            return vanishing_phase(equations.mesh.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
     return Cause(what="fold", words="the family turns back, or its motion breaks down")
 
 

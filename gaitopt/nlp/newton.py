@@ -89,7 +89,7 @@ class Solution:
     @property
     def in_order(self) -> bool:
         """Whether every arc lies in its segment of the control: False once a switch has passed a breakpoint."""
-        return self.equations.layout.in_order(self.durations, self.equations.system.control.breakpoints)
+        return self.equations.mesh.in_order(self.durations, self.equations.system.control.breakpoints)
 
     @cached_property
     @overflow_allowed()
@@ -158,7 +158,7 @@ class Solution:
                 return np.full(equations.n_phases, np.inf)
             node_units, duration_units, _ = equations.unpack(self.units.unknowns)
             nodes, errors = nodes / node_units, np.abs(durations / duration_units)
-            for arc, at in zip(equations.layout.arcs, equations.layout.arc_nodes, strict=True):
+            for arc, at in zip(equations.mesh.arcs, equations.mesh.arc_nodes, strict=True):
                 errors[arc.phase] = max(errors[arc.phase], np.abs(nodes[:, at.start : at.stop]).max())
             return errors
 
@@ -240,10 +240,10 @@ def refine(solution: Solution) -> Solution:
         if current.errors.max() < ERROR_TOLERANCE:
             break
         growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
-        layout = current.equations.layout
-        if layout.intervals * growth.max() > MAX_INTERVALS:
+        mesh = current.equations.mesh
+        if mesh.intervals * growth.max() > MAX_INTERVALS:
             break
-        counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in layout.arcs]
+        counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in mesh.arcs]
         refined = polish(_resampled(current, counts))
         if not refined.errors.max() < current.errors.max():
             break
@@ -254,7 +254,7 @@ def refine(solution: Solution) -> Solution:
 @overflow_allowed()
 def halved(solution: Solution) -> Solution:
     """The same solution with every interval halved, down to rounding, with the free parameters fixed."""
-    return polish(_resampled(solution, [2 * arc.intervals for arc in solution.equations.layout.arcs]))
+    return polish(_resampled(solution, [2 * arc.intervals for arc in solution.equations.mesh.arcs]))
 
 
 def integration_error(at: Solution) -> tuple[Array, Array]:
@@ -284,7 +284,7 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
     equations = at.equations
     system, n_z, n = equations.system, equations.system.n_z, at.residual.size
     last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
-    indices = system.section(equations.layout.cycle.impact)
+    indices = system.section(equations.mesh.cycle.impact)
     reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
     columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
     data[columns][pattern.rows[columns] >= n - n_z] = 0.0
@@ -325,12 +325,12 @@ def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False
 
 def _resampled(coarse: Solution, intervals: Sequence[int]) -> Solution:
     """The solution with more intervals per arc, each new node by one partial step from the node before it."""
-    known, layout = coarse.equations, coarse.equations.layout.refined(intervals)
+    known, mesh = coarse.equations, coarse.equations.mesh.refined(intervals)
     nodes, durations, freed = known.unpack(coarse.w)
-    resampled = np.empty((nodes.shape[0], layout.n_nodes))
-    for index, at in enumerate(layout.arc_nodes):
+    resampled = np.empty((nodes.shape[0], mesh.n_nodes))
+    for index, at in enumerate(mesh.arc_nodes):
         fractions = np.linspace(0, 1, len(at))[:-1]
         resampled[:, at[:-1]] = known.states_at(coarse.w, coarse.p, index, fractions).T
-    resampled[:, layout.reset_nodes] = nodes[:, known.layout.reset_nodes]
-    finer = transcribe(known.system, layout, known.free)
+    resampled[:, mesh.reset_nodes] = nodes[:, known.mesh.reset_nodes]
+    finer = transcribe(known.system, mesh, known.free)
     return Solution(finer, finer.pack(resampled, durations, freed), coarse.p)

@@ -23,7 +23,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.nlp.interval import shooting_step
-from gaitopt.nlp.layout import layout
+from gaitopt.nlp.mesh import mesh_of
 from gaitopt.nlp.newton import Solution
 from gaitopt.nlp.shooting import transcribe
 
@@ -119,12 +119,12 @@ class Rollout:
         intervals : of every arc, used if there are as many arcs.
         """
         durations, system = np.array(self.durations), self.dynamics.system
-        plan = layout(self.cycle, durations, system.control.breakpoints)
-        plan = plan.refined(intervals) if len(intervals) == len(plan.arcs) else plan
-        nodes = np.empty((system.n_z, plan.n_nodes))
-        for arc, at, (begin, end) in zip(plan.arcs, plan.arc_nodes, plan.arc_times(self.durations), strict=True):
+        mesh = mesh_of(self.cycle, durations, system.control.breakpoints)
+        mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
+        nodes = np.empty((system.n_z, mesh.n_nodes))
+        for arc, at, (begin, end) in zip(mesh.arcs, mesh.arc_nodes, mesh.arc_times(self.durations), strict=True):
             nodes[:, at.start : at.stop] = self(arc.phase, np.linspace(begin, end, len(at)))
-        equations = transcribe(system, plan, free)
+        equations = transcribe(system, mesh, free)
         freed = [self.dynamics.parameter(key) for key in free]
         return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p)
 
@@ -146,7 +146,7 @@ def rolled_again(solution: Solution) -> Rollout:
     On a mesh, its arcs are in the order that these durations demand: see ``Solution.in_order``.
     """
     equations, (nodes, durations, freed) = solution.equations, solution.equations.unpack(solution.w)
-    return roll_out(equations.dynamics(solution.p, freed), equations.layout.cycle, nodes[:, 0], durations)
+    return roll_out(equations.dynamics(solution.p, freed), equations.mesh.cycle, nodes[:, 0], durations)
 
 
 @overflow_allowed()

@@ -44,7 +44,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import CONE, GROUND_FORCES, margin, margin_unit
 from gaitopt.model.units import Scales
 from gaitopt.nlp.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
-from gaitopt.nlp.layout import ArcLayout, Layout
+from gaitopt.nlp.mesh import Mesh, MeshArc
 from gaitopt.nlp.sparse import Pattern, SparseMatrix
 from gaitopt.threads import cached_property
 
@@ -101,7 +101,7 @@ class MultipleShooting:
     Parameters
     ----------
     system : walker, control and ground.
-    layout : arcs and intervals of the mesh.
+    mesh : arcs and shooting intervals.
     free : dotted keys of the parameters that are unknowns.
 
     Attributes
@@ -113,9 +113,9 @@ class MultipleShooting:
     """
 
     @building
-    def __init__(self, system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> None:
-        self.system, self.layout, self.free = system, layout, free
-        self.n_nodes, self.n_phases = layout.n_nodes, len(layout.cycle.phases)
+    def __init__(self, system: HybridSystem, mesh: Mesh, free: tuple[str, ...] = ()) -> None:
+        self.system, self.mesh, self.free = system, mesh, free
+        self.n_nodes, self.n_phases = mesh.n_nodes, len(mesh.cycle.phases)
         self.Z = MX.sym("Z", system.n_z, self.n_nodes)
         self.durations = MX.sym("d", self.n_phases)
         self.freed = MX.sym("v", len(free))
@@ -152,7 +152,7 @@ class MultipleShooting:
 
     def _per_phase(self, p: Any) -> tuple[Any, ...]:
         """The parameters of each phase, numbers or symbols, from those of the first step."""
-        return self.layout.cycle.per_phase(self.system.walker.step_parameters(p))
+        return self.mesh.cycle.per_phase(self.system.walker.step_parameters(p))
 
     def units(self, p: Array) -> NaturalUnits:
         """Natural units of unknowns and equalities at parameters ``p``, shape (n_p,)."""
@@ -160,15 +160,13 @@ class MultipleShooting:
         last = self._units  # read once: another thread may replace it
         if last is not None and last[0] == key:
             return last[1]
-        dynamics, cycle = _dynamics(self.system, key), self.layout.cycle
+        dynamics, cycle = _dynamics(self.system, key), self.mesh.cycle
         scales, state = dynamics.scales, dynamics.state_units
         events = [margin_unit(name, scales) / scales.time**order for _, name, order in endings(self.system, cycle)]
         nodes, durations = np.tile(state, self.n_nodes), np.full(self.n_phases, scales.time)
         units = NaturalUnits(
             unknowns=self.pack(nodes, durations, np.ones(len(self.free))),
-            equalities=np.concatenate(
-                [np.tile(state, self.layout.intervals), events, np.tile(state, len(cycle.resets))]
-            ),
+            equalities=np.concatenate([np.tile(state, self.mesh.intervals), events, np.tile(state, len(cycle.resets))]),
         )
         self._units = key, units
         return units
@@ -191,18 +189,18 @@ class MultipleShooting:
             return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self.constants(arc, arc.intervals)]
 
         ends = self.map_arcs(lambda mode: shooting_step(self.system, mode), columns)
-        nodes = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.layout.arcs))))
-        phase_ends, phase_starts = (self.Z[:, at] for at in self.layout.joints)
+        nodes = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.mesh.arcs))))
+        phase_ends, phase_starts = (self.Z[:, at] for at in self.mesh.joints)
         joined = conditions(*self._cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
         return vertcat(vec(nodes - horzcat(*ends)), joined)
 
     @cached_property
     def equality_labels(self) -> tuple[Label, ...]:
         """Meaning of each row of the equalities."""
-        layout, cycle, names = self.layout, self.layout.cycle, self.system.state_names
-        nodes = [(arc.phase, node) for arc, at in zip(layout.arcs, layout.arc_nodes, strict=True) for node in at[1:]]
-        ends = zip(endings(self.system, cycle), layout.last_nodes, strict=True)
-        resets = zip(cycle.resets, layout.joints[1], strict=True)
+        mesh, cycle, names = self.mesh, self.mesh.cycle, self.system.state_names
+        nodes = [(arc.phase, node) for arc, at in zip(mesh.arcs, mesh.arc_nodes, strict=True) for node in at[1:]]
+        ends = zip(endings(self.system, cycle), mesh.last_nodes, strict=True)
+        resets = zip(cycle.resets, mesh.joints[1], strict=True)
         return (
             *(Label(name="defect", phase=phase, node=node, coordinate=z) for phase, node in nodes for z in names),
             *(Label(name=name, phase=phase, node=node) for phase, ((_, name, _), node) in enumerate(ends)),
@@ -212,24 +210,24 @@ class MultipleShooting:
     @property
     def _cycle_key(self) -> tuple[HybridSystem, Cycle, tuple[int, ...], tuple[str, ...]]:
         """Arguments of ``conditions``."""
-        segments = {arc.phase: arc.segment for arc in self.layout.arcs}
-        return self.system, self.layout.cycle, tuple(segments.values()), self.free
+        segments = {arc.phase: arc.segment for arc in self.mesh.arcs}
+        return self.system, self.mesh.cycle, tuple(segments.values()), self.free
 
-    def arc(self, index: int) -> tuple[ArcLayout, MX, MX, MX]:
-        """Layout, nodes, start time and interval length of one arc."""
-        arc, at = self.layout.arcs[index], self.layout.arc_nodes[index]
-        start, end = map(MX, self.layout.arc_times(vertsplit(self.durations))[index])
+    def arc(self, index: int) -> tuple[MeshArc, MX, MX, MX]:
+        """Mesh, nodes, start time and interval length of one arc."""
+        arc, at = self.mesh.arcs[index], self.mesh.arc_nodes[index]
+        start, end = map(MX, self.mesh.arc_times(vertsplit(self.durations))[index])
         return arc, self.Z[:, at.start : at.stop], start, (end - start) / arc.intervals
 
-    def constants(self, arc: ArcLayout, width: int) -> list[MX]:
+    def constants(self, arc: MeshArc, width: int) -> list[MX]:
         """Parameters and segment data of an arc, repeated."""
         return [repmat(self.phase_parameters[arc.phase], 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
 
     def map_arcs(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
         """Apply ``function(mode)`` to the columns of all arcs, with one map per mode; results in the order of arcs."""
         results: dict[int, MX] = {}
-        for mode in dict.fromkeys(arc.mode for arc in self.layout.arcs):
-            indices = [i for i, arc in enumerate(self.layout.arcs) if arc.mode is mode]
+        for mode in dict.fromkeys(arc.mode for arc in self.mesh.arcs):
+            indices = [i for i, arc in enumerate(self.mesh.arcs) if arc.mode is mode]
             inputs = [columns(i) for i in indices]
             widths = [group[0].shape[1] for group in inputs]
             stacked = [horzcat(*group) for group in zip(*inputs, strict=True)]
@@ -237,7 +235,7 @@ class MultipleShooting:
             each = values.size2() // sum(widths)
             for i, end, width in zip(indices, np.cumsum(widths), widths, strict=True):
                 results[i] = values[:, each * (int(end) - width) : each * int(end)]
-        return [results[i] for i in range(len(self.layout.arcs))]
+        return [results[i] for i in range(len(self.mesh.arcs))]
 
     # ---- the inequalities as expressions
 
@@ -245,8 +243,8 @@ class MultipleShooting:
     @building
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and the meaning of each row."""
-        system, table, layout = self.system, self.system.transitions, self.layout
-        arcs = list(zip(range(len(layout.arcs)), layout.arcs, layout.arc_nodes, strict=True))
+        system, table, mesh = self.system, self.system.transitions, self.mesh
+        arcs = list(zip(range(len(mesh.arcs)), mesh.arcs, mesh.arc_nodes, strict=True))
         rows, labels = list[MX](), list[Label]()
 
         # every margin of a mode at the nodes of its arcs, unless an event makes it zero
@@ -278,7 +276,7 @@ class MultipleShooting:
 
         # where a slip starts from rest, the force beyond the static cone; with one coefficient the cone margin suffices
         for i, arc, at in arcs:
-            if system.friction.may_drop and arc.start is None and layout.cycle.starts_from_rest(arc.phase):
+            if system.friction.may_drop and arc.start is None and mesh.cycle.starts_from_rest(arc.phase):
                 _, Z, start, _ = self.arc(i)
                 margins = system.margins(Mode.STICK)(start, Z[:, 0], *self.constants(arc, 1))
                 rows.append(-margins[table.margin_names(Mode.STICK).index(CONE[arc.mode.contact])])
@@ -294,9 +292,9 @@ class MultipleShooting:
     def impact_margins(self) -> tuple[tuple[MX, Label], ...]:
         """Margins of the impacts."""
         margins: list[tuple[MX, Label]] = []
-        for (phase, mode), node in zip(self.layout.cycle.resets, self.layout.reset_nodes, strict=True):
+        for (phase, mode), node in zip(self.mesh.cycle.resets, self.mesh.reset_nodes, strict=True):
             values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
-            step = self.layout.cycle.step_of(phase)
+            step = self.mesh.cycle.step_of(phase)
             for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
                 at_stop = Label(name=name, phase=phase, node=node)
                 margins.append((values[row], at_stop if mode.locked else Label(name=name, step=step)))
@@ -304,7 +302,7 @@ class MultipleShooting:
 
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
-        arc, cycle = self.layout.arcs[index], self.layout.cycle
+        arc, cycle = self.mesh.arcs[index], self.mesh.cycle
         if k == 0 and arc.start is None and name == "slip_velocity":
             return cycle.onset_order(arc.phase) > 0
         if name in GROUND_FORCES and self._is_unloaded(index, k):
@@ -315,7 +313,7 @@ class MultipleShooting:
 
     def _is_unloaded(self, index: int, k: int) -> bool:
         """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
-        arc, cycle = self.layout.arcs[index], self.layout.cycle
+        arc, cycle = self.mesh.arcs[index], self.mesh.cycle
         table, phases, after = self.system.transitions, cycle.phases, cycle.after(arc.phase)
         if k == 0 and arc.start is None:
             before = (arc.phase - 1) % len(phases)
@@ -350,7 +348,7 @@ class MultipleShooting:
             last = self._samples = (solution, {})
         samples = last[1]
         if (index, count) not in samples:
-            start, end = self.layout.arc_times(self.unpack(w).durations.tolist())[index]
+            start, end = self.mesh.arc_times(self.unpack(w).durations.tolist())[index]
             fractions = (points(count) + 1) / 2
             times = start + (end - start) * fractions
             times[-1] = end  # to the last bit, where the next arc starts
@@ -361,8 +359,8 @@ class MultipleShooting:
     def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
         """States (m, n_z) at fractions of one arc, each by a partial shooting step from the node before it."""
         nodes, durations, freed = self.unpack(w)
-        arc, first = self.layout.arcs[index], self.layout.arc_nodes[index].start
-        start, end = self.layout.arc_times(durations.tolist())[index]
+        arc, first = self.mesh.arcs[index], self.mesh.arc_nodes[index].start
+        start, end = self.mesh.arc_times(durations.tolist())[index]
         h, places = (end - start) / arc.intervals, fractions * arc.intervals
         k = np.minimum(places.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
@@ -383,12 +381,12 @@ class MultipleShooting:
 
     def _defects(self, w: Array, ends: Array) -> Array:
         """Differences between the nodes and the ends of the steps, shape (intervals, n_z), that lead to them."""
-        return np.asarray((self.unpack(w).nodes.T[self.layout.start_nodes + 1] - ends).ravel())
+        return np.asarray((self.unpack(w).nodes.T[self.mesh.start_nodes + 1] - ends).ravel())
 
     def _joints(self, w: Array) -> tuple[Array, Array, Array, Array]:
         """States at the ends of phases and after resets, durations and free parameters, for ``conditions``."""
         nodes, durations, freed = self.unpack(w)
-        ends, starts = (nodes.T[at].ravel() for at in self.layout.joints)
+        ends, starts = (nodes.T[at].ravel() for at in self.mesh.joints)
         return ends, starts, durations, freed
 
     def _step_ends(self, w: Array, p: Array, substeps: int) -> Array:
@@ -403,9 +401,9 @@ class MultipleShooting:
     def _step_starts(self, w: Array, p: Array) -> Iterator[tuple[Array, Array, float, Array, Array]]:
         """Per arc the inputs of its m steps: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
         nodes, durations, freed = self.unpack(w)
-        layout, per_phase = self.layout, self._per_phase(self.values(p, freed))
-        arc_times = layout.arc_times(durations.tolist())
-        for arc, at, (start, end) in zip(layout.arcs, layout.arc_nodes, arc_times, strict=True):
+        mesh, per_phase = self.mesh, self._per_phase(self.values(p, freed))
+        arc_times = mesh.arc_times(durations.tolist())
+        for arc, at, (start, end) in zip(mesh.arcs, mesh.arc_nodes, arc_times, strict=True):
             length = (end - start) / arc.intervals
             times = start + length * np.arange(arc.intervals, dtype=float)[:, None]
             yield nodes.T[at.start : at.stop - 1], times, length, per_phase[arc.phase], self.system.data(arc.segment)
@@ -413,16 +411,16 @@ class MultipleShooting:
     @cached_property
     def _steps(self) -> list[BufferedMap]:
         """The steps of all intervals of every arc."""
-        return [buffered_map(shooting_step(self.system, arc.mode), arc.intervals) for arc in self.layout.arcs]
+        return [buffered_map(shooting_step(self.system, arc.mode), arc.intervals) for arc in self.mesh.arcs]
 
     # ---- the Jacobian of the equalities
 
     def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
         """Values of the equalities, and their derivative in all unknowns; shape (n, n_w)."""
-        n_z, n, n_free = self.system.n_z, self.layout.intervals, len(self.free)
+        n_z, n, n_free = self.system.n_z, self.mesh.intervals, len(self.free)
         stages = np.empty((N_STAGES, n, n_z, n_z + 2 + n_free))
         starts, lengths = np.empty((n, n_z)), np.empty(n)
-        arcs = list(zip(self.layout.arcs, self.layout.arc_intervals, strict=True))
+        arcs = list(zip(self.mesh.arcs, self.mesh.arc_intervals, strict=True))
         for (_, at), derivatives, inputs in zip(arcs, self._stages, self._step_starts(w, p), strict=True):
             stages[:, at] = stages_of(derivatives(*inputs)[0], n_z)
             starts[at], lengths[at] = inputs[0], inputs[2]
@@ -445,7 +443,7 @@ class MultipleShooting:
         """Stage derivatives of all intervals of every arc; a free parameter may have another role in the next step."""
         names, maps = self.system.parameters, []
         roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self._per_phase(np.array(names))]
-        for arc in self.layout.arcs:
+        for arc in self.mesh.arcs:
             free = tuple(roles[arc.phase][name] for name in self.free)
             maps.append(buffered_map(stage_derivatives(self.system, arc.mode, free), arc.intervals))
         return maps
@@ -459,19 +457,19 @@ class MultipleShooting:
     def _duration_derivatives(self) -> tuple[Array, Array]:
         """Derivatives of start and length of every interval by the durations, in which both are affine."""
         durations = np.vstack([np.zeros(self.n_phases), np.eye(self.n_phases)])
-        origin, *units = map(self.layout.interval_times, durations)
+        origin, *units = map(self.mesh.interval_times, durations)
         times, lengths = np.transpose(np.array(units) - origin, (1, 2, 0))
         return times, lengths
 
     @cached_property
     def _jacobian_pattern(self) -> tuple[Pattern, NDArray[np.intp]]:
         """Pattern of the Jacobian, and the permutation that sorts the entries of ``linearised`` by columns."""
-        n_z, n, layout = self.system.n_z, self.layout.intervals, self.layout
+        n_z, n, mesh = self.system.n_z, self.mesh.intervals, self.mesh
         n_w, n_tail = self.w.numel(), self.n_phases + len(self.free)
         tail, row = np.arange(n_w - n_tail, n_w), np.arange(n * n_z)
-        starts = n_z * layout.start_nodes[:, None] + np.arange(n_z)  # columns of the nodes where intervals start
+        starts = n_z * mesh.start_nodes[:, None] + np.arange(n_z)  # columns of the nodes where intervals start
         joined = condition_derivatives(*self._cycle_key).sparsity_out(1)
-        joint_nodes = n_z * np.concatenate(layout.joints)[:, None] + np.arange(n_z)
+        joint_nodes = n_z * np.concatenate(mesh.joints)[:, None] + np.arange(n_z)
         blocks = [
             (row, (starts + n_z).ravel()),
             (np.repeat(row, n_z), np.repeat(starts, n_z, axis=0).ravel()),
@@ -485,9 +483,9 @@ class MultipleShooting:
 
 
 @built_once(maxsize=32)
-def transcribe(system: HybridSystem, layout: Layout, free: tuple[str, ...] = ()) -> MultipleShooting:
-    """The equations on a layout, kept because sweeps and searches use the same ones repeatedly."""
-    return MultipleShooting(system, layout, free)
+def transcribe(system: HybridSystem, mesh: Mesh, free: tuple[str, ...] = ()) -> MultipleShooting:
+    """The equations on a mesh, kept because sweeps and searches use the same ones repeatedly."""
+    return MultipleShooting(system, mesh, free)
 
 
 def substituted(keys: tuple[str, ...], p: Any, freed: Mapping[str, Any]) -> Any:

@@ -20,7 +20,7 @@ class Planar:
     residual: Function
     n_phases: int = 0
     w: SX = field(default_factory=lambda: SX.sym("w", 2))
-    layout: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(cycle=SimpleNamespace(impact=None)))
+    mesh: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(cycle=SimpleNamespace(impact=None)))
     units: Callable[[np.ndarray], NaturalUnits] = lambda _: NaturalUnits(unknowns=np.ones(2), equalities=np.ones(1))
     system: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(section=lambda _: np.array([0])))
 

@@ -223,7 +223,7 @@ def test_the_equations_know_that_a_free_parameter_belongs_to_the_other_leg_in_th
     change = step * np.eye(at.w.size)[-1]
     ahead, behind = (at.equations.violation(at.w + sign * change, at.p) for sign in (1, -1))
     np.testing.assert_allclose(column, (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-8)
-    first, second = np.split(np.abs(column[: at.equations.layout.intervals * 6]), 2)
+    first, second = np.split(np.abs(column[: at.equations.mesh.intervals * 6]), 2)
     assert first.max() > 1e-4
     assert second.max() > 1e-4
 

@@ -19,7 +19,7 @@ def test_unknowns_of_a_gait_solve_its_equations_on_its_own_mesh(name, free):
     gait = named(name)
     solution = solution_of(gait, free)
     assert solution.size < 1e-13
-    assert tuple(arc.intervals for arc in solution.equations.layout.arcs) == gait.shooting.intervals
+    assert tuple(arc.intervals for arc in solution.equations.mesh.arcs) == gait.shooting.intervals
     assert solution.equations.unpack(solution.w).freed.tolist() == [gait.dynamics.parameter(key) for key in free]
 
 
@@ -35,7 +35,7 @@ def test_every_row_of_the_equalities_names_what_it_compares(name):
             moved = equations.violation(equations.pack(nodes, durations), solution.p)
             assert moved[row] - residual[row] == pytest.approx(1e-3, rel=1e-9)
     guards = [label.name for label in labels if not label.coordinate]
-    table, cycle = equations.system.transitions, equations.layout.cycle
+    table, cycle = equations.system.transitions, equations.mesh.cycle
     assert guards == [table.between(mode, cycle.after(k)).guard for k, mode in enumerate(cycle.phases)]
 
 

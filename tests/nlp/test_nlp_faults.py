@@ -15,7 +15,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.nlp.layout import layout
+from gaitopt.nlp.mesh import mesh_of
 from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import load_problem
 
@@ -26,7 +26,7 @@ FORWARD, BACKWARD, STICK = Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK
 @pytest.mark.parametrize("mode", [FORWARD, BACKWARD])
 def test_margin_of_a_slipping_impact_is_positive_where_the_foot_slips_as_the_mode_says(mode: Mode) -> None:
     system = HybridSystem(CompassBiped, NoControl())
-    t = MultipleShooting(system, layout(Cycle.of_one_step((mode, STICK), mode), [0.1, 0.5], []))
+    t = MultipleShooting(system, mesh_of(Cycle.of_one_step((mode, STICK), mode), [0.1, 0.5], []))
     rows, labels = t.inequalities
     row = [label.name for label in labels].index("impact_slip_velocity")
     margin = Function("margin", [t.w, t.parameters], [rows[row]])
@@ -40,7 +40,7 @@ def test_margin_of_a_slipping_impact_is_positive_where_the_foot_slips_as_the_mod
 def test_event_that_ends_a_slip_from_rest_has_no_root_where_the_slip_has_no_length() -> None:
     """Slip velocity over duration tends to the acceleration; the velocity itself would be zero."""
     system = HybridSystem(CompassBiped, NoControl())
-    t = MultipleShooting(system, layout(Cycle.of_one_step((FORWARD, STICK), STICK), [0.1, 0.5], []))
+    t = MultipleShooting(system, mesh_of(Cycle.of_one_step((FORWARD, STICK), STICK), [0.1, 0.5], []))
     start = np.array([-0.15, -0.15, 0, 0.73, -0.5, 0])
     rate = np.asarray(system.flow(FORWARD)(0, start, P, [])).ravel()
     event = system.n_z * (t.n_nodes - 1)
@@ -48,7 +48,7 @@ def test_event_that_ends_a_slip_from_rest_has_no_root_where_the_slip_has_no_leng
     for duration in (1e-3, 1e-5, 1e-7):
         w = t.pack((start + np.outer(np.linspace(0, duration, t.n_nodes), rate)).T, np.array([duration, 0.5]))
         nodes, _, _ = t.unpack(w)
-        nodes[:, t.layout.arc_nodes[1].start] = start + duration * rate
+        nodes[:, t.mesh.arc_nodes[1].start] = start + duration * rate
         values.append(float(t.violation(t.pack(nodes, np.array([duration, 0.5])), P)[event]))
     assert values == pytest.approx([values[0]] * 3, rel=1e-6)
     assert abs(values[0]) > 1e-3
@@ -75,8 +75,8 @@ class SineCompass(CompassBiped):
 def test_gradient_of_the_radius_knows_that_the_section_is_curved() -> None:
     gait = solve(load_problem("compass-passive-a"))
     durations = [duration for _, duration in gait.phases]
-    plan = layout(gait.problem.cycle, durations, []).refined(gait.shooting.intervals)
-    t = MultipleShooting(HybridSystem(SineCompass, NoControl()), plan, ())
+    mesh = mesh_of(gait.problem.cycle, durations, []).refined(gait.shooting.intervals)
+    t = MultipleShooting(HybridSystem(SineCompass, NoControl()), mesh, ())
     nodes = gait.shooting.states.T.copy()
     nodes[4] *= np.cos(nodes[1])
     nodes[1] = np.sin(nodes[1])

@@ -15,7 +15,7 @@ from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.nlp.assembly import assemble_steps
 from gaitopt.nlp.diagnosis import violations
 from gaitopt.nlp.interval import ORDER, integrate_to, shooting_step
-from gaitopt.nlp.layout import layout
+from gaitopt.nlp.mesh import mesh_of
 from gaitopt.nlp.newton import Solution, integration_error, polish
 from gaitopt.nlp.rollout import roll_out
 from gaitopt.nlp.shooting import MultipleShooting
@@ -55,13 +55,13 @@ def test_sticking_foot_does_not_drift(compass):
 
 def test_problem_without_freed_parameters_is_square(compass):
     problem, _ = passive("compass-passive-a")
-    equations = MultipleShooting(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
+    equations = MultipleShooting(compass, mesh_of(problem.cycle, [0.09, 0.63, 0.03], []))
     assert equations.equalities.numel() == equations.w.numel()
 
 
 def test_jacobian_agrees_with_central_differences(compass):
     problem, _ = passive("compass-passive-a")
-    equations = MultipleShooting(compass, layout(problem.cycle, [0.09, 0.63, 0.03], []))
+    equations = MultipleShooting(compass, mesh_of(problem.cycle, [0.09, 0.63, 0.03], []))
     w = np.random.default_rng(1).normal(scale=0.1, size=equations.w.numel())
     direction = np.random.default_rng(2).normal(size=w.size)
     eps = 1e-6
@@ -72,17 +72,17 @@ def test_jacobian_agrees_with_central_differences(compass):
 
 def test_breakpoints_cut_phases_into_arcs():
     sequence = load_problem("compass-passive-a").cycle
-    plan = layout(sequence, [0.1, 0.6, 0.05], [0.3, 0.72])
-    assert [(arc.phase, arc.segment) for arc in plan.arcs] == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]
-    assert plan.arc_times(np.array([0.1, 0.6, 0.05]))[2] == (0.3, pytest.approx(0.7))
-    assert plan.in_order(np.array([0.1, 0.61, 0.04]), [0.3, 0.72])
-    assert not plan.in_order(np.array([0.1, 0.1, 0.05]), [0.3, 0.72])
+    mesh = mesh_of(sequence, [0.1, 0.6, 0.05], [0.3, 0.72])
+    assert [(arc.phase, arc.segment) for arc in mesh.arcs] == [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]
+    assert mesh.arc_times(np.array([0.1, 0.6, 0.05]))[2] == (0.3, pytest.approx(0.7))
+    assert mesh.in_order(np.array([0.1, 0.61, 0.04]), [0.3, 0.72])
+    assert not mesh.in_order(np.array([0.1, 0.1, 0.05]), [0.3, 0.72])
 
 
 def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_layout():
-    plan = layout(load_problem("compass-passive-stick").cycle, [0.6], [0.7])
-    assert plan.in_order(np.array([0.65]), [0.7])
-    assert not plan.in_order(np.array([0.75]), [0.7])
+    mesh = mesh_of(load_problem("compass-passive-stick").cycle, [0.6], [0.7])
+    assert mesh.in_order(np.array([0.65]), [0.7])
+    assert not mesh.in_order(np.array([0.75]), [0.7])
 
 
 def test_rollout_finds_the_durations_that_a_solved_gait_has():
@@ -103,7 +103,7 @@ def test_given_durations_lead_to_the_same_gait():
 def test_error_estimate_is_the_error():
     problem, system = passive("compass-passive-stick")
     gait = solve_gait(problem, system)
-    coarse = MultipleShooting(system, layout(problem.cycle, [gait.period], []).refined([5]))
+    coarse = MultipleShooting(system, mesh_of(problem.cycle, [gait.period], []).refined([5]))
     fractions = np.linspace(gait.shooting.times[0], gait.shooting.times[-1], 6)
     start = coarse.pack(integrate_to(system, Mode.STICK, gait.state, fractions, gait.p, np.zeros(0)).T, [fractions[-1]])
     at = polish(Solution(coarse, start, gait.p))
@@ -162,9 +162,9 @@ def test_progress_reports_every_iteration():
 def test_a_phase_that_vanishes_never_has_a_negative_duration():
     problem, system = passive("compass-passive-a")
     gait = solve_gait(problem, system)
-    plan = layout(problem.cycle, [duration for _, duration in gait.phases], ())
-    equations = MultipleShooting(system, plan)
-    nodes = np.repeat(gait.state[:, None], plan.n_nodes, axis=1)
+    mesh = mesh_of(problem.cycle, [duration for _, duration in gait.phases], ())
+    equations = MultipleShooting(system, mesh)
+    nodes = np.repeat(gait.state[:, None], mesh.n_nodes, axis=1)
     for duration in (-1.5e-17, -1e-4):
         at = Solution(equations, equations.pack(nodes, np.array([duration, 0.6, 0.1])), gait.p)
         first = assemble_steps(at)[0].phases[0][1]

@@ -22,7 +22,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.threads import cached_property
 
 INTERVALS = 14
-"""Intervals of a step in a first layout, distributed by length: about ten digits on the gaits of the paper."""
+"""Intervals of a step in a first mesh, distributed by length: about ten digits on the gaits of the paper."""
 FEWEST = 2
 """Intervals of the shortest arc."""
 COINCIDENT = 1e-11
@@ -31,7 +31,7 @@ rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArcLayout:
+class MeshArc:
     """One arc: part of a phase on one segment of the control.
 
     ``start`` and ``end`` are either None, when the arc starts (ends) with its phase, or a breakpoint's time [s].
@@ -46,11 +46,11 @@ class ArcLayout:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Layout:
+class Mesh:
     """All arcs of a cycle in order."""
 
     cycle: Cycle
-    arcs: tuple[ArcLayout, ...]
+    arcs: tuple[MeshArc, ...]
 
     @cached_property
     def intervals(self) -> int:
@@ -143,13 +143,13 @@ class Layout:
             for arc, (start, end) in zip(self.arcs, self.arc_times(durations), strict=True)
         )
 
-    def refined(self, intervals: Sequence[int]) -> "Layout":
+    def refined(self, intervals: Sequence[int]) -> "Mesh":
         """The same arcs with other numbers of intervals."""
         arcs = tuple(replace(arc, intervals=n) for arc, n in zip(self.arcs, intervals, strict=True))
-        return Layout(cycle=self.cycle, arcs=arcs)
+        return Mesh(cycle=self.cycle, arcs=arcs)
 
 
-def layout(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> Layout:
+def mesh_of(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> Mesh:
     """Cut the phases at those breakpoints that lie inside them.
 
     Parameters
@@ -164,12 +164,10 @@ def layout(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> 
         for first, end in pairwise(firsts)
         for arc in _step_arcs(cycle.phases[first:end], first, lengths[first:end], breakpoints)
     ]
-    return Layout(cycle=cycle, arcs=tuple(arcs))
+    return Mesh(cycle=cycle, arcs=tuple(arcs))
 
 
-def _step_arcs(
-    modes: Sequence[Mode], first: int, durations: Array, breakpoints: Sequence[float]
-) -> Iterator[ArcLayout]:
+def _step_arcs(modes: Sequence[Mode], first: int, durations: Array, breakpoints: Sequence[float]) -> Iterator[MeshArc]:
     """Arcs of one step, whose phases are counted from ``first``."""
     switches = np.concatenate([[0.0], np.cumsum(durations)])
     if switches[-1] <= 0:
@@ -182,6 +180,6 @@ def _step_arcs(
         for k, (start, end) in enumerate(pairwise(ends)):
             length = (finish if end is None else end) - (begin if start is None else start)
             intervals = max(FEWEST, round(INTERVALS * length / switches[-1]))
-            yield ArcLayout(
+            yield MeshArc(
                 phase=first + phase, mode=mode, segment=segment + k, start=start, end=end, intervals=intervals
             )
