@@ -98,7 +98,11 @@ def load_run(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attract
     """
     from gaitopt.runs.results import read_result
 
-    if "@" not in str(path) or Path(path).exists():
+    try:
+        is_whole = "@" not in str(path) or Path(path).exists()
+    except OSError:  # a name that is too long, for instance
+        is_whole = False
+    if is_whole:
         return read_result(Path(path))
     if SPECIAL in str(path):
         return load_special_point(str(path))[0]

@@ -110,6 +110,11 @@ def test_parts_of_a_stored_branch_are_loaded_by_their_place():
         go.load_run("branch@7.7")
     with pytest.raises(StorageError, match="special points of this branch are 0 to"):
         go.load_run("branch@special.9")
+    with pytest.raises(StorageError, match="holds no branch"):
+        go.load_run(f"{'x' * 300}@0.1")
+    Path("branch").rename("me@home")
+    assert len(go.load_run("me@home")) == len(branch)
+    assert go.load_run("me@home@0.1").value == point.value
 
 
 def test_a_kept_gait_is_taken_from_its_folder_on_request(monkeypatch):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from named import named
 
+import gaitopt
 from gaitopt.cli.main import main
 from gaitopt.cli.terminal import interruptible
-from gaitopt.errors import StorageError
+from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
 from gaitopt.paper import reproduction
 from gaitopt.paper.figures import FIGURES
@@ -181,6 +182,17 @@ def test_one_figure_alone_is_written_to_its_folder(tmp_path, monkeypatch, capsys
     assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "pictures"]) == 0
     assert sorted(path.name for path in Path("pictures").iterdir()) == ["fig3.png", "fig3.svg"]
     assert capsys.readouterr().out.split() == ["pictures/fig3.svg", "pictures/fig3.png"]
+
+
+def test_the_library_writes_what_the_command_writes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said: list[str] = []
+    (svg, _) = gaitopt.reproduce(only=["fig3"], output="library", workers=1, narrate=said.append)
+    assert said == ["solving rimless-wheel-stick (friction 1.0, coulomb impact)"]
+    assert main(["reproduce", "gamus-or-2013", "--only", "fig3", "-o", "command", "--quiet"]) == 0
+    assert svg.read_bytes() == Path("command/fig3.svg").read_bytes()
+    with pytest.raises(UnknownNameError, match="has no 'fig5'; choose from fig2"):
+        gaitopt.reproduce(only=["fig5"])
 
 
 def test_the_page_about_the_reproduction_counts_what_the_table_holds():
