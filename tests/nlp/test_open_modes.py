@@ -72,11 +72,12 @@ def test_a_cycle_of_two_steps_is_found_from_two_unlike_swings():
     system, p, time, _ = program("compass-passive-stick", overrides)
     cycles = Complementarity(Dynamics(system, p), 1.7 * time, n_steps=2)
     period = 2.88 * time
-    proposal = cycles.solve(*swing(Dynamics(system, p), np.array([[-0.035], [-0.286]]), period), period)
-    assert isinstance(proposal, Proposal), proposal
-    assert str(proposal.cycle) == "stick; stick | stick; stick"
-    gait = solve(load_problem("compass-passive-two-step"))
-    assert sorted(map(sum, proposal.durations)) == pytest.approx(sorted(s.period for s in gait.steps), abs=1e-3)
+    pairs = [(-0.035, -0.286), (-0.03, -0.3), (-0.2, -0.3), (-0.15, -0.35)]  # some lead to the gait of one step, twice
+    guesses = [swing(Dynamics(system, p), np.array(pair)[:, None], period) for pair in pairs]
+    proposals = [found for guess in guesses if isinstance(found := cycles.solve(*guess, period), Proposal)]
+    assert {str(proposal.cycle) for proposal in proposals} == {"stick; stick | stick; stick"}
+    expected = sorted(step.period for step in solve(load_problem("compass-passive-two-step")).steps)
+    assert any(sorted(map(sum, found.durations)) == pytest.approx(expected, abs=1e-3) for found in proposals)
 
 
 def test_a_swing_ends_in_the_shape_that_the_impact_relabels_to_its_start():
