@@ -41,7 +41,8 @@ from gaitopt.threads import cached_property
 
 NEAR_OPTIMUM = 1e-4
 """KKT residual at which the search for conflicts ends, in the sizes of its objective and unknowns."""
-MAX_DESIGN_ITERATIONS = 600
+MAX_CONFLICT_ITERATIONS = 600
+"""Of the search for conflicts, whose objective is flat near its optimum. A design that succeeds takes up to 140."""
 ROUGH = 0.2
 """KKT residual, in the sizes of objective and unknowns, at which ``sqp`` takes over: it needs one iteration where
 IPOPT, which learns all curvature by secants, needs twenty."""
@@ -261,20 +262,20 @@ class SmoothedProblem:
         unknowns, parameters = vertcat(equations.w, *self._extrema.values(), slack), equations.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
         objective: MX | None = None
-        options: dict[str, float] = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
+        tolerance, scaling = TOLERANCE, 1.0
+        limit = MAX_CONFLICT_ITERATIONS if elastic else MAX_ITERATIONS
         if elastic or problem.objective:
             weighted = (weight * self.scalar(name) for name, weight in problem.objective.items())
             objective = sum1(slack) if elastic else sum(weighted, MX(0))
             value = float(Function("objective", [unknowns, parameters], [objective])(self._start, p))
             size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
-            tolerance = NEAR_OPTIMUM if elastic else ROUGH
-            options = {"tol": tolerance, "max_iter": MAX_DESIGN_ITERATIONS, "obj_scaling_factor": 1 / size}
+            tolerance, scaling = NEAR_OPTIMUM if elastic else ROUGH, 1 / size
         self._solver = Ipopt(
             [Block(name="unknowns", expression=unknowns, lower=self._lower, upper=self._upper)],
             self.blocks,
             parameters,
             objective,
-            options=options,
+            options={"tol": tolerance, "max_iter": limit, "obj_scaling_factor": scaling},
             progress=progress,
             should_stop=should_stop,
         )
