@@ -8,7 +8,7 @@ from gaitopt.errors import GaitoptError, StorageError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.problem.problem import Problem
-from gaitopt.store.run import GAIT_FILE, GAIT_FILES, Run
+from gaitopt.store.run import GAIT_FILE, GAIT_FILES, PROBLEM_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def stored_gait(problem: Problem, path: str | Path | None = None) -> Gait | None
 
     run = Run.of(problem, path)
     run.check(problem)
-    return restore_gait(run.folder) if run.holds(*GAIT_FILES) else None
+    return restore_gait(run.folder) if run.holds(*GAIT_FILES, *PROBLEM_FILES) else None
 
 
 def stored_gait_record(problem: Problem) -> dict[str, Any]:

@@ -52,6 +52,7 @@ RESULTS = Path("results")
 MANIFEST_FILE = "manifest.json"
 PROBLEM_FILE = "problem.yaml"
 RESOLVED_FILE = "resolved.json"
+PROBLEM_FILES = PROBLEM_FILE, RESOLVED_FILE
 GAIT_FILE, WALK_FILE = "gait.json", "walk.json"
 GAIT_FILES, WALK_FILES = (GAIT_FILE, "trajectory.csv"), (WALK_FILE, "walk.csv")
 """Record and table of a gait, and of a simulated walk."""
@@ -211,7 +212,11 @@ class Run:
             yield
 
     def write(self, contents: Mapping[str, str]) -> None:
-        """Write files by name; they count as unfinished until all of them are written."""
+        """Write files by name; they count as unfinished until all of them are written.
+
+        A finished file with the same content is left alone, so that the problem of a run can be read at any time.
+        """
+        contents = {name: content for name, content in contents.items() if not self._is_finished(name, content)}
         manifest, keys = self.manifest(), [self._key(name) for name in contents]
         others = {key: known for key, known in manifest.files.items() if key not in keys}
         if others != manifest.files:
@@ -364,6 +369,13 @@ class Run:
             else:
                 if known == self._checksums(keys):
                     return contents
+
+    def _is_finished(self, name: str, content: str) -> bool:
+        """Whether a file is finished and has this content."""
+        path, expected = self.path(name), content.encode("utf-8")
+        if self.manifest().files.get(self._key(name)) != file_sum(path, expected):
+            return False
+        return path.is_file() and read_bytes(path) == expected
 
     def _checksums(self, keys: list[str]) -> list[Any]:
         """Checksums of files in the manifest, None for a file that is not listed."""

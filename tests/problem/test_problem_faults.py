@@ -404,3 +404,12 @@ def test_a_fault_is_one_printable_line_whatever_the_file_says():
 def test_what_belongs_elsewhere_or_cannot_be_expressed_is_said(change, words):
     with pytest.raises(ProblemError, match=words):
         load_problem("compass-passive-a").replace(change)
+
+
+def test_a_message_is_one_line_whatever_the_file_holds():
+    text = (Path(__file__).parents[2] / "problems" / "compass-torque-efficient.yaml").read_text()
+    text = text.replace("objective: cost_of_transport", r'objective: "cost\x85of_transport"')
+    with pytest.raises(ProblemError) as raised:
+        parse_problem(text)
+    (line,) = str(raised.value).splitlines()
+    assert r"cost\x85of_transport is no scalar of a gait" in line

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from gaitopt.errors import StorageError
+from gaitopt.store.files import write_whole
 from gaitopt.store.formats import Table
 from gaitopt.store.run import GAIT_FILES, Run
 
@@ -75,6 +76,20 @@ def test_the_same_problem_replaces_its_run(folder):
     written(folder, record=GAIT | {"period": 2.0})
     assert Run(folder).read_result()[0]["period"] == 2.0
     assert sorted(contents(folder)) == FILES
+
+
+def test_the_problem_of_a_run_stays_readable_while_another_result_is_written(folder, monkeypatch):
+    def killed_at_the_gait(path, content):
+        if path.name == "gait.json":
+            raise KeyboardInterrupt
+        write_whole(path, content)
+
+    monkeypatch.setattr("gaitopt.store.run.write_whole", killed_at_the_gait)
+    with pytest.raises(KeyboardInterrupt):
+        written(folder, record=GAIT | {"period": 2.0})
+    assert Run(folder).holds("problem.yaml", "resolved.json", "trajectory.csv")
+    assert not Run(folder).holds("gait.json")
+    assert Run(folder).read_object("resolved.json") == SomeProblem().resolved()
 
 
 def test_another_problem_is_refused_and_changes_nothing(folder):
