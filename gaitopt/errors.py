@@ -1,9 +1,13 @@
-"""The errors that gaitopt raises on purpose; each has the exit code of the command line.
+"""The errors that gaitopt raises on purpose, each with the exit code of the command line, and their printable text.
 
 A numerical failure is not an error: it is a status on the result.
 """
 
+import unicodedata
 from typing import Any, Self
+
+LAYOUT = "\n\t"
+"""Control characters that a text of several lines may contain."""
 
 
 class GaitoptError(Exception):
@@ -52,3 +56,17 @@ class StorageError(GaitoptError):
     """A run folder that cannot be written, or is broken, foreign or newer."""
 
     exit_code = 6
+
+
+def printable(text: str, keep: str = LAYOUT) -> str:
+    r"""The text with control and format characters other than ``keep`` written as escapes such as \x1b."""
+    return "".join(
+        char.encode("unicode_escape").decode("ascii") if char not in keep and _is_control(char) else char
+        for char in text
+    )
+
+
+def _is_control(char: str) -> bool:
+    """Whether its Unicode category is C (control, format, surrogate, ...), Zl or Zp (line and paragraph separator)."""
+    category = unicodedata.category(char)
+    return category[0] == "C" or category in ("Zl", "Zp")

@@ -25,10 +25,9 @@ from gaitopt.cli.terminal import (
     Terminal,
     allow_any_encoding,
     listening,
-    printable,
 )
 from gaitopt.cli.views import list_problems, plot, report, reproduce, schema, show, validate
-from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError
+from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError, printable
 
 PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to ", "what": "--what "}
 """Options by the argument of the library function that an error concerns."""

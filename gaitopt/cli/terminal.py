@@ -10,7 +10,6 @@ import os
 import signal
 import sys
 import threading
-import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import TextIOWrapper
@@ -18,6 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from gaitopt.errors import printable
 from gaitopt.threads import cached_property
 
 if TYPE_CHECKING:
@@ -30,16 +30,8 @@ INTERRUPTED, BROKEN_PIPE, TERMINATED = 130, 141, 143
 PIPED_WIDTH = 160
 """Width of tables that do not go to a terminal [characters]."""
 
-LAYOUT = "\n\t"
-"""Control characters that a text may contain."""
-
 Progress = Callable[[int, Any], None]
 Record = Mapping[str, Any]
-
-
-def printable(text: str) -> str:
-    r"""The text with control and format characters written as escapes such as \x1b, except line ends and tabs."""
-    return "".join(char.encode("unicode_escape").decode("ascii") if _is_control(char) else char for char in text)
 
 
 def allow_any_encoding() -> None:
@@ -47,12 +39,6 @@ def allow_any_encoding() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # a caller may have put anything else there
             stream.reconfigure(errors="backslashreplace")
-
-
-def _is_control(char: str) -> bool:
-    """Whether its Unicode category is C (control, format, surrogate, ...), Zl or Zp (line and paragraph separator)."""
-    category = unicodedata.category(char)
-    return char not in LAYOUT and (category[0] == "C" or category in ("Zl", "Zp"))
 
 
 def console(*, stderr: bool, quiet: bool = False) -> "Console":

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, printable
 from gaitopt.model.units import LARGEST, SMALLEST
 
 HINTS: Mapping[str, str] = {
@@ -124,12 +124,7 @@ def raise_faults(faults: Iterable[Fault], place: Place) -> None:
 def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
     """One line per fault, in the order of their places; control characters of a file are written as escapes."""
     located = sorted((*place.locate(fault.path), fault.message) for fault in faults)
-    return list(dict.fromkeys(_one_line(f"{where}: {message}") for _, where, message in located))
-
-
-def _one_line(text: str) -> str:
-    r"""Text whose control characters and line ends are escapes such as \x85."""
-    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode("ascii") for char in text)
+    return list(dict.fromkeys(printable(f"{where}: {message}", keep="") for _, where, message in located))
 
 
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:

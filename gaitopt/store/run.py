@@ -216,8 +216,9 @@ class Run:
 
         A finished file with the same content is left alone, so that the problem of a run can be read at any time.
         """
-        contents = {name: content for name, content in contents.items() if not self._is_finished(name, content)}
-        manifest, keys = self.manifest(), [self._key(name) for name in contents]
+        manifest = self.manifest()
+        contents = {name: text for name, text in contents.items() if not self._is_finished(name, text, manifest)}
+        keys = [self._key(name) for name in contents]
         others = {key: known for key, known in manifest.files.items() if key not in keys}
         if others != manifest.files:
             self._write_manifest(replace(manifest, files=others))
@@ -370,12 +371,12 @@ class Run:
                 if known == self._checksums(keys):
                     return contents
 
-    def _is_finished(self, name: str, content: str) -> bool:
+    def _is_finished(self, name: str, content: str, manifest: Manifest) -> bool:
         """Whether a file is finished and has this content."""
-        path, expected = self.path(name), content.encode("utf-8")
-        if self.manifest().files.get(self._key(name)) != file_sum(path, expected):
-            return False
-        return path.is_file() and read_bytes(path) == expected
+        path, known, expected = self.path(name), manifest.files.get(self._key(name)), content.encode()
+        return (
+            known is not None and known == file_sum(path, expected) and path.is_file() and read_bytes(path) == expected
+        )
 
     def _checksums(self, keys: list[str]) -> list[Any]:
         """Checksums of files in the manifest, None for a file that is not listed."""

@@ -11,7 +11,8 @@ from named import named, verification
 
 from gaitopt import __version__
 from gaitopt.cli.main import main
-from gaitopt.cli.terminal import console, printable
+from gaitopt.cli.terminal import console
+from gaitopt.errors import printable
 from gaitopt.problem.problem import load_problem
 from gaitopt.problem.source import problem_names
 
