@@ -18,8 +18,8 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.walker import Walker
-from gaitopt.nlp.rollout import roll_out
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.rollout import roll_out
 from gaitopt.systems import build_system
 
 SAMPLES = 41

@@ -13,10 +13,10 @@ from gaitopt import load_problem, solve
 from gaitopt.model.control import NoControl
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.interval import shooting_step, stage_derivatives, step_derivatives
-from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.solver.interval import shooting_step, stage_derivatives, step_derivatives
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.rollout import roll_out
+from gaitopt.solver.shooting import MultipleShooting
 
 INTERVALS = (16, 32, 64, 128)
 LINKS = (2, 4, 6, 8)

@@ -7,9 +7,9 @@ from timing import Row
 
 from gaitopt import load_problem, solve
 from gaitopt.gait.gait import Gait
-from gaitopt.nlp.following import Family
-from gaitopt.nlp.shooting import condition_derivatives, conditions, transcribe
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.following import Family
+from gaitopt.solver.shooting import condition_derivatives, conditions, transcribe
 
 REBUILT = 10
 """Values for which it is built anew; one takes as long as another."""

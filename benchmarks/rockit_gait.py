@@ -9,8 +9,8 @@ from rockit import FreeTime, MultipleShooting, Ocp
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.rollout import roll_out
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.rollout import roll_out
 
 INTERVALS, SUBSTEPS = 20, 4
 

@@ -36,7 +36,6 @@ from gaitopt.model.modes import Mode as Mode
 from gaitopt.model.walker import Body as Body
 from gaitopt.model.walker import Mechanism as Mechanism
 from gaitopt.model.walker import Walker as Walker
-from gaitopt.nlp.following import Family as Family
 from gaitopt.paper.reproduction import reproduce as reproduce
 from gaitopt.problem.problem import Problem as Problem
 from gaitopt.problem.problem import load_problem as load_problem
@@ -48,6 +47,7 @@ from gaitopt.runs.front import Front as Front
 from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
 from gaitopt.show.style import figure_style as figure_style
+from gaitopt.solver.following import Family as Family
 from gaitopt.verification.step_map import return_map as return_map
 from gaitopt.verification.verify import Verification as Verification
 from gaitopt.verification.walk import Walk as Walk

@@ -1,7 +1,7 @@
 """From a problem to its hybrid system and its gait.
 
-The reference of a PD law is a gait of its own file, which is solved first. ``solve_sequence`` chooses between ``nlp``
-and ``design``.
+The reference of a PD law is a gait of its own file, which is solved first. ``solve_sequence`` chooses between
+``solver`` and ``design``.
 """
 
 import time
@@ -29,10 +29,10 @@ from gaitopt.model.control import (
 )
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.interval import integrate_to
-from gaitopt.nlp.solve import free_parameters, solve_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
+from gaitopt.solver.interval import integrate_to
+from gaitopt.solver.solve import free_parameters, solve_gait
 
 FLOW_PERIODS = 2
 """Periods by which a reference with ``beyond_end: flow`` extends past its end; no step takes that long."""

@@ -30,7 +30,7 @@ from gaitopt import (  # fmt: skip
     verify,
 )
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.nlp.following import Family
+from gaitopt.solver.following import Family
 from gaitopt.workers.cluster import connected
 
 

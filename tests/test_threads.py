@@ -20,7 +20,7 @@ from gaitopt.building import BUILDING, BUILT, building, built_once
 from gaitopt.cli.terminal import interruptible, listening
 from gaitopt.errors import StorageError
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
-from gaitopt.nlp.following import Family
+from gaitopt.solver.following import Family
 from gaitopt.store.lock import only_writer
 from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.cluster import METHOD, connected

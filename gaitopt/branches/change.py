@@ -32,7 +32,7 @@ from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, margin
-from gaitopt.nlp.rollout import roll_out
+from gaitopt.solver.rollout import roll_out
 from gaitopt.verification.verify import confirm
 
 EDGE = 0.02

@@ -25,8 +25,8 @@ from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, Specia
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
 from gaitopt.model.cycle import Cycle
-from gaitopt.nlp.rollout import retraced, roll_out
-from gaitopt.nlp.solve import solve_gait
+from gaitopt.solver.rollout import retraced, roll_out
+from gaitopt.solver.solve import solve_gait
 from gaitopt.store.gaits import special_point
 from gaitopt.verification.verify import confirm
 

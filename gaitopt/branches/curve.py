@@ -27,13 +27,13 @@ from gaitopt.gait.gait import Gait
 from gaitopt.integration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.mesh import Mesh, MeshArc
-from gaitopt.nlp.newton import Solution, extrapolation, halved, refine
-from gaitopt.nlp.rollout import Rollout, retraced, rolled_again
-from gaitopt.nlp.shooting import MultipleShooting, transcribe
-from gaitopt.nlp.sparse import ScaledMatrix
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.assembly import assemble_gait
+from gaitopt.solver.mesh import Mesh, MeshArc
+from gaitopt.solver.newton import Solution, extrapolation, halved, refine
+from gaitopt.solver.rollout import Rollout, retraced, rolled_again
+from gaitopt.solver.shooting import MultipleShooting, transcribe
+from gaitopt.solver.sparse import ScaledMatrix
 from gaitopt.threads import cached_property
 
 RESIDUAL = 1e-13

@@ -17,7 +17,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
-from gaitopt.nlp.rollout import retraced
+from gaitopt.solver.rollout import retraced
 
 DISTANCES = (1e-3, 1e-4, 1e-2)
 """Arclength of the first gait from a branch point: near enough for Newton's method, and far enough that rounding in the

@@ -20,12 +20,12 @@ from gaitopt.design.sqp import optimise
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.diagnosis import rejection_reason
-from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.rollout import retraced, roll_out, rolled_again
-from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.assembly import assemble_gait
+from gaitopt.solver.diagnosis import rejection_reason
+from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.rollout import retraced, roll_out, rolled_again
+from gaitopt.solver.solve import free_parameters
 
 MAX_ROUNDS = 12
 """Searches of the smoothed problem, each from the solution of the one before."""

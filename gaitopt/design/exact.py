@@ -19,12 +19,12 @@ from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.design.sensitivity import Sensitivity
 from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
-from gaitopt.nlp.newton import Solution, polish, section_sensitivity
-from gaitopt.nlp.rollout import rolled_again
-from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
+from gaitopt.solver.newton import Solution, polish, section_sensitivity
+from gaitopt.solver.rollout import rolled_again
+from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.threads import cached_property
 
 RADIUS = "spectral_radius"

@@ -18,10 +18,10 @@ from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
-from gaitopt.nlp.assembly import assemble_gait
-from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.rollout import retraced
-from gaitopt.nlp.solve import free_parameters
+from gaitopt.solver.assembly import assemble_gait
+from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.rollout import retraced
+from gaitopt.solver.solve import free_parameters
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""

@@ -25,11 +25,11 @@ from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.assembly import assemble_steps
-from gaitopt.nlp.interval import step_derivatives
-from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.scalars import SCALARS
+from gaitopt.solver.assembly import assemble_steps
+from gaitopt.solver.interval import step_derivatives
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.shooting import MultipleShooting
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points, tried in turn until an arc is resolved; every point takes an integration step."""

@@ -1,7 +1,7 @@
 """The smoothed problem of a design, which IPOPT solves over nodes, durations, freed parameters and extrema.
 
     min   sum of weight x scalar
-    s.t.  equalities = 0, margins >= 0                     nlp.shooting
+    s.t.  equalities = 0, margins >= 0                     solver.shooting
           lo <= scalar <= hi
           extremum >= the curve's values                   for peak torque and the like
 
@@ -30,13 +30,13 @@ from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
-from gaitopt.nlp.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
-from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
+from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
+from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.threads import cached_property
 
 NEAR_OPTIMUM = 1e-4

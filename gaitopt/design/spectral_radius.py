@@ -41,8 +41,8 @@ from gaitopt.building import BUILT, building
 from gaitopt.integration import bracketed_root
 from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.newton import Solution, section_sensitivity
-from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.shooting import MultipleShooting
 
 EPSILON = 1e-6
 """The square of the certified radius of a matrix of norm N exceeds that of its spectral radius by some eps N^2; N is a

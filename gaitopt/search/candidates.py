@@ -29,10 +29,10 @@ from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
+from gaitopt.solver.solve import free_parameters
 from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap, step_map
@@ -173,7 +173,7 @@ def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Arr
 
 def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     """Mirror the postures in ``xi``, shape (n, n_xi), whose step would lead backward."""
-    from gaitopt.nlp.open_modes import shapes_before
+    from gaitopt.solver.open_modes import shapes_before
 
     system, p = dynamics.system, dynamics.p
     n, n_section = system.n_shape, len(system.walker.section)
@@ -187,7 +187,7 @@ def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
 def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
     """Motions of open mode sequence near steps in which all joints move at constant rates."""
     dynamics, rng = _step_map(job).dynamics, np.random.default_rng([job.seed, job.number])
-    from gaitopt.nlp.open_modes import Complementarity, Proposal, swing  # most problems state their modes
+    from gaitopt.solver.open_modes import Complementarity, Proposal, swing  # most problems state their modes
 
     walker = dynamics.system.walker
     if walker.steps_per_cycle() > 1 or walker.modes() != CONTACTS or walker.pushes:

@@ -19,12 +19,12 @@ from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.cycle import Cycle
-from gaitopt.nlp.solve import free_parameters
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Free
 from gaitopt.search.candidates import family
 from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
 from gaitopt.search.solve import file_gait, solve
+from gaitopt.solver.solve import free_parameters
 from gaitopt.verification.verify import verify
 from gaitopt.verification.walk import Walk, simulate
 from gaitopt.workers.jobs import ResumableJobs, Workers

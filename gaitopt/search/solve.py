@@ -13,12 +13,12 @@ from functools import lru_cache
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Attractor, Gait, Status
-from gaitopt.nlp.following import follow
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import cycle_record
 from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.solver.following import follow
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 

@@ -21,9 +21,9 @@ from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.interval import integrate_to
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
+from gaitopt.solver.interval import integrate_to
 from gaitopt.store.formats import Table
 
 POINTS = 33

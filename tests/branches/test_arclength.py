@@ -9,8 +9,8 @@ import pytest
 from casadi import SX, Function, jacobian, vertcat
 
 from gaitopt.branches.curve import RESIDUAL, Curve, CurvePoint, Metric
-from gaitopt.nlp.shooting import NaturalUnits
-from gaitopt.nlp.sparse import Pattern, SparseMatrix
+from gaitopt.solver.shooting import NaturalUnits
+from gaitopt.solver.sparse import Pattern, SparseMatrix
 
 
 @dataclass

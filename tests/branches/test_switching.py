@@ -21,8 +21,8 @@ from gaitopt.gait.branch import Branch, SpecialPoint, cascades
 from gaitopt.gait.gait import Gait, floquet_multipliers
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.newton import Solution, section_sensitivity
-from gaitopt.nlp.rollout import retraced
+from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.rollout import retraced
 from gaitopt.store.gaits import special_point
 
 DOUBLING = radians(5.34641438276)

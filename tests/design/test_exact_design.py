@@ -14,9 +14,9 @@ from gaitopt.design.sensitivity import DifferentiatedCurve, Sensitivity
 from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
 from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
-from gaitopt.nlp.assembly import solution_of
-from gaitopt.nlp.newton import Solution, polish
 from gaitopt.problem.problem import load_problem
+from gaitopt.solver.assembly import solution_of
+from gaitopt.solver.newton import Solution, polish
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
 PIECED = tuple(name for name in EXTREMA if name != RADIUS)

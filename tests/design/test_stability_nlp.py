@@ -7,8 +7,8 @@ from named import named
 
 from gaitopt import solve, verify
 from gaitopt.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
-from gaitopt.nlp.assembly import solution_of
 from gaitopt.problem.problem import load_problem
+from gaitopt.solver.assembly import solution_of
 
 MATRICES = {
     "real": np.diag([0.9, 0.3, -0.2]),

@@ -5,7 +5,7 @@ import pytest
 from casadi import Function, jacobian
 from named import named
 
-from gaitopt.nlp.assembly import solution_of
+from gaitopt.solver.assembly import solution_of
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,8 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
-from gaitopt.nlp.assembly import solution_of
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.solver.assembly import solution_of
 from gaitopt.verification.step_map import return_map
 
 L, A, HIP, G, SLOPE = 1.6, 0.8, 2.0, 9.8, np.radians(1)

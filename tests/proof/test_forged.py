@@ -26,7 +26,6 @@ from gaitopt.model.modes import Mode  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
-from gaitopt.nlp.solve import solve_gait  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402
 from gaitopt.proof.certificate import parse_certificate, read_certificate, restore_statement  # noqa: E402
 from gaitopt.proof.check import BRACKETED, MARGIN_CHANGES, MOTION, check, check_box, conclude  # noqa: E402
@@ -43,6 +42,7 @@ from gaitopt.proof.prove import (  # noqa: E402
     newton_step,
     reference_record,
 )
+from gaitopt.solver.solve import solve_gait  # noqa: E402
 
 check_module = import_module("gaitopt.proof.check")
 PAGE = Path(__file__).parents[2] / "docs" / "proof.md"

@@ -6,8 +6,8 @@ from named import named
 
 from gaitopt import solve, verify
 from gaitopt.gait.gait import Status
-from gaitopt.nlp.following import Family
 from gaitopt.problem.problem import load_problem
+from gaitopt.solver.following import Family
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from named import named
 
 from gaitopt.gait import curves
-from gaitopt.nlp.assembly import assemble_steps, solution_of
+from gaitopt.solver.assembly import assemble_steps, solution_of
 
 GAITS = ("compass-passive-a", "compass-pd-impact-slip", "compass-passive-two-step", "compass-unequal", "kneed-passive")
 

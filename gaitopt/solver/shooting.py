@@ -43,9 +43,9 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import CONE, GROUND_FORCES, margin, margin_unit
 from gaitopt.model.units import Scales
-from gaitopt.nlp.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
-from gaitopt.nlp.mesh import Mesh, MeshArc
-from gaitopt.nlp.sparse import Pattern, SparseMatrix
+from gaitopt.solver.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
+from gaitopt.solver.mesh import Mesh, MeshArc
+from gaitopt.solver.sparse import Pattern, SparseMatrix
 from gaitopt.threads import cached_property
 
 

@@ -21,9 +21,9 @@ from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
 from gaitopt.model.buffered import buffered
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.interval import ORDER
-from gaitopt.nlp.shooting import MultipleShooting, NaturalUnits, transcribe
-from gaitopt.nlp.sparse import ScaledMatrix, SparseMatrix
+from gaitopt.solver.interval import ORDER
+from gaitopt.solver.shooting import MultipleShooting, NaturalUnits, transcribe
+from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
 
 LONGEST_FIRST_STEP = 0.2

@@ -16,10 +16,10 @@ from gaitopt.gait.gait import Cause
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import PUSH, margin
-from gaitopt.nlp.ipopt import Feasibility
-from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.rollout import Rollout
-from gaitopt.nlp.shooting import Label
+from gaitopt.solver.ipopt import Feasibility
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.rollout import Rollout
+from gaitopt.solver.shooting import Label
 
 RESIDUAL_TOLERANCE = 1e-9
 """Largest violation, in natural units, of any equality or margin in a solution that is called converged."""

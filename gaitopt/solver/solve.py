@@ -18,13 +18,13 @@ from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.assembly import solved_gait
-from gaitopt.nlp.diagnosis import failure_causes, rejection_reason
-from gaitopt.nlp.ipopt import Feasibility
-from gaitopt.nlp.newton import Solution, polish, refine, solve_nearby
-from gaitopt.nlp.rollout import Rollout, roll_out, rolled_again, transit_time
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.assembly import solved_gait
+from gaitopt.solver.diagnosis import failure_causes, rejection_reason
+from gaitopt.solver.ipopt import Feasibility
+from gaitopt.solver.newton import Solution, polish, refine, solve_nearby
+from gaitopt.solver.rollout import Rollout, roll_out, rolled_again, transit_time
 
 MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""

@@ -5,7 +5,7 @@ import pytest
 from casadi import MX, sumsqr, vertcat
 
 from gaitopt.gait.gait import Status
-from gaitopt.nlp.ipopt import Block, Ipopt
+from gaitopt.solver.ipopt import Block, Ipopt
 
 
 def nearest_point(**options):

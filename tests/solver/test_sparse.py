@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
+from gaitopt.solver.sparse import Pattern, ScaledMatrix, SparseMatrix
 
 pytestmark = pytest.mark.portable
 

@@ -13,8 +13,8 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.nlp.diagnosis import missing_event
-from gaitopt.nlp.rollout import roll_out, transit_time
+from gaitopt.solver.diagnosis import missing_event
+from gaitopt.solver.rollout import roll_out, transit_time
 from gaitopt.systems import build_system
 
 

@@ -30,12 +30,12 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.nlp.assembly import solution_of, solved_gait
-from gaitopt.nlp.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase
-from gaitopt.nlp.ipopt import Feasibility
-from gaitopt.nlp.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
-from gaitopt.nlp.rollout import rolled_again
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.assembly import solution_of, solved_gait
+from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase
+from gaitopt.solver.ipopt import Feasibility
+from gaitopt.solver.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
+from gaitopt.solver.rollout import rolled_again
 from gaitopt.threads import cached_property
 
 HISTORY = 5

@@ -10,10 +10,10 @@ from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
-from gaitopt.nlp.mesh import COINCIDENT, mesh_of
-from gaitopt.nlp.newton import Solution, section_sensitivity
-from gaitopt.nlp.shooting import transcribe
 from gaitopt.problem.problem import Problem
+from gaitopt.solver.mesh import COINCIDENT, mesh_of
+from gaitopt.solver.newton import Solution, section_sensitivity
+from gaitopt.solver.shooting import transcribe
 
 
 def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:

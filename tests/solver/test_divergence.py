@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from gaitopt.branches.curve import Curve, Metric
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Gait
-from gaitopt.nlp.assembly import solution_of
-from gaitopt.nlp.following import Family
-from gaitopt.nlp.newton import Solution, polish, refine
-from gaitopt.nlp.shooting import MultipleShooting
-from gaitopt.nlp.sparse import Pattern, ScaledMatrix, SparseMatrix
+from gaitopt.solver.assembly import solution_of
+from gaitopt.solver.following import Family
+from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.shooting import MultipleShooting
+from gaitopt.solver.sparse import Pattern, ScaledMatrix, SparseMatrix
 
 pytestmark = pytest.mark.portable
 

@@ -22,10 +22,10 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.nlp.interval import shooting_step
-from gaitopt.nlp.mesh import mesh_of
-from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import transcribe
+from gaitopt.solver.interval import shooting_step
+from gaitopt.solver.mesh import mesh_of
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.shooting import transcribe
 
 RTOL, ATOL = 1e-8, 1e-10
 """Sufficient for a guess; the absolute tolerance is in natural units."""

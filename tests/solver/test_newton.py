@@ -7,10 +7,10 @@ import pytest
 
 import gaitopt as go
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.nlp import newton, solve
-from gaitopt.nlp.newton import LONGEST_FIRST_STEP, Solution, descend, extrapolation, solve_nearby
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.solve import solve_gait
+from gaitopt.solver import newton, solve
+from gaitopt.solver.newton import LONGEST_FIRST_STEP, Solution, descend, extrapolation, solve_nearby
+from gaitopt.solver.rollout import roll_out
+from gaitopt.solver.solve import solve_gait
 from gaitopt.systems import build_system
 
 NAMES = (

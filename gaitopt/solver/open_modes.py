@@ -34,8 +34,8 @@ from gaitopt.gait.gait import Status
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.ipopt import Block, Ipopt
-from gaitopt.nlp.shooting import substituted
+from gaitopt.solver.ipopt import Block, Ipopt
+from gaitopt.solver.shooting import substituted
 
 Range = tuple[float, float]
 

@@ -15,9 +15,9 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.nlp.mesh import mesh_of
-from gaitopt.nlp.shooting import MultipleShooting
 from gaitopt.problem.problem import load_problem
+from gaitopt.solver.mesh import mesh_of
+from gaitopt.solver.shooting import MultipleShooting
 
 P = np.array([1.6, 4, 0.8, 2, 9.8, np.radians(1), 0.05])
 FORWARD, BACKWARD, STICK = Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD, Mode.STICK

@@ -23,8 +23,8 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILDING, Freed, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
-from gaitopt.nlp.newton import Solution
-from gaitopt.nlp.shooting import MultipleShooting
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.shooting import MultipleShooting
 
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""

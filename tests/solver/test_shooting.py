@@ -12,15 +12,15 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.nlp.assembly import assemble_steps
-from gaitopt.nlp.diagnosis import violations
-from gaitopt.nlp.interval import ORDER, integrate_to, shooting_step
-from gaitopt.nlp.mesh import mesh_of
-from gaitopt.nlp.newton import Solution, integration_error, polish
-from gaitopt.nlp.rollout import roll_out
-from gaitopt.nlp.shooting import MultipleShooting
-from gaitopt.nlp.solve import solve_gait
 from gaitopt.problem.problem import load_problem
+from gaitopt.solver.assembly import assemble_steps
+from gaitopt.solver.diagnosis import violations
+from gaitopt.solver.interval import ORDER, integrate_to, shooting_step
+from gaitopt.solver.mesh import mesh_of
+from gaitopt.solver.newton import Solution, integration_error, polish
+from gaitopt.solver.rollout import roll_out
+from gaitopt.solver.shooting import MultipleShooting
+from gaitopt.solver.solve import solve_gait
 
 STATE = np.array([-0.1408, -0.1408, 0.0, 0.7102, -0.5168, 0.3])
 PARAMETERS = np.array([1.6, 4.0, 0.8, 2.0, 9.8, np.deg2rad(1.0), 0.14])

@@ -7,8 +7,8 @@ from gaitopt import solve
 from gaitopt.gait.gait import Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.nlp.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.problem.problem import load_problem
+from gaitopt.solver.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.systems import build_system
 
 FORWARD, STICK, BACKWARD = Mode.SLIP_FORWARD, Mode.STICK, Mode.SLIP_BACKWARD
