@@ -13,7 +13,7 @@ import numpy as np
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.control import (
     BeyondEnd,
@@ -77,13 +77,20 @@ def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
 
 
 def solve_sequence(
-    problem: Problem, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
+    problem: Problem,
+    *,
+    start: Gait | None = None,
+    method: Method = Method.AUTO,
+    progress: Valued = None,
+    should_stop: Stop = None,
 ) -> Gait:
     """The gait of a problem whose mode sequence is given: designed if parameters are unknown, solved otherwise.
 
     Parameters
     ----------
     start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
+    method : of the search for the gait, see ``Method``. A design by ``newton`` is one by sequential quadratic
+        programming alone, without IPOPT.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -95,13 +102,19 @@ def solve_sequence(
     system = build_system(problem, should_stop=should_stop) if start is None else start.system
     began = time.perf_counter()
     designed = bool(free_parameters(problem, system))
-    first = start if designed and start else solve_gait(problem, system, progress=progress, should_stop=should_stop)
+    if designed and start:
+        first = start
+    else:
+        first = solve_gait(problem, system, method=method, progress=progress, should_stop=should_stop)
     if not designed or first.status is Status.INTERRUPTED:
         return first
     from gaitopt.design.design import design_gait  # most problems have no unknowns and need not load its modules
 
-    gait = design_gait(problem, system, first, progress=progress, should_stop=should_stop)
-    return replace(gait, solver={**gait.solver, "seconds": time.perf_counter() - began})
+    swift = method is Method.NEWTON
+    gait = design_gait(problem, system, first, exact_only=swift, progress=progress, should_stop=should_stop)
+    found_by = Method.NEWTON if swift else Method.IPOPT
+    solver = {"method": found_by.value, **gait.solver, "seconds": time.perf_counter() - began}
+    return replace(gait, solver=solver)
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:

@@ -29,7 +29,7 @@ from gaitopt.api.stored import compared, save, stored_gait
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
-from gaitopt.gait.gait import Attractor, Gait
+from gaitopt.gait.gait import Attractor, Gait, Method, method_of
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.search import solve as single
@@ -67,6 +67,7 @@ def solve(
     problem: Problem | Attractor | str | Path,
     *,
     start: Gait | None = None,
+    method: str = Method.AUTO,
     output: Output = False,
     reuse: bool = False,
     progress: ValueProgress = True,
@@ -90,6 +91,10 @@ def solve(
         that meets its constraints. Or an attractor of a basin: its cycle, with the modes that the simulator finds,
         becomes a gait.
     start : gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
+    method : ``newton`` is Newton's method next to the guess, for a design sequential quadratic programming; it also
+        follows the gait of a file to changed values. ``ipopt`` solves the NLP (see ``nlp``) from the guess with IPOPT.
+        ``auto`` is IPOPT where Newton's method finds no gait, and for designs. All results are refined to rounding by
+        Newton's method, and ``gait.solver`` says which method found them.
     output : run folder; the gait is verified and saved in it. True for ``results/NAME-HASH``.
     reuse : take the gait from the run folder if it is there already, as the command line does for RUN.
     progress : whether to show it, or a function of the iteration's number and the largest violation of a constraint.
@@ -101,25 +106,28 @@ def solve(
 
     Raises
     ------
+    UnknownNameError
+        If there is no such method.
     SolveError
         If the reference of a PD law is not a gait.
     ProblemError
-        If a gait is to be taken from a run folder, but no folder or an attractor is given.
+        If a gait is to be taken from a run folder, but no folder or an attractor is given; or if a method is given for
+        an open mode sequence, whose gaits ``find`` searches by methods of its own.
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    question = problem if isinstance(problem, Attractor) else _loaded(problem)
+    wanted, question = method_of(method), problem if isinstance(problem, Attractor) else _loaded(problem)
     loaded = question.problem if isinstance(question, Attractor) else question
     folder = None if isinstance(question, Attractor) else _folder(question, output)
     if reuse:
         if folder is None:
             raise ProblemError("reuse: takes the gait of a problem from its run folder; give output=True or a folder")
         known = stored_gait(loaded, folder)
-        if known is not None:
+        if known is not None and wanted in (Method.AUTO, known.solver.get("method")):
             return known
     with nullcontext() if folder is None else Run(folder).writing(loaded):
         with shown(progress, solver_progress, f"solving {loaded.name}") as show:
-            gait = single.solve(question, start=start, progress=show, should_stop=should_stop)
+            gait = single.solve(question, start=start, method=wanted, progress=show, should_stop=should_stop)
         if output and gait.converged:
             gait = gait.verified(verify(gait).to_record())
             save(gait, folder or _folder(gait.problem, output))

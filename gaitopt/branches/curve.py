@@ -23,7 +23,7 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import ContinuationState
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.gait import Gait, Method
 from gaitopt.integration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -155,7 +155,7 @@ class CurvePoint:
             self.problem,
             self.at,
             message="continued",
-            solver={"iterations": float(self.iterations)},
+            solver={"method": Method.NEWTON.value, "iterations": float(self.iterations)},
             errors=np.zeros(self.at.equations.n_phases),
         )
 

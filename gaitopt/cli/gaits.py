@@ -10,6 +10,7 @@ from gaitopt.cli import options
 from gaitopt.cli.options import (
     EngineOption,
     GuessOption,
+    MethodOption,
     OutOption,
     ProblemArgument,
     RunArgument,
@@ -65,6 +66,7 @@ def solve(
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
     from_guess: GuessOption = False,
+    method: MethodOption = "auto",
     output: OutOption = None,
 ) -> int:
     """Solve for a gait, verify it and store it.
@@ -76,9 +78,12 @@ def solve(
     start, so that the same command resumes where it stopped.
     """
     from gaitopt.api import stored, verbs
+    from gaitopt.gait.gait import Method, method_of
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
+    if starts > 1 and method_of(method) is not Method.AUTO:
+        raise typer.BadParameter("--method belongs to one start; leave out --method or --starts")
     if stored.ATTRACTOR in problem:
         if changes or start or starts > 1 or from_guess:
             raise typer.BadParameter(
@@ -87,7 +92,7 @@ def solve(
         attractor = stored.load_attractor(problem)
         folder = Run.of(attractor.problem, output).folder
         with shown_result(lambda gait: report(gait, folder, terminal)), terminal.solving(problem) as (progress, stop):
-            gait = verbs.solve(attractor, output=output or True, progress=progress, should_stop=stop)
+            gait = verbs.solve(attractor, method=method, output=output or True, progress=progress, should_stop=stop)
         return report(gait, Run.of(gait.problem, output).folder, terminal)
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded
@@ -95,7 +100,7 @@ def solve(
     folder = Run.of(loaded, output).folder
     if starts == 1:
         with shown_result(lambda gait: report(gait, folder, terminal)):
-            gait = solve_verified(loaded, terminal, folder)
+            gait = solve_verified(loaded, terminal, folder, method)
         return report(gait, folder, terminal)
     with Run(folder).writing(loaded):
         with terminal.working("starts") as (progress, interrupted):

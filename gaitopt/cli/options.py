@@ -142,6 +142,14 @@ OutOption = Annotated[
 EngineOption = Annotated[
     str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation; auto chooses.")
 ]
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        metavar="auto|newton|ipopt",
+        help="Newton's method next to the guess, or IPOPT; auto runs IPOPT where Newton's method fails.",
+    ),
+]
 OverOption = Annotated[
     list[str],
     typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat it for a grid."),

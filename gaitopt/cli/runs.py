@@ -107,12 +107,12 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
     return gaits, folders
 
 
-def solve_verified(problem: "Problem", terminal: Terminal, folder: Path | None) -> "Gait":
+def solve_verified(problem: "Problem", terminal: Terminal, folder: Path | None, method: str = "auto") -> "Gait":
     """The gait of a problem with its verification, stored in a folder if one is given; or the failed solve."""
     from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
-        gait = verbs.solve(problem, output=folder or False, progress=progress, should_stop=interrupted)
+        gait = verbs.solve(problem, method=method, output=folder or False, progress=progress, should_stop=interrupted)
     if not gait.converged:
         return gait
     if gait.message != "solved":

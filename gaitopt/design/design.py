@@ -9,6 +9,7 @@ sequential quadratic programming in v alone solves the exact problem (``exact``,
 the gait is resolved.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -42,6 +43,7 @@ def design_gait(
     system: HybridSystem,
     first: Gait,
     *,
+    exact_only: bool = False,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
@@ -51,8 +53,10 @@ def design_gait(
     ----------
     first : a gait of the same system with the same mode sequence, at which the design starts. If it is a failed
         attempt, the design starts from the guess.
+    exact_only : solve the exact problem at once, without the smoothed one; ``first`` must be a gait.
     """
-    return _Design(problem, system, progress, should_stop).run(first)
+    design = _Design(problem, system, progress, should_stop)
+    return design.run_exact(first) if exact_only else design.run(first)
 
 
 class _Design:
@@ -86,13 +90,15 @@ class _Design:
                 return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes)
             at = smoothed.motion(result.w)
             if at.in_order and not smoothed.hits_trust_region(result.w):
-                gait = self._exact(at, iterations)
-                if gait.status is not Status.NOT_CONVERGED:
-                    return gait
-                iterations = int(gait.solver.get("iterations", iterations))
-                return self._exact(at, iterations, cautious=True)
+                return self._optimum(at, iterations)
             start = rolled_again(at).on_mesh(self._free)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
+
+    def run_exact(self, first: Gait) -> Gait:
+        """Solve the exact problem from a gait."""
+        if not first.converged:
+            return self._failed(first.status, first.message, first.solver, first.causes)
+        return self._optimum(retraced(first).on_mesh(self._free), 0)
 
     def _smoothed(self, start: Solution, *, elastic: bool = False) -> SmoothedProblem:
         return SmoothedProblem(
@@ -115,6 +121,13 @@ class _Design:
                 break
             start = rolled_again(elastic.motion(result.w)).on_mesh(self._free)
         return conflicts(self._problem, elastic, result)
+
+    def _optimum(self, start: Solution, iterations: int) -> Gait:
+        """The optimum of the exact problem, by a cautious search if the swift one fails."""
+        gait = self._exact(start, iterations)
+        if gait.status is not Status.NOT_CONVERGED:
+            return gait
+        return self._exact(start, int(gait.solver.get("iterations", iterations)), cautious=True)
 
     def _exact(self, smoothed: Solution, iterations: int, *, cautious: bool = False) -> Gait:
         """The optimum of the exact problem next to a solution of the smoothed one; ``cautious`` as in ``optimise``."""
@@ -146,7 +159,9 @@ class _Design:
         gait = assemble_gait(self._problem, refined, message="", solver=solver)
         return replace(gait, message=_message(gait))
 
-    def _failed(self, status: Status, words: str, solver: dict[str, float], causes: tuple[Cause, ...] = ()) -> Gait:
+    def _failed(
+        self, status: Status, words: str, solver: Mapping[str, float | str], causes: tuple[Cause, ...] = ()
+    ) -> Gait:
         return Gait(
             problem=self._problem,
             dynamics=self._dynamics,

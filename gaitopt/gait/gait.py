@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
-from gaitopt.errors import SolveError
+from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_record
@@ -173,6 +173,27 @@ REPEATED = 1e-6
 """Largest difference of the states of steps that are the same, relative to the largest coordinate in natural units."""
 
 
+class Method(StrEnum):
+    """What searches for a gait: Newton's method, IPOPT, or ``auto``: IPOPT where Newton's method finds none."""
+
+    AUTO = "auto"
+    NEWTON = "newton"
+    IPOPT = "ipopt"
+
+
+def method_of(word: str) -> Method:
+    """The method with this name.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such method.
+    """
+    if word not in tuple(Method):
+        raise UnknownNameError(f"no method of solution is called {word!r}; use {', '.join(Method)}")
+    return Method(word)
+
+
 class Status(StrEnum):
     """Whether a result may be trusted."""
 
@@ -222,7 +243,7 @@ class Gait(WalkerMotion):
     multipliers : complex ndarray - Floquet multipliers by implicit differentiation, largest modulus first.
     measures : scalars of the step by name, see ``measure``.
     freed : values of freed parameters by dotted key.
-    solver : iterations and times [s] of the solver.
+    solver : the ``method`` that found it, its ``iterations`` and ``seconds``, and further numbers.
     verification : record of the last verification, if any.
     causes : why there is no gait, the worst cause first; empty for a gait.
     """
@@ -234,7 +255,7 @@ class Gait(WalkerMotion):
     multipliers: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, dtype=complex))
     measures: Mapping[str, float | None] = field(default_factory=dict)
     freed: Mapping[str, float] = field(default_factory=dict)
-    solver: Mapping[str, float] = field(default_factory=dict)
+    solver: Mapping[str, float | str] = field(default_factory=dict)
     verification: VerificationRecord | None = None
     causes: tuple[Cause, ...] = ()
 

@@ -267,7 +267,7 @@ def best_gait(gaits: Gaits) -> Gait:
     best = gaits[0]
     stable = [gait for gait in gaits if is_stable(gait)]
     if problem.objective:
-        best = min(gaits, key=lambda gait: gait.solver["objective"])
+        best = min(gaits, key=lambda gait: float(gait.solver["objective"]))
     elif problem.start is not None and stable:
         guess = np.array([problem.start.state[name] for name in best.system.state_names])
         best = min(stable, key=lambda gait: float(np.abs(gait.state - guess).max()))

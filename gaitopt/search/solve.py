@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.gait import Attractor, Gait, Status
+from gaitopt.gait.gait import Attractor, Gait, Method, Status
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.search.candidates import cycle_record
@@ -27,24 +27,35 @@ CACHED = 16
 
 
 def solve(
-    problem: Problem | Attractor, *, start: Gait | None = None, progress: Valued = None, should_stop: Stop = None
+    problem: Problem | Attractor,
+    *,
+    start: Gait | None = None,
+    method: Method = Method.AUTO,
+    progress: Valued = None,
+    should_stop: Stop = None,
 ) -> Gait:
     """As ``gaitopt.solve``; ``progress`` is called with the iteration and the largest violation of a constraint."""
     if isinstance(problem, Attractor):
-        return solve_attractor(problem, progress=progress, should_stop=should_stop)
+        return solve_attractor(problem, method=method, progress=progress, should_stop=should_stop)
     if problem.is_open:
+        if method is not Method.AUTO:
+            raise ProblemError(
+                f"{problem.name}: gait.phases: auto leaves the mode sequence open, which the method {method} needs; "
+                "state the phases, or use the method auto"
+            )
         return find_best(problem, progress=progress, should_stop=should_stop)
     try:
-        begin = None if lacks_energy(problem) else file_gait(problem, should_stop=should_stop)
+        from_guess = method is Method.IPOPT or lacks_energy(problem)
+        begin = None if from_guess else file_gait(problem, method=method, should_stop=should_stop)
     except KeyboardInterrupt:
         dynamics = problem_dynamics(problem)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INTERRUPTED, message="interrupted")
     if begin is None:
-        return solve_sequence(problem, start=start, progress=progress, should_stop=should_stop)
+        return solve_sequence(problem, start=start, method=method, progress=progress, should_stop=should_stop)
     return follow(begin, problem, progress=progress, should_stop=should_stop)
 
 
-def file_gait(problem: Problem, *, should_stop: Stop = None) -> Gait | None:
+def file_gait(problem: Problem, *, method: Method = Method.AUTO, should_stop: Stop = None) -> Gait | None:
     """The gait of the problem's file, which is followed to the values of the problem; None if there is none.
 
     Raises
@@ -53,7 +64,7 @@ def file_gait(problem: Problem, *, should_stop: Stop = None) -> Gait | None:
         If ``should_stop`` ends its solution.
     """
     file = problem.followed_from
-    gait = None if file is None else _solved(_File(problem=file, should_stop=should_stop))
+    gait = None if file is None else _solved(_File(problem=file, method=method, should_stop=should_stop))
     return gait if gait is not None and gait.converged else None
 
 
@@ -62,18 +73,21 @@ class _File:
     """The problem of a file as the key of the cache; ``should_stop`` is used when it is solved the first time."""
 
     problem: Problem
+    method: Method
     should_stop: Stop = field(compare=False)
 
 
 @lru_cache(maxsize=CACHED)
 def _solved(file: _File) -> Gait:
-    gait = solve_sequence(file.problem, should_stop=file.should_stop)
+    gait = solve_sequence(file.problem, method=file.method, should_stop=file.should_stop)
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # so that the cache does not hold it
     return gait
 
 
-def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
+def solve_attractor(
+    attractor: Attractor, *, method: Method = Method.AUTO, progress: Valued = None, should_stop: Stop = None
+) -> Gait:
     """The gait of an attractor; of a cycle that repeats itself, the shortest one.
 
     Raises
@@ -95,4 +109,4 @@ def solve_attractor(attractor: Attractor, *, progress: Valued = None, should_sto
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
     guessed = problem.with_gait(cycle_record(dynamics.system, walked.steps, "attractor"))
-    return solve_sequence(guessed, progress=progress, should_stop=should_stop)
+    return solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)

@@ -63,8 +63,10 @@ def packed(data: Mapping[str, Any]) -> str:
     return b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
-def figure(value: float | None, digits: int = 6) -> str:
-    """A number as the page shows it."""
+def figure(value: float | str | None, digits: int = 6) -> str:
+    """A number as the page shows it; a word is shown as it is."""
+    if isinstance(value, str):
+        return value
     return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
 
 
@@ -94,7 +96,7 @@ def numbers(record: Record) -> dict[str, Any]:
     }
 
 
-def provenance(problem: Problem, solver: Mapping[str, float]) -> dict[str, Any]:
+def provenance(problem: Problem, solver: Mapping[str, float | str]) -> dict[str, Any]:
     """The problem verbatim, its hash and the versions of all packages, for the foot of a page."""
     known = Manifest.of(problem)
     return {

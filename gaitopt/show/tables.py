@@ -41,6 +41,7 @@ NEGLIGIBLE = 1e-12
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 LIST_COLUMNS = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
 STABILITY = {True: "stable", False: "unstable"}
+FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 WIDTH = 110
 """Characters of a line in a notebook."""
 BLOCK = '<pre style="line-height: 1.25; overflow-x: auto">{code}</pre>'
@@ -186,6 +187,8 @@ def print_gait(console: Console, record: Record) -> None:
     """A gait from its JSON object."""
     stable = STABILITY[record["spectral_radius"] < 1]
     console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
+    if record["solver"].get("method") in FOUND_BY:  # earlier versions did not say
+        console.print(f"found by {FOUND_BY[record['solver']['method']]}")
     _print_motion(console, record)
     rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
     section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))

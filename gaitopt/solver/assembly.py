@@ -1,5 +1,6 @@
 """From a solution of the equations to its gait (arcs, impacts, multipliers, scalars), and back to the solution."""
 
+import time
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -7,13 +8,18 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
+from gaitopt.gait.gait import Gait, Method, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.mesh import COINCIDENT, mesh_of
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import transcribe
+
+
+def search_record(method: Method, iterations: int, began: float) -> dict[str, float | str]:
+    """What ``Gait.solver`` says of a search that began at a time of ``time.perf_counter``."""
+    return {"method": method.value, "iterations": float(iterations), "seconds": time.perf_counter() - began}
 
 
 def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
@@ -37,7 +43,7 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
     return Solution(equations, equations.pack(gait.shooting.states.T, durations, freed), gait.p)
 
 
-def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Mapping[str, float]) -> Gait:
+def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Mapping[str, float | str]) -> Gait:
     """The gait at a refined solution; its message tells if the cycle is a shorter one walked several times."""
     gait = assemble_gait(problem, refined, message=message, solver=solver)
     n, shorter = len(gait.steps), gait.repeats_after
@@ -48,7 +54,7 @@ def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Ma
 
 
 def assemble_gait(
-    problem: Problem, at: Solution, *, message: str, solver: Mapping[str, float], errors: Array | None = None
+    problem: Problem, at: Solution, *, message: str, solver: Mapping[str, float | str], errors: Array | None = None
 ) -> Gait:
     """The gait at a solution; free parameters are put into ``p`` and reported.
 

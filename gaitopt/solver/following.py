@@ -28,10 +28,10 @@ import numpy as np
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
+from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
-from gaitopt.solver.assembly import solution_of, solved_gait
+from gaitopt.solver.assembly import search_record, solution_of, solved_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase
 from gaitopt.solver.ipopt import Feasibility
 from gaitopt.solver.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
@@ -120,7 +120,7 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
         if lost is None and following.causes:
             lost = here, following
         here, step = following, 2 * step
-    solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
+    solver = search_record(Method.NEWTON, iterations, began)
     if here.s == 1 and not here.causes:
         words = "solved" if steps == 1 else "solved, followed from the gait of the problem's file"
         return solved_gait(problem, here.solution, message=words, solver=solver)
@@ -243,15 +243,15 @@ class Family:
         with self._solving:
             refined, iterations = self._by_chords(dynamics.p)
             causes = () if refined is None else rejection_reason(refined)
-            status, message = Status.CONVERGED, "solved"
+            status, message, method = Status.CONVERGED, "solved", Method.NEWTON
             if refined is None or causes:
-                end = self._program.solve(self._solved[-1].w, dynamics.p)
+                method, end = Method.IPOPT, self._program.solve(self._solved[-1].w, dynamics.p)
                 status, message, iterations = end.status, end.words, iterations + end.iterations
                 if end.converged:
                     refined = refine(polish(end))
                     causes = rejection_reason(refined)
                     status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
-            solver = {"iterations": float(iterations), "seconds": time.perf_counter() - began}
+            solver = search_record(method, iterations, began)
             if refined is None or status is not Status.CONVERGED:
                 return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
             if refined.equations is self._equations:  # a finer mesh is not kept

@@ -172,16 +172,17 @@ class Solution:
 def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
     """Newton's method from ``start``, while its steps halve.
 
-    ``should_stop`` ends it at once. The margins are not checked. A failed search has the status ``not_converged``.
+    The margins are not checked. A failed search has the status ``not_converged``, one that ``should_stop`` ends
+    ``interrupted``.
     """
     equations, at, last = start.equations, start, np.inf
     shortest = SHORTEST * start.durations.sum()
-    lost = replace(start, status=Status.NOT_CONVERGED, words="no solution next to the guess")
+    lost = replace(start, status=Status.NOT_CONVERGED, words="Newton's method finds no solution next to the guess")
     for number in range(MOST_STEPS + 1):
         if progress is not None:
             progress(number, at.size)
         if should_stop is not None and should_stop():
-            break
+            return replace(start, status=Status.INTERRUPTED, words="interrupted", iterations=number)
         try:
             step = at.scaled.solve(at.residual)
         except RuntimeError:  # singular

@@ -15,13 +15,13 @@ from functools import partial
 import numpy as np
 
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
+from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.solver.assembly import solved_gait
-from gaitopt.solver.diagnosis import failure_causes, rejection_reason
+from gaitopt.solver.assembly import search_record, solved_gait
+from gaitopt.solver.diagnosis import failure_causes, missing_event, rejection_reason
 from gaitopt.solver.ipopt import Feasibility
 from gaitopt.solver.newton import Solution, polish, refine, solve_nearby
 from gaitopt.solver.rollout import Rollout, roll_out, rolled_again, transit_time
@@ -29,6 +29,8 @@ from gaitopt.solver.rollout import Rollout, roll_out, rolled_again, transit_time
 MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
+FARTHER = "the methods auto and ipopt search farther"
+"""Remedy where Newton's method alone finds nothing."""
 
 
 def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
@@ -37,13 +39,21 @@ def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[f
     return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
 
 
-def solve_gait(problem: Problem, system: HybridSystem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
+def solve_gait(
+    problem: Problem,
+    system: HybridSystem,
+    *,
+    method: Method = Method.AUTO,
+    progress: Valued = None,
+    should_stop: Stop = None,
+) -> Gait:
     """Solve ``problem`` for a periodic gait with its mode sequence.
 
     Parameters
     ----------
     problem : its guess starts the search.
     system : the hybrid system of the problem's walker and control.
+    method : ``auto`` runs IPOPT only if Newton's method finds no gait.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -57,12 +67,24 @@ def solve_gait(problem: Problem, system: HybridSystem, *, progress: Valued = Non
         return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))
     state = np.array([problem.guess.state[name] for name in system.state_names])
     guess = roll_out(dynamics, cycle, state, problem.guess.durations)
-    if guess.endless is None:
+
+    def failed(by: Method, status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
+        solver = search_record(by, iterations, began)
+        return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
+
+    if method is not Method.IPOPT and guess.endless is None:
         _, near = _search(guess, partial(solve_nearby, progress=progress, should_stop=should_stop))
+        if near.status is Status.INTERRUPTED:
+            return failed(Method.NEWTON, near.status, near.words, near.iterations)
         if near.converged:
-            gait = _gait(problem, near, began)
-            if gait.converged:
+            gait = _gait(problem, Method.NEWTON, near, began)
+            if gait.converged or method is Method.NEWTON:
                 return gait
+        elif method is Method.NEWTON:
+            return failed(Method.NEWTON, near.status, f"{near.words}; {FARTHER}", near.iterations)
+    elif guess.endless is not None and method is Method.NEWTON:
+        cause = missing_event(system, cycle, guess.endless)
+        return failed(Method.NEWTON, Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
 
     def ipopt(start: Solution) -> Solution:
         return Feasibility(start.equations, progress=progress, should_stop=should_stop).solve(start.w, start.p)
@@ -74,16 +96,10 @@ def solve_gait(problem: Problem, system: HybridSystem, *, progress: Valued = Non
         if retried.status not in FAILURES:
             start, solution = start_again, retried
     if solution.converged:
-        return _gait(problem, solution, began)
+        return _gait(problem, Method.IPOPT, solution, began)
     causes = () if solution.status is Status.INTERRUPTED else failure_causes(start, solution, guess)
-    return Gait(
-        problem=problem,
-        dynamics=dynamics,
-        status=solution.status,
-        message=f"{solution.words}: {describe_causes(causes)}" if causes else solution.words,
-        solver=_solver(solution, began),
-        causes=causes,
-    )
+    words = f"{solution.words}: {describe_causes(causes)}" if causes else solution.words
+    return failed(Method.IPOPT, solution.status, words, solution.iterations, causes)
 
 
 def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Solution, Solution]:
@@ -97,9 +113,9 @@ def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Sol
     return start, end
 
 
-def _gait(problem: Problem, solution: Solution, began: float) -> Gait:
+def _gait(problem: Problem, method: Method, solution: Solution, began: float) -> Gait:
     """The gait at a solution: polished, refined until its integration error is small, and checked."""
-    refined, solver = refine(polish(solution)), _solver(solution, began)
+    refined, solver = refine(polish(solution)), search_record(method, solution.iterations, began)
     causes = rejection_reason(refined)
     if not causes:
         return solved_gait(problem, refined, message=solution.words, solver=solver)
@@ -111,7 +127,3 @@ def _gait(problem: Problem, solution: Solution, began: float) -> Gait:
         solver=solver,
         causes=causes,
     )
-
-
-def _solver(solution: Solution, began: float) -> dict[str, float]:
-    return {"iterations": float(solution.iterations), "seconds": time.perf_counter() - began}

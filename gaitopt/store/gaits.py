@@ -69,7 +69,7 @@ def gait_from_record(
         multipliers=multipliers_of(record),
         measures={name: scalars[name] for name in MEASURES} if measures is None else measures,
         freed=freed_values(record),
-        solver=cast(Mapping[str, float], record["solver"]),  # earlier versions may have written words
+        solver=cast(Mapping[str, float | str], record["solver"]),
         verification=record["verification"],
     )
 

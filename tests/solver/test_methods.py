@@ -1,0 +1,96 @@
+"""Newton's method and IPOPT lead to the same gaits; results say who found them."""
+
+import json
+
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, UnknownNameError
+
+SAME = 1e-9
+"""In natural units, and of freed parameters."""
+FLAT = {"compass-pd-slippery": 1e-7}
+"""A design whose optimum is so flat that the optimality conditions, met to 1e-7, fix its parameters no better."""
+LONG = ("compass-pd-designed", "compass-pd-slippery")
+"""Designs that take seconds."""
+FOR_IPOPT = ("compass-passive-static-kinetic", "compass-push-off", "compass-torque-efficient", "hopper")
+"""Gaits, one the start of a design, whose guess is too far away for Newton's method."""
+PROBLEMS = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in go.problem_names()]
+
+
+def assert_same(first, second):
+    atol = FLAT.get(first.problem.name, SAME)
+    units = first.dynamics.state_units
+    durations = ([duration for _, duration in gait.phases] for gait in (first, second))
+    np.testing.assert_allclose(first.state / units, second.state / units, rtol=0, atol=atol)
+    np.testing.assert_allclose(*durations, rtol=0, atol=atol)
+    assert first.freed == pytest.approx(second.freed, rel=0, abs=atol)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_ipopt_finds_the_gait_of_every_named_problem(name):
+    gait = go.solve(name, method="ipopt", progress=False)
+    assert gait.converged, gait.message
+    assert gait.solver["method"] == "ipopt"
+    assert gait.solver["iterations"] > 0
+    assert_same(gait, named(name))
+
+
+@pytest.mark.parametrize("name", [p for p in PROBLEMS if p.values[0] not in (*FOR_IPOPT, "compass-pd-slippery")])
+def test_newton_alone_finds_the_same_gait_and_design(name):
+    gait = go.solve(name, method="newton", progress=False)
+    assert gait.converged, gait.message
+    assert gait.solver["method"] == "newton"
+    assert_same(gait, named(name))
+
+
+@pytest.mark.parametrize("name", FOR_IPOPT)
+def test_newton_alone_says_that_it_finds_nothing_and_auto_that_ipopt_does(name):
+    gait = go.solve(name, method="newton", progress=False)
+    assert gait.status is go.Status.NOT_CONVERGED
+    assert gait.message.endswith("the methods auto and ipopt search farther")
+    assert named(name).solver["method"] == "ipopt"
+
+
+def test_newton_follows_the_gait_of_the_file_and_ipopt_begins_at_its_guess():
+    problem = go.load_problem("compass-passive-a").replace({"friction": 0.135})
+    followed, searched = (go.solve(problem, method=method, progress=False) for method in ("newton", "ipopt"))
+    assert [gait.solver["method"] for gait in (followed, searched)] == ["newton", "ipopt"]
+    assert_same(followed, searched)
+
+
+@pytest.mark.parametrize("method", ["newton", "ipopt"])
+def test_request_to_stop_ends_every_method(method):
+    gait = go.solve("compass-passive-a", method=method, progress=False, should_stop=lambda: True)
+    assert gait.status is go.Status.INTERRUPTED
+
+
+def test_wrong_method_and_open_modes_are_refused():
+    with pytest.raises(UnknownNameError, match="no method of solution is called 'simplex'; use auto, newton, ipopt"):
+        go.solve("compass-passive-a", method="simplex")
+    with pytest.raises(ProblemError, match=r"gait\.phases: auto leaves the mode sequence open"):
+        go.solve(go.load_problem("compass-passive-a").replace({"gait.phases": "auto"}), method="ipopt")
+
+
+@pytest.mark.usefixtures("empty_folder")
+def test_command_takes_the_method_and_prints_who_found_the_gait(run):
+    def solve(*options):
+        return run("solve", "compass-passive-stick", *options)
+
+    assert json.loads(solve("--method", "ipopt", "--json")[1])["solver"]["method"] == "ipopt"
+    assert "found by Newton's method" in solve("--method", "newton")[1]
+    code, _, words = solve("--method", "simplex")
+    assert (code, "use auto, newton, ipopt" in words) == (2, True)
+    code, _, words = solve("--method", "ipopt", "--starts", "2")
+    assert (code, "leave out --method or --starts" in words) == (2, True)
+    code, _, words = solve("--method", "ipopt", "--set", "gait.phases=auto")
+    assert (code, "state the phases" in words) == (3, True)
+
+
+def test_a_stored_gait_of_another_method_is_not_taken_for_it(tmp_path):
+    by_newton = go.solve("compass-passive-stick", method="newton", output=tmp_path, progress=False)
+    assert go.solve("compass-passive-stick", output=tmp_path, reuse=True).solver == by_newton.solver
+    again = go.solve("compass-passive-stick", method="ipopt", output=tmp_path, reuse=True, progress=False)
+    assert again.solver["method"] == "ipopt"
