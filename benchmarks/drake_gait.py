@@ -79,7 +79,7 @@ def period(problem: Problem) -> float:
     """Period of the gait [s]."""
     walker, system = problem.walker, build_system(problem)
     start = np.array([problem.guess.state[name] for name in system.state_names])
-    rolled = roll_out(Dynamics(system, system.values(problem.parameters)), problem.cycle, start)
+    rolled = roll_out(Dynamics.of(system, problem.parameters), problem.cycle, start)
     duration = rolled.durations[0]
     compass = PinnedCompass_[None](walker)
     step = duration / (SAMPLES - 1)

@@ -16,8 +16,8 @@ def rows() -> list[Row]:
     gait = solve(problem)
     note = f"period {gait.period:.9f} s; multipliers, error estimate"
     ways = {
-        "gaitopt.solve, layout new": (lambda: solve_anew(problem), note),
-        "gaitopt.solve, layout known": (lambda: solve(problem), ""),
+        "gaitopt.solve, mesh new": (lambda: solve_anew(problem), note),
+        "gaitopt.solve, mesh known": (lambda: solve(problem), ""),
     }
     if find_spec("rockit"):
         import rockit_gait

@@ -82,8 +82,8 @@ def gait_rows(gait: Gait, plain: PlainCompass) -> list[Row]:
     guess = np.array([problem.guess.state[name] for name in problem.walker.section_names(slipping=False)])
     ways = {
         "plain: fsolve": (lambda: plain.gait(guess), "the state alone"),
-        "gaitopt.solve, layout new": (lambda: solve_anew(problem), "with error estimate and multipliers"),
-        "gaitopt.solve, layout known": (lambda: solve(problem), ""),
+        "gaitopt.solve, mesh new": (lambda: solve_anew(problem), "with error estimate and multipliers"),
+        "gaitopt.solve, mesh known": (lambda: solve(problem), ""),
     }
     return compared("a gait from its guess", ways, rounds=2)
 

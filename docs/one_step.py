@@ -5,7 +5,6 @@ Run it from the root of a clone: ``python docs/one_step.py``.
 
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -13,7 +12,7 @@ import gaitopt as go
 from gaitopt.model.modes import Mode
 from gaitopt.show.film import skeleton
 from gaitopt.show.motion import motion_of
-from gaitopt.show.style import MODE_COLOURS, STYLE
+from gaitopt.show.style import MODE_COLOURS
 
 PICTURE = Path(__file__).parent / "one-step.svg"
 SPACING = 1.35
@@ -70,5 +69,5 @@ def picture(gait):
 
 
 if __name__ == "__main__":
-    with mpl.rc_context(STYLE):
+    with go.figure_style():
         picture(go.solve(go.load_problem("compass-passive-a"))).savefig(PICTURE, metadata={"Date": None})

@@ -72,8 +72,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
 
 def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
     """The system of a problem at its parameters; raises as ``build_system``."""
-    system = build_system(problem, should_stop=should_stop)
-    return Dynamics(system, system.values(problem.parameters))
+    return Dynamics.of(build_system(problem, should_stop=should_stop), problem.parameters)
 
 
 def solve_sequence(

@@ -4,15 +4,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.errors import GaitoptError, StorageError
+from gaitopt.errors import GaitoptError, StorageError, UnknownNameError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
+from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, PROBLEM_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
 
 if TYPE_CHECKING:
-    from gaitopt.gait.records import BranchRecord, SpecialRecord
+    from gaitopt.gait.records import BranchRecord
     from gaitopt.runs.results import Result
 
 SPECIAL, ATTRACTOR = "@special.", "@attractor."
@@ -94,7 +95,9 @@ def load_run(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attract
     Raises
     ------
     StorageError
-        If the folder is not a run, or is broken, unfinished or newer, or has no such part.
+        If the folder is not a run, or is broken, unfinished or newer.
+    UnknownNameError
+        If the result has no such part.
     """
     from gaitopt.runs.results import read_result
 
@@ -148,23 +151,19 @@ def branch_records(run: str | Path, label: str = "") -> tuple[Problem, str, "lis
     return stored_branch(Path(run))
 
 
-def special_records(run: str | Path, label: str = "") -> tuple[Problem, str, "list[SpecialRecord]"]:
-    """Problem and parameter of a branch, and the records of its special points in the order of its table."""
-    problem, parameter, records = branch_records(run, label)
-    return problem, parameter, [record for record in records if record["record"] == "special"]
-
-
 def load_special_point(place: str) -> tuple[SpecialPoint, str]:
     """The special point ``RUN@special.K``, and the parameter of its branch."""
     from gaitopt.branches.request import motionless_gait
     from gaitopt.store.gaits import special_point
 
     run, _, index = place.rpartition(SPECIAL)
-    problem, parameter, records = special_records(run, f"{place}: ")
-    if not index.isdecimal() or int(index) >= len(records):
-        known = f"0 to {len(records) - 1}" if records else "none"
-        raise StorageError(f"{place}: the special points of this branch are {known}, in the order of the table")
-    return special_point(motionless_gait(problem, parameter), parameter, records[int(index)]), parameter
+    problem, parameter, records = branch_records(run, f"{place}: ")
+    specials = {str(k): record for k, record in enumerate(r for r in records if r["record"] == "special")}
+    if index not in specials:
+        known = f"0 to {len(specials) - 1}" if specials else "none"
+        words = f"the special points of its branch are {known}, in the order of the table"
+        raise UnknownNameError(f"{run} has no special point {shown(index)}: {words}")
+    return special_point(motionless_gait(problem, parameter), parameter, specials[index]), parameter
 
 
 def load_branch_point(place: str, label: str = "") -> BranchPoint:
@@ -176,7 +175,7 @@ def load_branch_point(place: str, label: str = "") -> BranchPoint:
     problem, parameter, records = branch_records(run, f"{label}{place}: ")
     points = {f"{r['branch']}.{r['index']}": r for r in records if r["record"] == "point"}
     if number not in points:
-        raise StorageError(
+        raise UnknownNameError(
             f"{label}{place}: the branch has no point {number}; its points are {next(iter(points))} to "
             f"{list(points)[-1]}, in columns branch and index of branch.csv"
         )

@@ -10,6 +10,7 @@ The library alone has what takes functions or arrays: ``events`` of ``continuati
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,7 +67,7 @@ STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
 def solve(
     problem: Problem | Attractor | str | Path,
     *,
-    start: Gait | None = None,
+    start: "Gait | Optimum | None" = None,
     method: str = Method.AUTO,
     output: Output = False,
     reuse: bool = False,
@@ -90,7 +91,8 @@ def solve(
     problem : a problem, its name or its path. If parameters are free it is a design, and the result is the best gait
         that meets its constraints. Or an attractor of a basin: its cycle, with the modes that the simulator finds,
         becomes a gait.
-    start : gait of the same walker, control law and mode sequence from which a design starts instead of the guess.
+    start : gait of the same walker, control law and mode sequence from which a design starts instead of the guess. Or
+        one of the solutions that ``multistart`` has found for this problem, which then becomes its gait.
     method : ``newton`` is Newton's method next to the guess, for a design sequential quadratic programming; it also
         follows the gait of a file to changed values. ``ipopt`` solves the NLP (see ``nlp``) from the guess with IPOPT.
         ``auto`` is IPOPT where Newton's method finds no gait, and for designs. All results are refined to rounding by
@@ -111,8 +113,9 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     ProblemError
-        If a gait is to be taken from a run folder, but no folder or an attractor is given; or if a method is given for
-        an open mode sequence, whose gaits ``find`` searches by methods of its own.
+        If a gait is to be taken from a run folder, but no folder or an attractor is given; if a method is given for
+        an open mode sequence, whose gaits ``find`` searches by methods of its own; or if ``start`` is a solution of
+        another problem.
     StorageError
         If the folder belongs to something else or cannot be written.
     """
@@ -125,9 +128,13 @@ def solve(
         known = stored_gait(loaded, folder)
         if known is not None and wanted in (Method.AUTO, known.solver.get("method")):
             return known
+    guessed, begin = (question, start) if start is None or isinstance(start, Gait) else (start.problem, None)
+    if isinstance(guessed, Problem) and not _same_but_for_guess(guessed, loaded):
+        raise ProblemError(f"start: a solution of another problem or of other values than those of {loaded.name}")
     with nullcontext() if folder is None else Run(folder).writing(loaded):
         with shown(progress, solver_progress, f"solving {loaded.name}") as show:
-            gait = single.solve(question, start=start, method=wanted, progress=show, should_stop=should_stop)
+            gait = single.solve(guessed, start=begin, method=wanted, progress=show, should_stop=should_stop)
+        gait = gait if begin is start else replace(gait, problem=loaded)
         if output and gait.converged:
             gait = gait.verified(verify(gait).to_record())
             save(gait, folder or _folder(gait.problem, output))
@@ -141,6 +148,7 @@ def simulate(
     *,
     dense: bool = True,
     engine: str = Engine.AUTO,
+    compare: bool = False,
     output: Output = False,
     should_stop: Stop = None,
 ) -> Walk:
@@ -153,8 +161,9 @@ def simulate(
     steps : number of steps.
     dense : False keeps only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
-    output : run folder in which the walk is saved, to be compared with the gait of its problem where that has been
-        solved; True for the folder of the problem.
+    compare : compare the walk of a problem with the stored gait of that problem, where there is one; a walk that is
+        saved always is.
+    output : run folder in which the walk is saved; True for the folder of the problem.
     should_stop : polled at every step.
 
     Raises
@@ -179,8 +188,9 @@ def simulate(
     disk = 0 if folder is None else STEP_BYTES_DISK
     check_room(steps, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
     walk = simulate_walk(begin, state, steps, dense=dense, engine=engine, should_stop=should_stop)
-    if folder is not None:
+    if compare or folder is not None:
         walk = compared(walk)
+    if folder is not None:
         save(walk, folder)
     return walk
 
@@ -740,6 +750,11 @@ def run_parallel(
 def _call(task: Callable[[Any], Any], argument: Any, *_: Any) -> Any:
     """Perform a job that has no parent."""
     return task(argument)
+
+
+def _same_but_for_guess(first: Problem, second: Problem) -> bool:
+    fixed = [{k: v for k, v in each.parameters.items() if k not in each.free} for each in (first, second)]
+    return (first.name, first.modes, fixed[0]) == (second.name, second.modes, fixed[1])
 
 
 def _loaded(problem: Problem | str | Path) -> Problem:

@@ -181,5 +181,5 @@ def _with_friction(gait: Gait, parameter: str) -> Gait:
         coefficients = friction.static
     problem = replace(gait.problem, friction=coefficients)
     system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, problem.friction_law)
-    p = system.values({**problem.parameters, **gait.dynamics.parameters})
-    return replace(gait, problem=problem, dynamics=Dynamics(system, p))
+    dynamics = Dynamics.of(system, {**problem.parameters, **gait.dynamics.parameters})
+    return replace(gait, problem=problem, dynamics=dynamics)

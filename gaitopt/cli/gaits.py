@@ -1,6 +1,5 @@
 """Commands about the gaits of one problem: ``solve``, ``simulate``, ``verify``, ``find``, ``explain``, ``prove``."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +23,7 @@ from gaitopt.cli.options import (
 )
 from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, solve_verified, stored_gait
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
-from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.errors import ProblemError, SolveError
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
@@ -111,10 +110,8 @@ def solve(
         if not terminal.json:
             print_optima(terminal.results, optima, starts)
         more = {"starts": starts, "optima": [optimum.to_record() for optimum in optima]}
-        gait = replace(solve_verified(optima[0].problem if optima else loaded, terminal, None), problem=loaded)
         with shown_result(lambda gait: report(gait, folder, terminal, more)):
-            if gait.converged:
-                stored.save(gait, folder)
+            gait = solve_verified(loaded, terminal, folder, method, optima[0] if optima else None)
         return report(gait, folder, terminal, more)
 
 
@@ -156,7 +153,6 @@ def simulate(
     `report` compare it with the gait of RUN, or of PROBLEM if that has been solved.
     """
     from gaitopt.api import verbs
-    from gaitopt.api.stored import compared
     from gaitopt.show.tables import print_walk
 
     start = stored_gait(run, changes) if is_folder(run) else load(run, changes)
@@ -167,8 +163,10 @@ def simulate(
 
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
     with shown_result(show), interruptible() as interrupted:
-        walk = verbs.simulate(start, begin, steps, engine=engine, output=output or False, should_stop=interrupted)
-    show(compared(walk))
+        walk = verbs.simulate(
+            start, begin, steps, engine=engine, compare=True, output=output or False, should_stop=interrupted
+        )
+    show(walk)
     return 0
 
 
@@ -271,8 +269,6 @@ def explain(
 
 NARROWEST, WIDEST = 1e-14, 1.0
 """Bounds of ``--width``: doubles resolve no narrower bracket, and no special point needs a wider one."""
-MOST_DIGITS = 9
-"""Maximum length of the number of a special point."""
 
 
 def prove(
@@ -326,12 +322,8 @@ def prove(
 
 def _prove_special(place: str, width: float | None, output: Path | None, terminal: Terminal) -> int:
     from gaitopt.api import stored, verbs
-    from gaitopt.problem.faults import shown
 
     run, _, number = place.rpartition(stored.SPECIAL)
-    count = len(stored.special_records(run)[2])
-    if not number.isdecimal() or len(number) > MOST_DIGITS or int(number) >= count:
-        raise UnknownNameError(f"{run} has no special point {shown(number)}; it has {count}, from 0")
     special, parameter = stored.load_special_point(place)
     file = (output or Path(run)) / f"special-{number}-{verbs.CERTIFICATE_FILE}"
     name = special.gait.problem.name if special.gait is not None else run

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from gaitopt.gait.gait import Gait
     from gaitopt.problem.problem import Problem
+    from gaitopt.runs.multistart import Optimum
 
 
 PROBLEM_SUFFIXES = (".yaml", ".yml")
@@ -107,12 +108,16 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
     return gaits, folders
 
 
-def solve_verified(problem: "Problem", terminal: Terminal, folder: Path | None, method: str = "auto") -> "Gait":
+def solve_verified(
+    problem: "Problem", terminal: Terminal, folder: Path | None, method: str = "auto", start: "Optimum | None" = None
+) -> "Gait":
     """The gait of a problem with its verification, stored in a folder if one is given; or the failed solve."""
     from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
-        gait = verbs.solve(problem, method=method, output=folder or False, progress=progress, should_stop=interrupted)
+        gait = verbs.solve(
+            problem, start=start, method=method, output=folder or False, progress=progress, should_stop=interrupted
+        )
     if not gait.converged:
         return gait
     if gait.message != "solved":

@@ -66,7 +66,7 @@ class _Design:
         self._problem, self._progress, self._should_stop = problem, progress, should_stop
         free = free_parameters(problem, system)
         self._free, self._bounds = tuple(free), np.array(list(free.values())).T
-        self._dynamics = Dynamics(system, system.values(problem.parameters))
+        self._dynamics = Dynamics.of(system, problem.parameters)
 
     def run(self, first: Gait) -> Gait:
         """Solve the smoothed problem until its solution stays in the trust region, and then the exact one."""

@@ -31,6 +31,7 @@ from gaitopt.gait.records import (
 )
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import unit_of
 from gaitopt.problem.statement import cycle_data
 
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 
-TERMINAL = ("end", "vanishing", "lift_off", "painleve")
+TERMINAL = ("end", "vanishing", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))
 """Types of special points at which a family ends."""
 _PLACE = ("branch", "index", "value")
 _STATE = TypeAdapter(ContinuationStateRecord)

@@ -39,6 +39,11 @@ class Dynamics(ReadOnlyArrays):
     system: HybridSystem
     p: Array
 
+    @classmethod
+    def of(cls, system: HybridSystem, parameters: Mapping[str, float]) -> "Dynamics":
+        """A system at the values of its parameters by dotted key; those of the control law are its own by default."""
+        return cls(system, system.values(parameters))
+
     @property
     def parameters(self) -> dict[str, float]:
         """Values of all parameters by dotted key."""
@@ -50,7 +55,7 @@ class Dynamics(ReadOnlyArrays):
 
     def at(self, parameters: Mapping[str, float]) -> "Dynamics":
         """The same system with other values of the parameters with these dotted keys."""
-        return Dynamics(self.system, self.system.values({**self.parameters, **parameters}))
+        return Dynamics.of(self.system, {**self.parameters, **parameters})
 
     @cached_property
     def steps(self) -> tuple["Dynamics", ...]:

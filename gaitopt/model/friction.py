@@ -17,6 +17,12 @@ from typing import Any
 class Friction:
     """The dotted keys of the coefficients mu_s, mu_k and c [N s/m].
 
+    Motions, impacts and margins always have all three coefficients; ``coefficients`` alone knows how they are written.
+    Parameters hold each written number once, so that a derivative by a dotted key is one column. Three entries in all
+    cases would give the same numbers in the same time, but every such derivative would be a sum of columns, and the
+    equations would still depend on ``may_drop``: where mu_s and mu_k are one number, a slip from rest begins with no
+    acceleration, and its velocity has a zero of second order instead of first.
+
     Attributes
     ----------
     static, kinetic : keys of mu_s >= mu_k; equal where one number is both.

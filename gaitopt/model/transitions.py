@@ -272,6 +272,7 @@ class Transitions:
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[Mode, Mapping[str, Transition]] = {}
+        self._checked: set[Cycle] = set()
 
     def of(self, mode: Mode) -> Mapping[str, Transition]:
         """Transitions by their guards, in the order of ``HybridSystem.margins``."""
@@ -329,6 +330,8 @@ class Transitions:
         ValueError
             If not; the message says what the walker can do.
         """
+        if cycle in self._checked:
+            return
         model, contacts = self.walker.model, self.walker.foot_modes()
         start = self.walker.released(Mode.STICK).stops
         for step in cycle.steps:
@@ -356,6 +359,7 @@ class Transitions:
                 self.between(mode, after)
             if not any(row.ends_step for row in self.of(step.phases[-1]).values()):
                 raise ValueError("all stops must lock before the foot comes down")
+        self._checked.add(cycle)  # a problem is read again at every ``replace``
 
     def _of_phase(self, mode: Mode) -> list[Transition]:
         flight = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()

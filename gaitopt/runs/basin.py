@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Stop
 from gaitopt.display import Plotted
-from gaitopt.errors import SolveError, StorageError
+from gaitopt.errors import SolveError, StorageError, UnknownNameError
 from gaitopt.gait.frames import data_set
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.gait.records import BasinRecord
@@ -259,9 +259,9 @@ def read_basin(place: Path) -> Basin:
 def stored_attractor(place: Path, index: str) -> Attractor:
     """An attractor of the basin in a folder; ``index`` counts from 0 in the order of the table."""
     attractors = read_basin(place).attractors
-    if not index.isdecimal() or int(index) >= len(attractors):
+    if index not in map(str, range(len(attractors))):
         known = f"0 to {len(attractors) - 1}" if attractors else "none"
-        raise StorageError(f"{place}@attractor.{index}: the attractors of this basin are {known}")
+        raise UnknownNameError(f"{place}@attractor.{index}: the attractors of this basin are {known}")
     return attractors[int(index)]
 
 

@@ -104,7 +104,7 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
     if start.freed:
         raise ValueError(f"{start.problem.name}: only a gait without free parameters can be followed")
     began = time.perf_counter()
-    goal, first = Dynamics(start.system, start.system.values(problem.parameters)), solution_of(start)
+    goal, first = Dynamics.of(start.system, problem.parameters), solution_of(start)
     here, step, steps, iterations = _PathPoint(s=0.0, solution=first, history=((0.0, first.w),)), 1.0, 0, 0
     lost: tuple[_PathPoint, _PathPoint] | None = None  # the last point that is a gait, and the first that is not
     while here.s < 1 and step >= SMALLEST_STEP:
@@ -239,7 +239,7 @@ class Family:
         if not same or problem.reference != first.reference or tuple(problem.parameters) != tuple(first.parameters):
             raise ValueError(f"{problem.name} differs from {first.name} in more than parameter values: use solve")
         began = time.perf_counter()
-        dynamics = Dynamics(self.gait.system, self.gait.system.values(problem.parameters))
+        dynamics = Dynamics.of(self.gait.system, problem.parameters)
         with self._solving:
             refined, iterations = self._by_chords(dynamics.p)
             causes = () if refined is None else rejection_reason(refined)

@@ -61,7 +61,7 @@ def solve_gait(
     -------
     gait : a numerical failure is a status of the gait, not an error.
     """
-    dynamics, cycle, began = Dynamics(system, system.values(problem.parameters)), problem.cycle, time.perf_counter()
+    dynamics, cycle, began = Dynamics.of(system, problem.parameters), problem.cycle, time.perf_counter()
     if lacks_energy(problem):
         cause = Cause(what="energy", words=NO_ENERGY)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))

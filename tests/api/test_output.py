@@ -28,6 +28,28 @@ def test_a_gait_is_verified_and_kept_where_the_command_keeps_it(run):
     assert f"taken from {folder}" in err
 
 
+def test_the_best_of_several_starts_becomes_the_gait_of_its_problem_as_the_command_stores_it(run):
+    problem = go.load_problem(WHEEL)
+    best, *_ = go.multistart(problem, 3, spread=0.05, workers=1, output="starts")
+    gait = go.solve(problem, start=best, output="library")
+    assert gait.problem == problem
+    assert run("solve", WHEEL, "--starts", "3", "--spread", "0.05", "--workers", "1", "-o", "command")[0] == 0
+    ours, theirs = (go.load_records(folder)[0] for folder in ("library", "command"))
+    assert ours["solver"].pop("seconds") > 0 < theirs["solver"].pop("seconds")
+    assert ours == theirs
+    assert np.array_equal(go.solve(best.problem).state, gait.state)
+    with pytest.raises(ProblemError, match="start: a solution of another problem or of other values"):
+        go.solve(problem.replace({"friction": 0.43}), start=best)
+
+
+def test_a_walk_is_compared_with_the_stored_gait_of_its_problem_as_the_command_does():
+    assert len(go.simulate(WHEEL, compare=True).gait_states) == 0
+    gait = go.solve(WHEEL, output=True)
+    assert len(go.simulate(WHEEL).gait_states) == 0
+    (state,) = go.simulate(WHEEL, compare=True).gait_states
+    np.testing.assert_allclose(state, gait.state, atol=1e-12)
+
+
 def test_nothing_is_kept_unless_asked_for():
     go.solve(WHEEL)
     go.simulate(WHEEL)
@@ -106,9 +128,9 @@ def test_parts_of_a_stored_branch_are_loaded_by_their_place():
     point, special = go.load_run("branch@0.1"), go.load_run("branch@special.0")
     assert (point.branch, point.index, point.value) == (0, 1, branch[1].value)
     assert (special.type, special.value) == (branch.specials[0].type, branch.specials[0].value)
-    with pytest.raises(StorageError, match=r"no point 7\.7; its points are 0\.0 to"):
+    with pytest.raises(UnknownNameError, match=r"no point 7\.7; its points are 0\.0 to"):
         go.load_run("branch@7.7")
-    with pytest.raises(StorageError, match="special points of this branch are 0 to"):
+    with pytest.raises(UnknownNameError, match="no special point '9': the special points of its branch are 0 to"):
         go.load_run("branch@special.9")
     with pytest.raises(StorageError, match="holds no branch"):
         go.load_run(f"{'x' * 300}@0.1")

@@ -226,7 +226,7 @@ def test_command_prints_one_object_and_draws_now_and_later(tmp_path, monkeypatch
     gait = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert gait["verification"]["passed"]
     assert gait["period"] == pytest.approx(named("compass-passive-a").period, rel=1e-9)
-    assert main(["solve", f"{record['run']}@attractor.1"]) == 6
+    assert main(["solve", f"{record['run']}@attractor.1"]) == 2
     assert main(["solve", f"{record['run']}@attractor.0", "--set", "friction=0.2"]) == 2
 
 

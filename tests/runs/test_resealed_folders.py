@@ -168,7 +168,8 @@ are solved and verified before they are listed."""
 
 
 def is_free(path):
-    return path == ("gait",) or bool((FREE | NULLABLE | LOOSE) & {*path})  # a special point may have no gait
+    """A special point may have no gait, and its type is any name that a user has given an event."""
+    return path in (("gait",), ("type",)) or bool((FREE | NULLABLE | LOOSE) & {*path})
 
 
 def outcome(read):

@@ -79,7 +79,7 @@ def test_breakpoints_cut_phases_into_arcs():
     assert not mesh.in_order(np.array([0.1, 0.1, 0.05]), [0.3, 0.72])
 
 
-def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_layout():
+def test_step_that_outlasts_a_breakpoint_it_did_not_reach_needs_another_mesh():
     mesh = mesh_of(load_problem("compass-passive-stick").cycle, [0.6], [0.7])
     assert mesh.in_order(np.array([0.65]), [0.7])
     assert not mesh.in_order(np.array([0.75]), [0.7])

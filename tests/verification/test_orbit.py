@@ -37,7 +37,7 @@ def wheel(friction: float = 2.0) -> ReturnMap:
 def return_map(name: str, **overrides: object) -> ReturnMap:
     problem = go.load_problem(name).replace({key.replace("__", "."): value for key, value in overrides.items()})
     system = build_system(problem)
-    return ReturnMap(Simulator(Dynamics(system, system.values(problem.parameters))), problem.cycle.impact)
+    return ReturnMap(Simulator(Dynamics.of(system, problem.parameters)), problem.cycle.impact)
 
 
 def guess(name: str) -> Array:
