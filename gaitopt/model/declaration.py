@@ -20,7 +20,7 @@ from pydantic.fields import FieldInfo
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
-from gaitopt.model.walker import Body, Damper, Mechanism, Walker
+from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 """Names of coordinates, actuators, stops and switches, which occur in keys, columns and compiled functions."""
@@ -43,7 +43,10 @@ DERIVED = (
 OVERRIDABLE = ("mechanism", "after_impact", "rates_after_impact", "landing", "outline", "contact")
 """Methods that a class may define."""
 ATTRIBUTES = tuple(Walker.__annotations__)
-LISTS = ("shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked")
+LISTS = (
+    "shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked",
+    "contacts", "massless_contacts", "landing_contacts",
+)  # fmt: skip
 """Class attributes that are tuples of names."""
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
 """Types of a method's results where an expression belongs."""
@@ -138,7 +141,9 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         swing_foot=read.vector("Mechanism.swing_foot", stated.swing_foot, 2, "all"),
         touchdown=read.scalar("Mechanism.touchdown", stated.touchdown, "height"),
         upright=read.scalar("Mechanism.upright", stated.upright, "height"),
-        relabel=read.vector("Mechanism.relabel", stated.relabel, len(walker.shape), "shape"),
+        relabel=stated.relabel
+        if walker.contacts and SX(stated.relabel).is_empty()
+        else read.vector("Mechanism.relabel", stated.relabel, len(walker.shape), "shape"),
         stops=stops,
         switches={name: _checked_switch(read, name, margin) for name, margin in stated.switches.items()},
         motors=tuple(read.scalar(f"Mechanism.motors[{k}]", angle, "shape") for k, angle in enumerate(stated.motors)),
@@ -155,12 +160,15 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
             for k, damper in enumerate(stated.dampers)
         ),
         push=None if stated.push is None else read.vector("Mechanism.push", stated.push, 2, "shape"),
+        contacts={name: _checked_contact(read, name, contact) for name, contact in stated.contacts.items()},
     )
     if vertcat(q.x, q.y).is_valid_input():  # symbols rather than a given position of the foot
-        if not depends_on(mechanism.touchdown, _symbols(_entries(q).values())):
+        if not (walker.contacts or depends_on(mechanism.touchdown, _symbols(_entries(q).values()))):
             raise ProblemError(f"{walker.__name__}: Mechanism.touchdown is the same in every posture")
         points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
-        for name, point in {**points, "the swing foot": mechanism.swing_foot}.items():
+        points |= {f"contact {name}": contact.position for name, contact in mechanism.contacts.items()}
+        points |= {} if walker.contacts else {"the swing foot": mechanism.swing_foot}
+        for name, point in points.items():
             with_foot = jacobian(point, vertcat(q.x, q.y))
             if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
                 raise ProblemError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")
@@ -298,6 +306,20 @@ def _checked_switch(
     return checked
 
 
+def _checked_contact(read: _Reader, name: str, contact: Contact) -> Contact:
+    """A contact point with its expressions checked."""
+    what = f"Mechanism.contacts[{name!r}]"
+    for key in contact.places:
+        if key not in read.walker.shape:
+            raise ProblemError(f"{read.walker.__name__}: {what}.places names {shown(key)}, which is no shape coordinate")
+    return Contact(
+        position=read.vector(f"{what}.position", contact.position, 2, "all"),
+        counts=read.scalar(f"{what}.counts", contact.counts, "height"),
+        places={key: read.scalar(f"{what}.places[{key!r}]", value, "height") for key, value in contact.places.items()},
+        gap=None if contact.gap is None else read.scalar(f"{what}.gap", contact.gap, "height"),
+    )
+
+
 def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[str]:
     """Messages about the containers of a mechanism, whose entries the class attributes announce."""
     for name, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
@@ -305,7 +327,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         if not _is_list(value, kind):
             words = "angles" if kind is object else f"{kind.__name__}(...)"
             yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {words}"
-    for name in ("stops", "switches", "potential_while"):
+    for name in ("stops", "switches", "potential_while", "contacts"):
         value = getattr(mechanism, name)
         if not isinstance(value, Mapping):
             yield f"Mechanism.{name} is {shown(value)}, but must be a mapping from names to expressions"
@@ -315,7 +337,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
     if walker.pushes is (mechanism.push is None):
         yield f"pushes is {walker.pushes}, which Mechanism.push contradicts"
-    for name in ("stops", "switches"):
+    for name in ("stops", "switches", "contacts"):
         names, declared = (*getattr(mechanism, name),), getattr(walker, name)
         if names != declared:
             yield f"Mechanism.{name} has {', '.join(map(str, names)) or 'none'}, but {name} are {declared}"
@@ -323,7 +345,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         if not callable(margin):
             words = f"{shown(margin)}, but must be a function of the rates, lambda dq: ..."
             yield f"Mechanism.switches[{name!r}] is {words}"
-    states = ["contact", *(f"{stop} {state}" for stop in walker.stops for state in STOP_STATES)]
+    states = ["contact", *walker.contacts, *(f"{stop} {state}" for stop in walker.stops for state in STOP_STATES)]
     states += [f"{switch} {state}" for switch in walker.switches for state in SWITCH_STATES]
     for name in mechanism.potential_while:
         if name not in states:

@@ -71,9 +71,18 @@ class Dynamics(ReadOnlyArrays):
         """Coefficient that bounds |f_t| / f_n of a sticking foot."""
         return float(self.system.friction_coefficients(self.p)[0])
 
+    @cached_property
+    def contact_friction(self) -> dict[str, float]:
+        """Static coefficient of every named contact."""
+        p = self.p[self.system.friction_entries]
+        return {name: float(static) for name, (static, _, _) in self.system.friction.of(p).items()}
+
     @property
     def friction_drops(self) -> bool:
         """Whether friction drops when a foot begins to slip: static above kinetic."""
+        if self.system.walker.contacts:
+            coefficients = self.system.friction.of(self.p[self.system.friction_entries]).values()
+            return any(static > kinetic for static, kinetic, _ in coefficients)
         static, kinetic, _ = self.system.friction_coefficients(self.p)
         return bool(static > kinetic)
 

@@ -50,6 +50,38 @@ class Friction:
         return by_key[self.static], by_key[self.kinetic], 0.0 if self.viscous is None else by_key[self.viscous]
 
 
+@dataclass(frozen=True, slots=True)
+class ContactFriction:
+    """Friction of a walker with several contacts: a law of its own for each.
+
+    Attributes
+    ----------
+    laws : (contact, law) in the order of the walker's contacts.
+    """
+
+    laws: tuple[tuple[str, Friction], ...]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The keys of all laws in order, each once."""
+        return tuple(dict.fromkeys(key for _, law in self.laws for key in law.parameters))
+
+    @property
+    def may_drop(self) -> bool:
+        """Whether friction of a contact may drop when it begins to slip."""
+        return any(law.may_drop for _, law in self.laws)
+
+    def of(self, values: Any) -> dict[str, tuple[Any, Any, Any]]:
+        """(mu_s, mu_k, c) of every contact from the values of ``parameters``, numbers or symbols."""
+        place = {key: k for k, key in enumerate(self.parameters)}
+        return {name: law.coefficients([values[place[key]] for key in law.parameters]) for name, law in self.laws}
+
+    @classmethod
+    def shared(cls, contacts: tuple[str, ...], law: Friction) -> "ContactFriction":
+        """One law for all contacts."""
+        return cls(tuple((name, law) for name in contacts))
+
+
 COULOMB = Friction("friction", "friction")
 """One coefficient for sticking and slipping."""
 STATIC_KINETIC = Friction("friction.static", "friction.kinetic", "friction.viscous")

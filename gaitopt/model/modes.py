@@ -1,10 +1,13 @@
-"""Modes: the states of the stance foot, the joint stops and the switches.
+"""Modes: the states of the contacts, the joint stops and the switches.
 
-A foot on the ground obeys the friction complementarity, v_forward - v_backward being its slip velocity,
+A contact on the ground obeys the friction complementarity, v_forward - v_backward being its slip velocity,
 
     0 <= v_forward  _|_ mu f_n + f_t >= 0        0 <= v_backward  _|_ mu f_n - f_t >= 0
 
-A mode states which factor of each pair is zero. In flight there is no force. Gamus & Or (2013), eqs (4), (5).
+A mode states which factor of each pair is zero. A contact that is off has no force. Gamus & Or (2013), eqs (4), (5).
+
+A walker that stands on one foot at a time has one contact, ``foot``, and its modes are single words. A walker with
+several contacts has modes that name each of them.
 """
 
 import re
@@ -16,24 +19,32 @@ from pydantic_core import PydanticKnownError, core_schema
 
 FOOT = "foot"
 """Name of the one contact of a walker that stands on one foot at a time."""
+OFF = "off"
+"""State of a named contact without a force."""
 STOP_STATES, SWITCH_STATES = ("free", "locked"), ("off", "on")
 STATES = (*STOP_STATES, *SWITCH_STATES)
 NEXT_STATE = dict((STOP_STATES, SWITCH_STATES))
 _DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1, "flight": 0}
+_NAMED = {"stick": 0, "slip_forward": 1, "slip_backward": -1, OFF: 0}
+"""States of a named contact."""
 
 
 class Mode(str):
-    """The states of the stance foot, the joint stops and the switches; of an impact, those just after it.
+    """The states of the contacts, the joint stops and the switches; of an impact, those just after it.
 
-    The text is ``stick``, ``slip_forward``, ``slip_backward`` or ``flight``, followed by the states of stops and
-    switches if the walker has any: ``stick, knee free`` or ``slip_forward, knee locked``. Equal modes are one object.
+    The text is ``stick``, ``slip_forward``, ``slip_backward`` or ``flight`` where the walker stands on one foot at a
+    time, and ``left: stick, right: off`` where it has several contacts. The states of stops and switches follow if it
+    has any: ``stick, knee free`` or ``slip_forward, knee locked``. Equal modes are one object.
 
     Attributes
     ----------
-    contact : the state of the foot, as a mode without stops.
-    touching : names of the contacts that touch the ground: ``foot``, or none in flight.
-    sticks, slips : whether the foot is held by friction, or slips.
-    direction : sign of the slip velocity: +1 downhill, -1 uphill, 0 in stick and in flight.
+    contact : the states of the contacts, as a mode without stops.
+    contacts : state of every contact by name, in order: the one contact is ``foot``. Not to be written to.
+    touching : names of the contacts that touch the ground, in order.
+    directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip. Not
+        to be written to.
+    sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
+    direction : sign of the slip velocity of the foot; 0 where there are several contacts.
     stops : state of every stop and switch by name, in order; not to be written to.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
@@ -45,7 +56,9 @@ class Mode(str):
     SLIP_BACKWARD: ClassVar["Mode"]
     FLIGHT: ClassVar["Mode"]
     contact: "Mode"
+    contacts: Mapping[str, str]
     touching: tuple[str, ...]
+    directions: Mapping[str, int]
     sticks: bool
     slips: bool
     direction: int
@@ -61,18 +74,27 @@ class Mode(str):
         Raises
         ------
         ValueError
-            If the text is not the state of a foot, followed by names of stops and switches with their states.
+            If the text is not the state of a foot or of named contacts, followed by names of stops and switches with
+            their states.
         """
         if text not in _MODES:
-            contact, *stops = text.split(", ")
-            states = dict(stop.rpartition(" ")[::2] for stop in stops)
-            if contact not in _DIRECTIONS or any(state not in STATES for state in states.values()):
-                raise ValueError(f"{text!r} is no mode: a foot can {', '.join(_DIRECTIONS)}")
+            first, *others = parts = text.split(", ")
+            named = [part.partition(": ") for part in parts if ": " in part]
+            stops = parts[len(named) :] if named else others
+            contacts = {name: word for name, _, word in named} or {FOOT: first}
+            words, states = _NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
+            strange = any(word not in words for word in contacts.values())
+            if strange or any(state not in STATES for state in states.values()) or len(contacts) < len(named):
+                what = f"a contact can {', '.join(words)}" if named else f"a foot can {', '.join(words)}"
+                raise ValueError(f"{text!r} is no mode: {what}")
             mode = super().__new__(cls, text)
-            mode.contact = Mode(contact) if stops else mode
-            mode.direction = _DIRECTIONS[contact]
-            mode.sticks, mode.slips = contact == "stick", mode.direction != 0
-            mode.touching = () if contact == "flight" else (FOOT,)
+            mode.contact = Mode(", ".join(parts[: len(parts) - len(stops)])) if stops else mode
+            mode.contacts = contacts
+            mode.touching = tuple(name for name, word in contacts.items() if word not in (OFF, "flight"))
+            mode.directions = {name: words[word] for name, word in contacts.items()}
+            mode.direction = 0 if named else mode.directions[FOOT]
+            mode.slips = any(mode.directions.values())
+            mode.sticks = bool(mode.touching) and not mode.slips
             mode.stops, mode.key = states, re.sub(r"\W+", "_", text)
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == state) for state in STATES
@@ -88,6 +110,15 @@ class Mode(str):
     def of(cls, contact: str, stops: Mapping[str, str]) -> "Mode":
         """The mode with a state of the foot, and a state of every stop and switch."""
         return _joined(contact, *stops.items())
+
+    @classmethod
+    def of_contacts(cls, contacts: Mapping[str, str]) -> "Mode":
+        """The mode with a state of every named contact."""
+        return cls(", ".join(f"{name}: {word}" for name, word in contacts.items()))
+
+    def with_states(self, changed: Mapping[str, str]) -> "Mode":
+        """Other states of some named contacts, with the same stops and switches."""
+        return self.with_contact(Mode.of_contacts({**self.contacts, **changed}))
 
     @staticmethod
     def slip(direction: float) -> "Mode":
@@ -143,14 +174,21 @@ class Mode(str):
         return Mode.of(self, {**self.stops, name: NEXT_STATE[self.stops[name]]})
 
     def has(self, state: str) -> bool:
-        """Whether ``contact`` (a foot touches the ground), or a state such as ``knee free``, is part of the mode."""
+        """Whether a state is part of the mode.
+
+        Parameters
+        ----------
+        state : ``contact`` (a foot touches the ground), the name of a contact that does, or one like ``knee free``.
+        """
         name, _, value = state.partition(" ")
-        return self.stops.get(name) == value if value else bool(self.touching)
+        if value:
+            return self.stops.get(name) == value
+        return name in self.touching or (name == "contact" and bool(self.touching))
 
 
 @lru_cache(maxsize=256)  # one simulated step joins a dozen modes
 def _joined(contact: str, *stops: tuple[str, str]) -> Mode:
-    return Mode(", ".join([contact.partition(",")[0], *(f"{name} {state}" for name, state in stops)]))
+    return Mode(", ".join([Mode(contact).contact, *(f"{name} {state}" for name, state in stops)]))
 
 
 _MODES: dict[str, Mode] = {}

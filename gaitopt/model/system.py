@@ -236,8 +236,13 @@ class HybridSystem:
         self.n_shape = len(walker.coordinates()) - 1
         self.n_r = control.data(0).size
         n_walker = len(walker.model_fields)
-        self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
-        self._symbols = Expressions(walker, control, law, friction)
+        self.friction_entries = slice(n_walker, n_walker + len(friction.parameters))
+        if walker.contacts:
+            from gaitopt.model.contact_system import ContactExpressions  # it derives from ``Expressions``
+
+            self._symbols: Expressions = ContactExpressions(walker, control, law, friction)
+        else:
+            self._symbols = Expressions(walker, control, law, friction)
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
@@ -321,6 +326,40 @@ class HybridSystem:
         margins = self._symbols.impact_margins(mode)
         return {"margins": vertcat(*(margins[name] for name in self.transitions.impact_margin_names(mode)))}
 
+    @compiled("tzpr")
+    def contact_decision(self, mode: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> dz/dt, margins, their rates, and normal accelerations of the contacts that are off."""
+        return self._symbols.decision(mode)
+
+    @compiled("zp")
+    def contact_impact(self, mode: Mode, landing: tuple[str, ...]) -> dict[str, SX]:
+        """(z, p) -> z_plus, impulses, velocities, regularity and margins of groups; see ``ContactImpact``."""
+        result = self._symbols.collision(mode, landing)
+        return {
+            "z_plus": result.z_plus,
+            "impulses": vertcat(*result.impulses.values()),
+            "velocities": vertcat(*result.velocities.values()),
+            "regularity": result.regularity,
+            "shares": vertcat(SX(0, 1), *(share.value for share in result.shares)),
+        }
+
+    @property
+    @compiled("zp")
+    def relabelled(self) -> dict[str, SX]:
+        """(z, p) -> z_plus: the state after the feet have swapped roles, x being the position of the new base point."""
+        eom, n = self._eom, len(self.walker.shape)
+        shape, base = eom.mechanism.relabel, eom.mechanism.swing_foot
+        rates, velocity = (jtimes(SX(value), eom.q, eom.dq) for value in (shape, base))
+        return {
+            "z_plus": vertcat(eom.state(shape, base[0], base[1]), eom.state(rates[:n], velocity[0], velocity[1]))
+        }
+
+    @property
+    @compiled("zp")
+    def contact_points(self) -> dict[str, SX]:
+        """(z, p) -> gap of every contact, and its velocities (v_t, v_n)."""
+        return self._symbols.contact_points()
+
     @property
     @compiled("tzspr")
     def open_flow(self) -> dict[str, SX]:
@@ -383,7 +422,7 @@ class HybridSystem:
             common = {"t": self._symbols.t, "z": self._symbols.z, "p": self._symbols.p, "r": self._symbols.r}
             results = expressions()
             symbols = [results.pop(letter) if letter in results else common[letter] for letter in inputs]
-            name = re.sub(r"\W+", "_", "_".join(map(str, key)))
+            name = re.sub(r"[\W_]+", "_", "_".join(map(str, key))).strip("_")
             self._functions[key] = Function(name, symbols, cse([*results.values()]), [*inputs], [*results])
 
     def section(self, impact_mode: Mode) -> NDArray[np.intp]:
@@ -404,7 +443,7 @@ class HybridSystem:
 
     def friction_coefficients(self, p: Any) -> tuple[Any, Any, Any]:
         """Static, kinetic and viscous coefficient from parameters as numbers or symbols; see ``Friction``."""
-        return self.friction.coefficients(p[self._friction_entries])
+        return self.friction.coefficients(p[self.friction_entries])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

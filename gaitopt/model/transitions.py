@@ -37,6 +37,9 @@ class Ending(StrEnum):
     NUMERICAL = "numerical"
     SCUFFING = "scuffing"
     PUSH_SLIPS = "push_slips"
+    CONTACT_INCONSISTENT = "contact_inconsistent"
+    CONTACT_AMBIGUOUS = "contact_ambiguous"
+    UNDETERMINED = "undetermined"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +130,12 @@ PHASE_MARGINS: Mapping[str, Margin] = {
         ending=Ending.SCUFFING,
         rises=True,
     ),
+    "gap": Margin(
+        unit="length",
+        lost="the contact touches the ground",
+        absent="the contact does not come down",
+        rises=True,
+    ),
     "upright": Margin(unit="one", lost="the walker is no longer upright", ending=Ending.FALL),
     "normal_force": Margin(
         unit="force",
@@ -155,6 +164,12 @@ PHASE_MARGINS: Mapping[str, Margin] = {
         unit="mass",
         violated="apparent mass of the slipping foot is {value:.4g} kg, must be positive (Painleve)",
         lost="the slip has no unique solution: the apparent mass of the foot falls to zero",
+        ending=Ending.PAINLEVE,
+    ),
+    "regularity": Margin(
+        unit="one",
+        violated="the contact forces have no unique solution: regularity is {value:.4g}, must be positive (Painleve)",
+        lost="the contact forces have no unique solution",
         ending=Ending.PAINLEVE,
     ),
     "onset": Margin(
@@ -235,9 +250,14 @@ ONE_AT_A_TIME = "a step begins with all stops free and all switches off, and the
 CANNOT_SLIP = "a massless foot cannot slip, and friction does not hold it"
 
 
+def kind(name: str) -> str:
+    """The margin of which that of a named contact is one: ``cone_forward`` of ``cone_forward.left``."""
+    return name.partition(".")[0]
+
+
 def margin(name: str) -> Margin:
     """Unit and words of a margin; names that are not in ``MARGINS`` belong to stops and switches."""
-    return MARGINS.get(name, STOP)
+    return MARGINS.get(kind(name), STOP)
 
 
 def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:

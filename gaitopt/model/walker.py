@@ -25,7 +25,7 @@ from casadi import SX, norm_2, vertcat
 from pydantic import BaseModel, ConfigDict
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.model.modes import CONTACTS, STOP_STATES, SWITCH_STATES, Mode
+from gaitopt.model.modes import CONTACTS, OFF, STOP_STATES, SWITCH_STATES, Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +61,25 @@ class Damper:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Contact:
+    """A point of a walker that can touch the ground, whose height is y = 0.
+
+    Attributes
+    ----------
+    position : SX, shape (2,) - the point [m].
+    counts : SX - positive where the point may land, such as past mid-swing; it passes through the ground elsewhere.
+    places : for a contact at the end of a massless part: the coordinates of its own, with the values that they take
+        when it lands. Such a contact sticks or is off.
+    gap : SX - falls to zero where the point lands; its height by default. A massless contact has no height of its own.
+    """
+
+    position: SX
+    counts: Any = 1.0
+    places: Mapping[str, SX] = field(default_factory=dict)
+    gap: SX | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Mechanism:
     """Positions and angles of a walker as functions of ``q``, in CasADi symbols.
 
@@ -83,14 +102,15 @@ class Mechanism:
     dampers : the viscous dampers.
     push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands; None if the
         walker does not push off [N s].
+    contacts : the points that can touch the ground by name, of a walker with several contacts.
     """
 
     bodies: tuple[Body, ...]
     gravity: SX
-    swing_foot: SX
-    touchdown: SX
     upright: SX
-    relabel: SX
+    swing_foot: SX = field(default_factory=lambda: SX.zeros(2))
+    touchdown: SX = field(default_factory=lambda: SX(1))
+    relabel: SX = field(default_factory=lambda: SX(0, 1))
     stops: Mapping[str, SX] = field(default_factory=dict)
     switches: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
     motors: tuple[SX, ...] = ()
@@ -98,6 +118,7 @@ class Mechanism:
     potential_while: Mapping[str, SX] = field(default_factory=dict)
     dampers: tuple[Damper, ...] = ()
     push: SX | None = None
+    contacts: Mapping[str, Contact] = field(default_factory=dict)
 
 
 def polar(length: Any, angle: Any) -> SX:
@@ -150,6 +171,11 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     actuators : names of the actuators.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law.
     largest_angle : largest size of the shape coordinates in walking [rad].
+    contacts : names of the contact points, if the walker has several; (x, y) is then a base point of the author's.
+    massless_contacts : those at the end of massless parts, which have coordinates of their own (``Contact.places``).
+    landing_contacts : those whose landing ends a step: the shape is then relabelled, and the base point moves to
+        ``swing_foot``.
+    exchanged_contacts : contacts of one foot with those of the other; they swap places where a step ends.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
@@ -169,6 +195,10 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
     largest_angle: ClassVar[float] = math.pi
+    contacts: ClassVar[tuple[str, ...]] = ()
+    massless_contacts: ClassVar[tuple[str, ...]] = ()
+    landing_contacts: ClassVar[tuple[str, ...]] = ()
+    exchanged_contacts: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     @abstractmethod
@@ -207,7 +237,12 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def foot_modes(cls) -> tuple[Mode, ...]:
-        """States of the foot, as modes without stops."""
+        """States of the foot, or of the contacts, as modes without stops."""
+        if cls.contacts:
+            words = dict.fromkeys(cls.contacts, (*CONTACTS, OFF))
+            words |= dict.fromkeys(cls.massless_contacts, (Mode.STICK, OFF))
+            names = [dict(zip(words, choice, strict=True)) for choice in product(*words.values())]
+            return tuple(Mode.of_contacts(states) for states in names)
         ground = CONTACTS[:1] if cls.massless_feet else CONTACTS
         return (*ground, Mode.FLIGHT) if cls.flies else ground
 
@@ -217,6 +252,14 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         choices = {**dict.fromkeys(cls.stops, STOP_STATES), **dict.fromkeys(cls.switches, SWITCH_STATES)}
         states = [dict(zip(choices, choice, strict=True)) for choice in product(*choices.values())]
         return tuple(Mode.of(contact, stops) for stops in states for contact in cls.foot_modes())
+
+    @classmethod
+    def swapped(cls, mode: Mode) -> Mode:
+        """A mode after the feet have swapped roles."""
+        if not cls.contacts:
+            return mode
+        partner = {**cls.exchanged_contacts, **{theirs: ours for ours, theirs in cls.exchanged_contacts.items()}}
+        return mode.with_states({name: mode.contacts[partner.get(name, name)] for name in cls.contacts})
 
     @classmethod
     def steps_per_cycle(cls) -> int:
@@ -246,7 +289,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     @classmethod
     def coordinates(cls) -> tuple[str, ...]:
         """Names of the coordinates of the state: the shape, the height y of a foot that can fly, and x."""
-        return (*cls.shape, *(("y",) if cls.flies and not cls.massless_feet else ()), "x")
+        return (*cls.shape, *(("y",) if cls.contacts or (cls.flies and not cls.massless_feet) else ()), "x")
 
     @classmethod
     def state_names(cls) -> tuple[str, ...]:

@@ -18,11 +18,11 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.integration import bracketed_root
-from gaitopt.model.transitions import PHASE_MARGINS
+from gaitopt.model.transitions import PHASE_MARGINS, kind
 
 PRIORITY = (
-    "painleve", "normal_force", "upright", "clearance", "touchdown", "", "slip_velocity", "cone_forward",
-    "cone_backward",
+    "painleve", "regularity", "normal_force", "upright", "clearance", "touchdown", "gap", "", "slip_velocity",
+    "cone_forward", "cone_backward",
 )  # fmt: skip
 """Order of simultaneous events. First come those after which the model does not hold (a normal force means nothing
 where the slip has no unique solution), then the impact, which cancels any simultaneous change of mode, then stops and
@@ -79,7 +79,7 @@ def falls_at_start(name: str, margin: Any, rate: Any, bend: Any = 0.0) -> Any:
     deep = margin < -EDGE
     soon = margin * deep + INSTANT * (rate + INSTANT / 2 * bend) < 0
     lasting = deep | (rate * rate > 2 * bend * EDGE)
-    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (name in FALLING)
+    return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (kind(name) in FALLING)
 
 
 def bends_decide(margin: Any, rate: Any) -> Any:
@@ -96,7 +96,7 @@ def event_at_start(
     ----------
     rates_ahead : returns the rates after ``LOOK_AHEAD``; called only if they matter.
     """
-    near = [k for k, margin in enumerate(margins) if margin <= EDGE and names[k] in FALLING]
+    near = [k for k, margin in enumerate(margins) if margin <= EDGE and kind(names[k]) in FALLING]
     if not near:
         return None
     ahead = rates_ahead() if any(bends_decide(margins[k], rates[k]) for k in near) else rates
@@ -108,17 +108,17 @@ def event_at_start(
 
 def priority(name: str) -> int:
     """Rank of a margin among simultaneous events; the smallest counts."""
-    return PRIORITY.index(name if name in PRIORITY else "")
+    return PRIORITY.index(kind(name) if kind(name) in PRIORITY else "")
 
 
 def is_armed(name: str, margin: Any) -> Any:
     """Whether a margin with this value at the start of an arc may fall: what rises must have been positive."""
-    return (margin > EDGE) | (name in FALLING)
+    return (margin > EDGE) | (kind(name) in FALLING)
 
 
 def smallest_lift(name: str) -> float:
     """Lift of a margin that is positive at the start of an arc; see ``lift``."""
-    return BARELY_MOVING if name == "slip_velocity" else EDGE
+    return BARELY_MOVING if kind(name) == "slip_velocity" else EDGE
 
 
 def lift(name: str, margin: Any, rate: Any) -> Any:
@@ -142,7 +142,7 @@ def falls_at_limit(name: str, margin: Any, rate: Any) -> Any:
 
     Floats, or arrays of one shape.
     """
-    return (abs(margin) <= EDGE) & (rate < 0) & (name not in FALLING)
+    return (abs(margin) <= EDGE) & (rate < 0) & (kind(name) not in FALLING)
 
 
 def refine(k: int, point: Point, flow: Callable[[Point, float], Point]) -> tuple[float, Array]:

@@ -89,7 +89,7 @@ class NaturalSystem:
         margins, rates = self._system.events(mode)(*arguments)
         units = self._margins[: margins.numel()]
         scaled, scaled_rates = margins / units, rates * (self._time / units)
-        if mode.slips:
+        if mode.slips and mode.direction:
             k, (other, other_rates) = self._index_painleve(mode), self._system.events(_reversed(mode))(*arguments)
             foot, foot_rate = (margins[k] + other[k]) / 2, (rates[k] + other_rates[k]) / 2
             scaled[k] = margins[k] / foot - SINGULAR
@@ -99,7 +99,7 @@ class NaturalSystem:
     def _scaled_margins(self, mode: Mode, arguments: list[SX], units: SX) -> SX:
         margins = self._system.margins(mode)(*arguments)
         scaled = margins / units[: margins.numel()]
-        if mode.slips:
+        if mode.slips and mode.direction:
             k, other = self._index_painleve(mode), self._system.margins(_reversed(mode))(*arguments)
             scaled[k] = 2 * margins[k] / (margins[k] + other[k]) - SINGULAR
         return scaled

@@ -7,6 +7,7 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 
 from collections.abc import Callable
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
+from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import Engine, Stepper, choose_engine
 from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.outcomes import StepOutcome
@@ -82,7 +84,8 @@ class Simulator:
         self.dynamics, self.system = dynamics, dynamics.system
         self.stepper = stepper(dynamics)
         self._make_stepper, self._max_switches = stepper, max_switches
-        self._resolver, self._ends = ContactResolver(dynamics), segment_ends(dynamics)
+        self._ends, self._several = segment_ends(dynamics), bool(dynamics.system.walker.contacts)
+        self._resolver: Any = (ContactSetResolver if self._several else ContactResolver)(dynamics)
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:
@@ -138,7 +141,8 @@ class Simulator:
             mode = following
             arrival = self.stepper.advance(mode, segment, time, z, self._ends[segment])
             transition = None if arrival.event is None else table.of(mode)[arrival.event]
-            end = _stopped(arrival.state) if transition is not None and transition.at_rest else arrival.state
+            stops = transition is not None and transition.at_rest and not self._several
+            end = _stopped(arrival.state) if stops else arrival.state
             if arrival.time > time:
                 arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense))
             time, z = arrival.time, end
@@ -155,7 +159,7 @@ class Simulator:
             elif transition.ending is not None:
                 following = Termination(transition.ending, transition.reason)
             elif transition.ends_step:
-                landed = self._resolver.impact(z)
+                landed = self._resolver.impact(transition, z) if self._several else self._resolver.impact(z)
                 if isinstance(landed, ImpactRecord):
                     return StepOutcome(
                         step=Step(arcs=tuple(arcs), impact=landed),
@@ -181,9 +185,12 @@ class Simulator:
         """A valid state with x = 0, and with its slip velocity zero where it is at rest."""
         z = _finite_vector("state", state, self.system.state_names)
         z[self.system.n_shape] = 0.0
-        return _stopped(z) if abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
+        return _stopped(z) if not self._several and abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
 
     def _first_mode(self, z: Array) -> Mode | Termination:
+        if self._several:
+            first: Mode | Termination = self._resolver.first_mode(0.0, z, 0)
+            return first
         stick, *slips = self.system.transitions.landed
         if z[-1] == 0:
             return self._continued(stick, 0.0, z, 0)
@@ -192,7 +199,7 @@ class Simulator:
 
     def _continued(self, mode: Mode, time: float, z: Array, segment: int) -> Mode | Termination:
         """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues."""
-        if not mode.sticks:
+        if not (mode.sticks or (self._several and mode.touching)):
             return mode
         return self._resolver.mode_at_rest(self.system.transitions.at_rest(mode), time, z, segment)
 

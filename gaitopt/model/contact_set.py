@@ -1,0 +1,443 @@
+"""Motion and plastic impacts of a walker with several contacts, each of which sticks, slips or is off.
+
+With the positions r_i of the closed contacts, J_i = dr_i/dq with rows t and n, and their forces,
+
+    M ddq + B + G = E u + sum J_i' f_i
+    J_n,i ddq + dJ_n,i dq = 0                                  of every closed contact
+    J_t,i ddq + dJ_t,i dq = 0                                  if it sticks
+    f_t,i = -s_i mu_i f_n,i - c_i v_t,i,   s_i = sgn v_t,i      if it slips
+
+This is one linear system in ddq, the normal forces and the forces of sticking contacts. The impact that leads to a mode
+has impulses in place of forces and J dq_plus in place of the accelerations; contacts that are off afterwards have none.
+
+**Redundant constraints.** The derivatives of the closed contacts may depend on each other where the contacts are on the
+ground: two sticking contacts of one rigid part have the same tangential constraint. They are recognised by their pivots
+at a posture of the mode. A constraint that depends on the ones before it is left out: its force is one of a family
+
+    lambda = lambda_0 + N a,      J' N = 0
+
+all members of which move the walker alike. The mode holds as long as one of them lies in all friction cones. The margins
+of the mode do not contain a: Fourier and Motzkin's elimination leaves the sums in which it cancels, such as
+
+    (mu_1 f_n,1 + f_t,1) + (mu_2 f_n,2 + f_t,2) > 0
+
+of two contacts that stick together. Where forces of the family would move the walker differently (contacts of different
+friction that slip as one), the mode has no determined motion.
+
+**Massless contacts.** A contact at the end of a massless part has coordinates of its own, without inertia. While it is
+closed their equations give its force; while it is off they keep their values. It sticks, or is off.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, vertcat
+
+from gaitopt.arrays import Array
+from gaitopt.building import built_once
+from gaitopt.errors import ProblemError
+from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion
+from gaitopt.model.modes import Mode
+from gaitopt.model.walker import Walker
+
+SAMPLES = 5
+"""Postures at which pivots are compared; they have the same ones unless a posture is singular."""
+DEPENDENT = 1e-7
+"""A constraint whose remainder is this small, relative to itself, depends on those before it."""
+ON_GROUND = 1e-12
+"""Largest height of a closed contact of a sampled posture, relative to the walker's size."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Structure:
+    """What the constraints of a mode depend on; the same in every posture of the mode.
+
+    Attributes
+    ----------
+    constraints : (contact, row) of all constraints in order, row 0 tangential, 1 normal; the normal ones first.
+    kept : indices of the independent ones.
+    dropped : indices of those that depend on the ones before them.
+    pivots : order in which the rows of the linear system are eliminated.
+    is_determined : whether the motion is the same whatever the shares of the forces.
+    nulls : ndarray, shape (n, len(dropped)) - a sample of N: the signs of its entries hold in every posture.
+    group : the contacts whose forces are undetermined.
+    """
+
+    constraints: tuple[tuple[str, int], ...]
+    kept: tuple[int, ...]
+    dropped: tuple[int, ...]
+    pivots: tuple[int, ...]
+    is_determined: bool
+    nulls: Array
+    group: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """A margin of a group of contacts whose shares of the forces are undetermined: a sum of margins of its contacts.
+
+    Attributes
+    ----------
+    parts : (name of the margin, contact) of each term: ``cone_forward``, ``cone_backward`` or ``normal_force``.
+    value : SX - the sum with positive weights in which the shares cancel.
+    """
+
+    parts: tuple[tuple[str, str], ...]
+    value: SX
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactMotion:
+    """Accelerations and contact forces in one mode.
+
+    Attributes
+    ----------
+    dz : SX, shape (n_z,) - rate of the state; NaN where the motion of the mode is undetermined.
+    forces : SX, shape (2,), by contact - (f_t, f_n) [N]; zero if it is off, one of many where it is undetermined.
+    separations : SX by contact - normal acceleration of a contact that is off [m/s^2].
+    regularity : SX - determinant of the linear system relative to that without friction; not positive in the paradox of
+        Painleve.
+    shares : margins of the groups of contacts whose forces are undetermined.
+    undetermined : the contacts of these groups.
+    """
+
+    dz: SX
+    forces: Mapping[str, SX]
+    separations: Mapping[str, SX]
+    regularity: SX
+    shares: tuple[Share, ...]
+    undetermined: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactImpact:
+    """One impact as a function of the state just before it.
+
+    Attributes
+    ----------
+    z_plus : SX, shape (n_z,) - state just after it, before any relabelling.
+    impulses : SX, shape (2,), by contact - (F_t, F_n) [N s]; zero if it is off afterwards.
+    velocities : SX, shape (2,), by contact - (v_t, v_n) just after it [m/s].
+    regularity, shares, undetermined : as of ``ContactMotion``.
+    """
+
+    z_plus: SX
+    impulses: Mapping[str, SX]
+    velocities: Mapping[str, SX]
+    regularity: SX
+    shares: tuple[Share, ...]
+    undetermined: tuple[str, ...]
+
+
+class _System:
+    """The linear system of one mode: accelerations or changes of the rates, and the independent forces or impulses."""
+
+    def __init__(self, eom: EquationsOfMotion, mode: Mode, friction: Mapping[str, SX]) -> None:
+        self.eom, self.mode = eom, mode
+        contacts = eom.mechanism.contacts
+        held = [name for name in eom.walker.contacts if name not in mode.touching]
+        names = (*eom.walker.shape, "x", "y")
+        resting = {key for name in held for key in contacts[name].places}
+        self.active = [k for k, name in enumerate(names) if name not in resting]
+        self.J = {name: jacobian(contacts[name].position, eom.q) for name in mode.touching}
+        self.structure = _structure(eom.walker, mode)
+        rows, columns = [], []
+        for contact, row in self.structure.constraints:
+            rows.append(self.J[contact][row, :])
+            slip = mode.directions[contact] * friction[contact] * self.J[contact][0, :]
+            columns.append(self.J[contact][row, :] - (slip if row else 0))
+        self.rows, self.columns = vertcat(SX(0, len(names)), *rows), horzcat(SX(len(names), 0), *(c.T for c in columns))
+
+    def solve(self, force: SX, rhs: SX) -> tuple[SX, SX, SX, SX]:
+        """Change of the rates (n_q,), forces (n,) of all constraints, a basis N of their family, and regularity.
+
+        Parameters
+        ----------
+        force : SX, shape (n_q,) - generalised force besides those of the contacts.
+        rhs : SX, shape (n,) - required value of each constraint.
+        """
+        s, a = self.structure, self.active
+        kept, n = [*s.kept], len(self.active)
+        J, G = self.rows[kept, a], self.columns[a, kept]
+        M = self.eom.M[a, a]
+        K = _bordered(M, J, G)
+        solution, determinant = _eliminated(K, vertcat(force[a], rhs[kept]), s.pivots)
+        _, frictionless = _eliminated(_bordered(M, J, self.rows[kept, a].T), SX.zeros(K.shape[0]), s.pivots)
+        change, forces = SX.zeros(self.eom.M.shape[0]), SX.zeros(len(s.constraints))
+        for k, index in enumerate(a):
+            change[index] = solution[k]
+        for k, index in enumerate(kept):
+            forces[index] = solution[n + k]
+        nulls = SX.zeros(len(s.constraints), len(s.dropped))
+        if s.dropped:
+            dropped = self.rows[[*s.dropped], :]
+            J_all = self.rows[kept, :]
+            weights, _ = _eliminated(J_all @ J_all.T, J_all @ dropped.T, tuple(range(len(kept))))
+            for j, index in enumerate(s.dropped):
+                nulls[index, j] = 1
+                for k, other in enumerate(kept):
+                    nulls[other, j] = -weights[k, j]
+        return change, forces, nulls, determinant / frictionless
+
+
+def contact_motion(
+    eom: EquationsOfMotion,
+    mode: Mode,
+    *,
+    static: Mapping[str, SX],
+    kinetic: Mapping[str, SX],
+    viscous: Mapping[str, SX],
+    springs: SX,
+    torque: SX,
+) -> ContactMotion:
+    """Motion of the walker in a mode of its contacts.
+
+    Parameters
+    ----------
+    static, kinetic, viscous : SX by contact - coefficients of friction; drag [N s/m].
+    springs : SX, shape (n_q,) - gradient of the potential energy that acts in this mode only.
+    torque : SX, shape (n_u,) - actuator torques u [N m].
+    """
+    system, contacts = _System(eom, mode, kinetic), eom.mechanism.contacts
+    velocity = {name: jacobian(contacts[name].position, eom.q) @ eom.dq for name in eom.walker.contacts}
+    convective = {name: jtimes(v, eom.q, eom.dq) for name, v in velocity.items()}
+    drag = {name: -viscous[name] * velocity[name][0] for name in mode.touching if mode.directions[name]}
+    force = eom.E @ torque - eom.B - eom.G - springs
+    force += sum((system.J[name][0, :].T * value for name, value in drag.items()), SX.zeros(force.numel()))
+    required = vertcat(SX(0, 1), *(-convective[name][row] for name, row in system.structure.constraints))
+    ddq, values, nulls, regularity = system.solve(force, required)
+    forces = _pairs(system, values, kinetic, drag)
+    rates = SX(eom.dq)
+    for k in set(range(rates.numel())) - {*system.active}:
+        rates[k] = 0
+    separations = {
+        name: (jacobian(contacts[name].position[1], eom.q) @ ddq)[0] + convective[name][1]
+        for name in eom.walker.contacts
+        if name not in mode.touching
+    }
+    shares, undetermined = _shares(system, forces, nulls, static)
+    return ContactMotion(
+        dz=vertcat(_ordered(eom, rates), _ordered(eom, ddq)) * (1 if system.structure.is_determined else SX.nan()),
+        forces=forces,
+        separations=separations,
+        regularity=regularity,
+        shares=shares,
+        undetermined=undetermined,
+    )
+
+
+def contact_impact(
+    eom: EquationsOfMotion, mode: Mode, *, static: Mapping[str, SX], kinetic: Mapping[str, SX], landing: Sequence[str]
+) -> ContactImpact:
+    """The impact after which the contacts are in a mode; contacts that leave the ground have no impulse.
+
+    Parameters
+    ----------
+    mode : just after the impact.
+    static, kinetic : SX by contact - coefficients of friction.
+    landing : the massless contacts that land: their coordinates take the values of ``Contact.places``.
+    """
+    system, contacts = _System(eom, mode, kinetic), eom.mechanism.contacts
+    # coordinates without inertia have no momentum: their rates follow from the constraints alone
+    required = -system.rows @ eom.dq
+    change, values, nulls, regularity = system.solve(SX.zeros(eom.dq.numel()), required)
+    impulses = _pairs(system, values, kinetic, {})
+    after, names = eom.dq + change, (*eom.walker.shape, "x", "y")
+    q = SX(eom.q)
+    for name in landing:
+        for key, value in contacts[name].places.items():
+            q[names.index(key)] = value
+    shares, undetermined = _shares(system, impulses, nulls, static)
+    return ContactImpact(
+        z_plus=vertcat(_ordered(eom, q), _ordered(eom, after)),
+        impulses=impulses,
+        velocities={name: jacobian(contacts[name].position, eom.q) @ after for name in eom.walker.contacts},
+        regularity=regularity,
+        shares=shares,
+        undetermined=undetermined,
+    )
+
+
+def _ordered(eom: EquationsOfMotion, values: SX) -> SX:
+    """Coordinates or rates (shape, x, y) in the order of the state."""
+    n = len(eom.walker.shape)
+    return eom.state(values[:n], values[n], values[n + 1])
+
+
+def _pairs(
+    system: _System, values: SX, kinetic: Mapping[str, SX], drag: Mapping[str, SX]
+) -> dict[str, SX]:
+    """(f_t, f_n) by contact from the forces of the constraints; friction and drag give f_t of a slip."""
+    pairs = {name: SX.zeros(2) for name in system.eom.walker.contacts}
+    for k, (name, row) in enumerate(system.structure.constraints):
+        pairs[name][row] = values[k]
+        direction = system.mode.directions[name]
+        if row and direction:
+            pairs[name][0] = -direction * kinetic[name] * values[k] + drag.get(name, 0)
+    return pairs
+
+
+def _shares(
+    system: _System, forces: Mapping[str, SX], nulls: SX, static: Mapping[str, SX]
+) -> tuple[tuple[Share, ...], tuple[str, ...]]:
+    """Margins of the groups of contacts whose forces are undetermined, and the contacts of these groups."""
+    structure = system.structure
+    rows = [
+        (parts, *_row_of(structure, parts[0], forces[parts[0][1]], nulls, static[parts[0][1]]), sample)
+        for parts, _, _, sample in _inequalities(structure, system.mode)
+    ]
+    shares = tuple(Share(parts=parts, value=value) for parts, value, _, _ in _without_shares(structure, rows))
+    return shares, structure.group
+
+
+_Inequality = tuple[tuple[tuple[str, str], ...], Any, Any, Array]
+"""Parts, value g, coefficients c and sampled coefficients of an inequality g + c a > 0 in the shares a."""
+
+
+def _inequalities(structure: Structure, mode: Mode) -> list[_Inequality]:
+    """The inequalities of the contacts that share their forces, at the sampled posture, without their values."""
+    kinds = {0: ("cone_forward", "cone_backward"), 1: ("normal_force",), -1: ("normal_force",)}
+    parts = [(kind, name) for name in structure.group for kind in kinds[mode.directions[name]]]
+    rows = [(part, *_row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)) for part in parts]
+    return [((part,), value, sample, sample) for part, value, sample in rows]
+
+
+def _row_of(structure: Structure, part: tuple[str, str], force: Any, nulls: Any, mu: Any) -> tuple[Any, Any]:
+    """Value and coefficients of one inequality, numbers or symbols."""
+    index = {constraint: k for k, constraint in enumerate(structure.constraints)}
+    kind, name = part
+    normal = nulls[index[name, 1], :]
+    if kind == "normal_force":
+        return force[1], normal
+    sign = 1 if kind == "cone_forward" else -1
+    return mu * force[1] + sign * force[0], mu * normal + sign * nulls[index[name, 0], :]
+
+
+def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_Inequality]:
+    """What remains of the inequalities when the shares are eliminated.
+
+    One share after the other: in place of each pair of inequalities in which it has opposite signs comes the sum in
+    which it cancels.
+    """
+    for k in range(len(structure.dropped)):
+        rising, falling = ([row for row in rows if sign * row[3][k] > DEPENDENT] for sign in (1, -1))
+        rows = [row for row in rows if abs(row[3][k]) <= DEPENDENT]
+        for one, other in product(rising, falling):
+            parts = (*one[0], *(part for part in other[0] if part not in one[0]))
+            (kind, name), (other_kind, other_name) = parts[0], parts[-1]
+            if len(parts) == 2 and name == other_name and kind != other_kind:
+                parts = (("normal_force", name),)  # the two edges of a cone: twice the friction that it provides
+            value, coefficients, sample = (
+                one[i] * -other[j][k] + other[i] * one[j][k] for i, j in ((1, 2), (2, 2), (3, 3))
+            )
+            rows.append((parts, value, coefficients, sample))
+    return list(rows)
+
+
+def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
+    """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
+    structure = _structure(walker, mode)
+    return tuple(parts for parts, *_ in _without_shares(structure, _inequalities(structure, mode)))
+
+
+FRICTION_SAMPLE = 0.37
+"""Coefficient of friction at which the structure of a mode is examined."""
+
+
+def _bordered(M: SX, J: SX, G: SX) -> SX:
+    return vertcat(horzcat(M, -G), horzcat(J, SX.zeros(J.shape[0], J.shape[0])))
+
+
+def _eliminated(K: SX, b: SX, order: Sequence[int]) -> tuple[SX, SX]:
+    """K^-1 b and the determinant of K up to its sign, by elimination with the rows in a given order."""
+    n = K.shape[0]
+    A, x, determinant = SX(K[[*order], :]) if n else K, SX(b[[*order], :]) if n else b, SX(1)
+    for j in range(n):
+        determinant *= A[j, j]
+        for i in range(j + 1, n):
+            if A[i, j].nnz() and not A[i, j].is_zero():
+                factor = A[i, j] / A[j, j]
+                A[i, j:] = A[i, j:] - factor * A[j, j:]
+                x[i, :] = x[i, :] - factor * x[j, :]
+    for i in reversed(range(n)):
+        x[i, :] = (x[i, :] - sum((A[i, k] * x[k, :] for k in range(i + 1, n) if not A[i, k].is_zero()), SX(0))) / A[i, i]
+    return x, determinant
+
+
+@built_once(maxsize=256)
+def _structure(walker: type[Walker], mode: Mode) -> Structure:
+    """What the constraints of a mode depend on, from sampled postures in which its contacts are on the ground.
+
+    Raises
+    ------
+    ProblemError
+        If the contacts cannot be on the ground together, or a coordinate has no inertia.
+    """
+    eom = equations_of_motion(walker)
+    contacts = eom.mechanism.contacts
+    q, names = eom.q, (*walker.shape, "x", "y")
+    constraints = tuple((name, 1) for name in mode.touching)
+    constraints += tuple((name, 0) for name in mode.touching if not mode.directions[name])
+    rows = [jacobian(contacts[name].position[row], q) for name, row in constraints]
+    slips = [mode.directions[name] * FRICTION_SAMPLE * row for name, row in constraints]
+    across = [jacobian(contacts[name].position[0], q) for name, _ in constraints]
+    columns = [row - (s * t if k else 0) for row, s, t, (_, k) in zip(rows, slips, across, constraints, strict=True)]
+    heights = vertcat(SX(0, 1), *(contacts[name].position[1] for name in mode.touching))
+    resting = {key for name in walker.contacts if name not in mode.touching for key in contacts[name].places}
+    active = [k for k, name in enumerate(names) if name not in resting]
+    stacked = [vertcat(SX(0, q.numel()), *rows), vertcat(SX(0, q.numel()), *columns), eom.M]
+    sampled = Function("structure", [q, eom.p], [densify(x) for x in (heights, jacobian(heights, q), *stacked)])
+    random, found = np.random.default_rng(0), list[Structure]()
+    for _ in range(20 * SAMPLES):
+        p, place = random.uniform(0.5, 1.5, eom.p.numel()), random.uniform(-0.3, 0.3, q.numel())
+        for _ in range(50):
+            height, slope, J, G, M = (np.asarray(value) for value in sampled(place, p))
+            if not np.all(np.isfinite(slope)) or np.abs(height).max(initial=0.0) < ON_GROUND:
+                break
+            place = place - np.linalg.pinv(slope) @ height.ravel()
+        if np.all(np.isfinite(J)) and np.all(np.isfinite(M)) and np.abs(height).max(initial=0.0) < ON_GROUND:
+            found.append(_pivots(constraints, J[:, active], G[:, active].T, M[np.ix_(active, active)]))
+        if len(found) == SAMPLES:
+            break
+    if not found:
+        raise ProblemError(f"{walker.__name__}: its contacts {', '.join(mode.touching)} do not reach the ground together")
+    same = max(found, key=lambda one: sum(one.kept == other.kept for other in found))
+    return same
+
+
+def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Array) -> Structure:
+    """The structure at one posture: J (n, n_q) rows and G (n_q, n) columns of all constraints, M mass matrix."""
+    kept: list[int] = []
+    basis = np.zeros((0, J.shape[1]))
+    for k, row in enumerate(J):
+        rest = row - basis.T @ (basis @ row)
+        rest = rest - basis.T @ (basis @ rest)
+        if np.linalg.norm(rest) > DEPENDENT * np.linalg.norm(row):
+            kept.append(k)
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+    dropped = [k for k in range(len(constraints)) if k not in kept]
+    nulls = np.zeros((len(constraints), len(dropped)))
+    for j, k in enumerate(dropped):
+        nulls[k, j] = 1
+        nulls[kept, j] = -np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
+    size = np.abs(G).max(initial=1.0)
+    K = np.block([[M, -G[:, kept]], [J[kept], np.zeros((len(kept), len(kept)))]])
+    order, A = list(range(len(K))), K.copy()
+    for j in range(len(K)):  # the largest pivot of each column, relative to its row
+        scale = np.abs(A[j:]).max(axis=1)
+        i = j + int(np.argmax(np.abs(A[j:, j]) / np.where(scale > 0, scale, 1)))
+        A[[j, i]], order[j], order[i] = A[[i, j]], order[i], order[j]
+        if A[j, j]:
+            A[j + 1 :] -= np.outer(A[j + 1 :, j] / A[j, j], A[j])
+    return Structure(
+        constraints=constraints,
+        kept=tuple(kept),
+        dropped=tuple(dropped),
+        pivots=tuple(order),
+        is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
+        nulls=nulls,
+        group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),
+    )
