@@ -16,8 +16,8 @@ at a posture of the mode. A constraint that depends on the ones before it is lef
 
     lambda = lambda_0 + N a,      J' N = 0
 
-all members of which move the walker alike. The mode holds as long as one of them lies in all friction cones. The margins
-of the mode do not contain a: Fourier and Motzkin's elimination leaves the sums in which it cancels, such as
+all members of which move the walker alike. The mode holds as long as one of them lies in all friction cones. The
+margins of the mode do not contain a: Fourier and Motzkin's elimination leaves the sums in which it cancels, such as
 
     (mu_1 f_n,1 + f_t,1) + (mu_2 f_n,2 + f_t,2) > 0
 
@@ -267,9 +267,7 @@ def _ordered(eom: EquationsOfMotion, values: SX) -> SX:
     return eom.state(values[:n], values[n], values[n + 1])
 
 
-def _pairs(
-    system: _System, values: SX, kinetic: Mapping[str, SX], drag: Mapping[str, SX]
-) -> dict[str, SX]:
+def _pairs(system: _System, values: SX, kinetic: Mapping[str, SX], drag: Mapping[str, SX]) -> dict[str, SX]:
     """(f_t, f_n) by contact from the forces of the constraints; friction and drag give f_t of a slip."""
     pairs = {name: SX.zeros(2) for name in system.eom.walker.contacts}
     for k, (name, row) in enumerate(system.structure.constraints):
@@ -330,10 +328,9 @@ def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_
             (kind, name), (other_kind, other_name) = parts[0], parts[-1]
             if len(parts) == 2 and name == other_name and kind != other_kind:
                 parts = (("normal_force", name),)  # the two edges of a cone: twice the friction that it provides
-            value, coefficients, sample = (
-                one[i] * -other[j][k] + other[i] * one[j][k] for i, j in ((1, 2), (2, 2), (3, 3))
-            )
-            rows.append((parts, value, coefficients, sample))
+            (_, g, c, sample), (_, other_g, other_c, other_sample) = one, other
+            value, coefficients = c[k] * other_g - other_c[k] * g, c[k] * other_c - other_c[k] * c
+            rows.append((parts, value, coefficients, sample[k] * other_sample - other_sample[k] * sample))
     return list(rows)
 
 
@@ -363,7 +360,8 @@ def _eliminated(K: SX, b: SX, order: Sequence[int]) -> tuple[SX, SX]:
                 A[i, j:] = A[i, j:] - factor * A[j, j:]
                 x[i, :] = x[i, :] - factor * x[j, :]
     for i in reversed(range(n)):
-        x[i, :] = (x[i, :] - sum((A[i, k] * x[k, :] for k in range(i + 1, n) if not A[i, k].is_zero()), SX(0))) / A[i, i]
+        known = sum((A[i, k] * x[k, :] for k in range(i + 1, n) if not A[i, k].is_zero()), SX(0))
+        x[i, :] = (x[i, :] - known) / A[i, i]
     return x, determinant
 
 
@@ -403,9 +401,9 @@ def _structure(walker: type[Walker], mode: Mode) -> Structure:
         if len(found) == SAMPLES:
             break
     if not found:
-        raise ProblemError(f"{walker.__name__}: its contacts {', '.join(mode.touching)} do not reach the ground together")
-    same = max(found, key=lambda one: sum(one.kept == other.kept for other in found))
-    return same
+        words = f"its contacts {', '.join(mode.touching)} do not reach the ground together"
+        raise ProblemError(f"{walker.__name__}: {words}")
+    return max(found, key=lambda one: sum(one.kept == other.kept for other in found))
 
 
 def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Array) -> Structure:

@@ -1,7 +1,5 @@
 """A walker with several contacts, its control and the ground in CasADi symbols; see ``gaitopt.model.system``."""
 
-from collections.abc import Mapping
-
 from casadi import SX, fmax, jacobian, jtimes, vertcat
 
 from gaitopt.building import BUILT
@@ -27,15 +25,19 @@ class ContactExpressions(Expressions):
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
         self._states: dict[Mode, ContactMotion] = {}
         self._collisions: dict[tuple[Mode, tuple[str, ...]], ContactImpact] = {}
-        self.transitions = ContactTransitions(walker, friction)
+        self.transitions = ContactTransitions(walker)
         of = friction.of(coefficients)
         self._static, self._kinetic, self._viscous = ({name: SX(c[k]) for name, c in of.items()} for k in range(3))
         BUILT.watch(vars(self))
 
-    def motion(self, mode: Mode) -> ContactMotion:
+    def rate(self, mode: Mode) -> SX:
+        """dz/dt in a mode, shape (n_z,)."""
+        return self.state(mode).dz
+
+    def state(self, mode: Mode) -> ContactMotion:
         """Accelerations and contact forces in a mode."""
         if mode not in self._states:
-            state = contact_motion(
+            result = contact_motion(
                 self.eom,
                 mode,
                 static=self._static,
@@ -44,7 +46,7 @@ class ContactExpressions(Expressions):
                 springs=self.eom.force_of(self.potential_of(mode)),
                 torque=self.torque,
             )
-            self._states[mode] = BUILT.watch(state)
+            self._states[mode] = BUILT.watch(result)
         return self._states[mode]
 
     def collision(self, mode: Mode, landing: tuple[str, ...]) -> ContactImpact:
@@ -56,7 +58,7 @@ class ContactExpressions(Expressions):
 
     def margins(self, mode: Mode) -> SX:
         """Margins of a mode, in the order of ``Transitions.margin_names``."""
-        state, contacts, q, dq = self.motion(mode), self.eom.mechanism.contacts, self.eom.q, self.eom.dq
+        state, contacts, q, dq = self.state(mode), self.eom.mechanism.contacts, self.eom.q, self.eom.dq
         margins: dict[str, SX] = {"upright": self.eom.mechanism.upright, "regularity": state.regularity}
         for name, contact in contacts.items():
             gap = contact.position[1] if contact.gap is None else contact.gap
@@ -72,7 +74,7 @@ class ContactExpressions(Expressions):
 
     def decision(self, mode: Mode) -> dict[str, SX]:
         """What decides whether a mode is consistent: dz, margins, their rates, and normal accelerations of contacts."""
-        margins, state = self.margins(mode), self.motion(mode)
+        margins, state = self.margins(mode), self.state(mode)
         rates = jtimes(margins, self.eom.z, state.dz) + jacobian(margins, self.t)
         return {
             "dz": state.dz,
@@ -81,9 +83,8 @@ class ContactExpressions(Expressions):
             "separations": vertcat(SX(0, 1), *(state.separations.values())),
         }
 
-    def contact_points(self) -> dict[str, SX]:
-        """Gap, normal and tangential velocity of every contact."""
-        contacts: Mapping = self.eom.mechanism.contacts
-        gaps = [c.position[1] if c.gap is None else c.gap for c in contacts.values()]
-        velocities = [jacobian(c.position, self.eom.q) @ self.eom.dq for c in contacts.values()]
-        return {"gaps": vertcat(*gaps), "velocities": vertcat(*velocities)}
+    def points(self) -> dict[str, SX]:
+        """Height, and velocity (v_t, v_n), of every contact."""
+        positions = [contact.position for contact in self.eom.mechanism.contacts.values()]
+        velocities = [jacobian(position, self.eom.q) @ self.eom.dq for position in positions]
+        return {"heights": vertcat(*(position[1] for position in positions)), "velocities": vertcat(*velocities)}

@@ -11,7 +11,6 @@ from itertools import product
 
 from gaitopt.model.contact_set import shares_of
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.friction import ContactFriction
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.transitions import CONE, Reset, Transition, Transitions
 from gaitopt.model.walker import Walker
@@ -23,13 +22,19 @@ AT_REST = ("stick", "slip_forward", "slip_backward", OFF)
 class ContactTransitions(Transitions):
     """The table of one walker with named contacts; attributes as of ``Transitions``."""
 
-    def __init__(self, walker: type[Walker], friction: ContactFriction) -> None:
-        self.walker, self._friction = walker, friction
+    def __init__(self, walker: type[Walker]) -> None:
+        self.walker = walker
         self.modes = walker.modes()
         self.landed = self.modes
         self.unloaded = ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[Mode, Mapping[str, Transition]] = {}
+
+    @property
+    def most_margins(self) -> int:
+        """Three of each contact, and sums of those of contacts that share their forces."""
+        n = len(self.walker.contacts)
+        return 2 + 3 * n + n**2
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
         """Candidates where the forces are decided anew and the contacts that stick are at rest."""
@@ -38,7 +43,7 @@ class ContactTransitions(Transitions):
     def _candidates(self, mode: Mode, *, at_rest: Iterable[str], landing: str | None = None) -> tuple[Mode, ...]:
         """Modes of the contacts that touch; an impact may change the motion of all of them."""
         rests, massless = {*at_rest}, {*self.walker.massless_contacts}
-        states = {}
+        states = dict[str, tuple[str, ...]]()
         for name, word in mode.contacts.items():
             if name in massless:
                 states[name] = ("stick", OFF) if name in mode.touching or name == landing else (OFF,)

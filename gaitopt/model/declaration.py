@@ -160,6 +160,7 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
             for k, damper in enumerate(stated.dampers)
         ),
         push=None if stated.push is None else read.vector("Mechanism.push", stated.push, 2, "shape"),
+        length=None if stated.length is None else read.scalar("Mechanism.length", stated.length, "parameters"),
         contacts={name: _checked_contact(read, name, contact) for name, contact in stated.contacts.items()},
     )
     if vertcat(q.x, q.y).is_valid_input():  # symbols rather than a given position of the foot
@@ -311,7 +312,8 @@ def _checked_contact(read: _Reader, name: str, contact: Contact) -> Contact:
     what = f"Mechanism.contacts[{name!r}]"
     for key in contact.places:
         if key not in read.walker.shape:
-            raise ProblemError(f"{read.walker.__name__}: {what}.places names {shown(key)}, which is no shape coordinate")
+            words = f"{what}.places names {shown(key)}, which is no shape coordinate"
+            raise ProblemError(f"{read.walker.__name__}: {words}")
     return Contact(
         position=read.vector(f"{what}.position", contact.position, 2, "all"),
         counts=read.scalar(f"{what}.counts", contact.counts, "height"),

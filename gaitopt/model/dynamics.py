@@ -73,18 +73,14 @@ class Dynamics(ReadOnlyArrays):
 
     @cached_property
     def contact_friction(self) -> dict[str, float]:
-        """Static coefficient of every named contact."""
-        p = self.p[self.system.friction_entries]
-        return {name: float(static) for name, (static, _, _) in self.system.friction.of(p).items()}
+        """Static coefficient of every contact by name."""
+        return {name: float(static) for name, (static, _, _) in self.system.contact_coefficients(self.p).items()}
 
     @property
     def friction_drops(self) -> bool:
-        """Whether friction drops when a foot begins to slip: static above kinetic."""
-        if self.system.walker.contacts:
-            coefficients = self.system.friction.of(self.p[self.system.friction_entries]).values()
-            return any(static > kinetic for static, kinetic, _ in coefficients)
-        static, kinetic, _ = self.system.friction_coefficients(self.p)
-        return bool(static > kinetic)
+        """Whether friction drops when a contact begins to slip: static above kinetic."""
+        coefficients = self.system.contact_coefficients(self.p).values()
+        return any(bool(static > kinetic) for static, kinetic, _ in coefficients)
 
     @cached_property
     def scales(self) -> Scales:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+from gaitopt.model.modes import FOOT
+
 
 @dataclass(frozen=True, slots=True)
 class Friction:
@@ -48,6 +50,10 @@ class Friction:
         """(mu_s, mu_k, c) from the values of ``parameters``, numbers or symbols."""
         by_key = {key: values[k] for k, key in enumerate(self.parameters)}
         return by_key[self.static], by_key[self.kinetic], 0.0 if self.viscous is None else by_key[self.viscous]
+
+    def of(self, values: Any) -> dict[str, tuple[Any, Any, Any]]:
+        """``coefficients`` by contact, of the one foot."""
+        return {FOOT: self.coefficients(values)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,7 @@ class EquationsOfMotion:
     dissipation : SX - power that the dampers dissipate [W].
     mass : SX - total mass [kg].
     gravity : SX - acceleration of gravity [m/s^2].
-    length : SX - distance of the farthest body from the stance foot where all shape coordinates are zero [m].
+    length : SX - natural unit of length, by default that of a straight leg; see ``Mechanism`` [m].
     mechanism : the walker's mechanism, with y = dy = 0 if it does not fly.
     """
 
@@ -101,7 +101,9 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     dissipation = sum((SX(d.coefficient) * jtimes(SX(d.across), q, dq) ** 2 for d in mechanism.dampers), SX(0))
     B = velocity_terms + gradient(dissipation, dq) / 2  # Rayleigh's function
     angles = vertcat(*mechanism.motors) if mechanism.motors else SX(0, 1)
-    straight = substitute(vertcat(*(norm_2(body.position) for body in mechanism.bodies)), q, SX.zeros(q.numel()))
+    feet = [contact.position for contact in mechanism.contacts.values()] or [SX.zeros(2)]
+    distances = (norm_2(body.position - foot) for body in mechanism.bodies for foot in feet)
+    straight = substitute(vertcat(*distances), q, SX.zeros(q.numel()))
 
     on_ground = "y" not in walker.coordinates()
 
@@ -127,7 +129,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         dissipation=grounded(dissipation),
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
         gravity=norm_2(mechanism.gravity),
-        length=mmax(straight),
+        length=mmax(straight) if mechanism.length is None else mechanism.length,
         mechanism=_mapped(mechanism, grounded),
     )
 

@@ -26,9 +26,9 @@ from gaitopt.building import BUILT, building, built_once
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
 from gaitopt.model.control import Control
 from gaitopt.model.declaration import state_after_impact
-from gaitopt.model.friction import COULOMB, Friction, ImpactLaw
+from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
@@ -71,6 +71,10 @@ class Expressions:
             held = self.slipping(_slip(mode), mode) if mode.touching else flight(self.eom, **self._acting(mode))
             self._motions[mode] = BUILT.watch(held)
         return self._motions[mode]
+
+    def rate(self, mode: Mode) -> SX:
+        """dz/dt in a mode, shape (n_z,)."""
+        return self.motion(mode).dz
 
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
         """Motion with a sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
@@ -223,7 +227,7 @@ class HybridSystem:
         walker: type[Walker],
         control: Control,
         law: ImpactLaw = ImpactLaw.COULOMB,
-        friction: Friction = COULOMB,
+        friction: Friction | ContactFriction = COULOMB,
     ) -> None:
         self.walker, self.control, self.law, self.friction = walker, control, law, friction
         self.parameters = (
@@ -236,11 +240,12 @@ class HybridSystem:
         self.n_shape = len(walker.coordinates()) - 1
         self.n_r = control.data(0).size
         n_walker = len(walker.model_fields)
-        self.friction_entries = slice(n_walker, n_walker + len(friction.parameters))
-        if walker.contacts:
+        self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
+        if isinstance(friction, ContactFriction):
             from gaitopt.model.contact_system import ContactExpressions  # it derives from ``Expressions``
 
-            self._symbols: Expressions = ContactExpressions(walker, control, law, friction)
+            self._contacts = ContactExpressions(walker, control, law, friction)
+            self._symbols: Expressions = self._contacts
         else:
             self._symbols = Expressions(walker, control, law, friction)
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
@@ -259,7 +264,7 @@ class HybridSystem:
     @compiled("tzpr")
     def flow(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> dz/dt."""
-        return {"dz": self._symbols.motion(mode).dz}
+        return {"dz": self._symbols.rate(mode)}
 
     @compiled("tzpr")
     def margins(self, mode: Mode) -> dict[str, SX]:
@@ -269,20 +274,20 @@ class HybridSystem:
     @compiled("tzpr")
     def events(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> margins and their rates along the flow."""
-        margins, dz = self._symbols.margins(mode), self._symbols.motion(mode).dz
+        margins, dz = self._symbols.margins(mode), self._symbols.rate(mode)
         return {"margins": margins, "rates": jtimes(margins, self._eom.z, dz) + jacobian(margins, self._symbols.t)}
 
     @compiled("tzpr")
     def linearized(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
-        dz, margins = self._symbols.motion(mode).dz, self._symbols.margins(mode)
+        dz, margins = self._symbols.rate(mode), self._symbols.margins(mode)
         by_z = jacobian(margins, self._eom.z)
         return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._symbols.t)}
 
     @compiled("typr")
     def variational(self, mode: Mode, columns: int) -> dict[str, SX]:
         """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
-        z, dz, deviations = self._eom.z, self._symbols.motion(mode).dz, SX.sym("deviations", self.n_z, columns)
+        z, dz, deviations = self._eom.z, self._symbols.rate(mode), SX.sym("deviations", self.n_z, columns)
         return {"y": vertcat(z, vec(deviations)), "dy": vertcat(dz, vec(jacobian(dz, z) @ deviations))}
 
     @compiled("tzpr")
@@ -329,12 +334,12 @@ class HybridSystem:
     @compiled("tzpr")
     def contact_decision(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> dz/dt, margins, their rates, and normal accelerations of the contacts that are off."""
-        return self._symbols.decision(mode)
+        return self._contacts.decision(mode)
 
     @compiled("zp")
     def contact_impact(self, mode: Mode, landing: tuple[str, ...]) -> dict[str, SX]:
         """(z, p) -> z_plus, impulses, velocities, regularity and margins of groups; see ``ContactImpact``."""
-        result = self._symbols.collision(mode, landing)
+        result = self._contacts.collision(mode, landing)
         return {
             "z_plus": result.z_plus,
             "impulses": vertcat(*result.impulses.values()),
@@ -350,15 +355,13 @@ class HybridSystem:
         eom, n = self._eom, len(self.walker.shape)
         shape, base = eom.mechanism.relabel, eom.mechanism.swing_foot
         rates, velocity = (jtimes(SX(value), eom.q, eom.dq) for value in (shape, base))
-        return {
-            "z_plus": vertcat(eom.state(shape, base[0], base[1]), eom.state(rates[:n], velocity[0], velocity[1]))
-        }
+        return {"z_plus": vertcat(eom.state(shape, base[0], base[1]), eom.state(rates[:n], velocity[0], velocity[1]))}
 
     @property
     @compiled("zp")
     def contact_points(self) -> dict[str, SX]:
-        """(z, p) -> gap of every contact, and its velocities (v_t, v_n)."""
-        return self._symbols.contact_points()
+        """(z, p) -> height of every contact, and its velocity (v_t, v_n)."""
+        return self._contacts.points()
 
     @property
     @compiled("tzspr")
@@ -443,7 +446,11 @@ class HybridSystem:
 
     def friction_coefficients(self, p: Any) -> tuple[Any, Any, Any]:
         """Static, kinetic and viscous coefficient from parameters as numbers or symbols; see ``Friction``."""
-        return self.friction.coefficients(p[self.friction_entries])
+        return self.contact_coefficients(p)[FOOT]
+
+    def contact_coefficients(self, p: Any) -> dict[str, tuple[Any, Any, Any]]:
+        """The three coefficients of every contact by name."""
+        return self.friction.of(p[self._friction_entries])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -452,12 +459,14 @@ class _Definition:
 
     walker: type[Walker]
     law: ImpactLaw
-    friction: Friction
+    friction: Friction | ContactFriction
     control_pickle: bytes
     control: Control = field(compare=False)
 
 
-def _unpickled(walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> HybridSystem:
+def _unpickled(
+    walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction | ContactFriction
+) -> HybridSystem:
     pickled = pickle.dumps(control)
     return _system(_Definition(walker=walker, law=law, friction=friction, control_pickle=pickled, control=control))
 

@@ -311,6 +311,11 @@ class Transitions:
             self._impacts[mode] = {row.guard: row for row in self._of_impact(mode)}
         return self._impacts[mode]
 
+    @property
+    def most_margins(self) -> int:
+        """A bound of the number of margins of a mode."""
+        return max(len(self.of(mode)) for mode in self.modes)
+
     def margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of a mode, in the order of ``HybridSystem.margins``."""
         return tuple(self.of(mode))

@@ -103,6 +103,8 @@ class Mechanism:
     push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands; None if the
         walker does not push off [N s].
     contacts : the points that can touch the ground by name, of a walker with several contacts.
+    length : natural unit of length [m]; by default the largest distance of a body from the stance foot, or from a
+        contact, where all shape coordinates are zero.
     """
 
     bodies: tuple[Body, ...]
@@ -119,6 +121,7 @@ class Mechanism:
     dampers: tuple[Damper, ...] = ()
     push: SX | None = None
     contacts: Mapping[str, Contact] = field(default_factory=dict)
+    length: SX | None = None
 
 
 def polar(length: Any, angle: Any) -> SX:
@@ -239,7 +242,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     def foot_modes(cls) -> tuple[Mode, ...]:
         """States of the foot, or of the contacts, as modes without stops."""
         if cls.contacts:
-            words = dict.fromkeys(cls.contacts, (*CONTACTS, OFF))
+            words: dict[str, tuple[str, ...]] = dict.fromkeys(cls.contacts, (*CONTACTS, OFF))
             words |= dict.fromkeys(cls.massless_contacts, (Mode.STICK, OFF))
             names = [dict(zip(words, choice, strict=True)) for choice in product(*words.values())]
             return tuple(Mode.of_contacts(states) for states in names)

@@ -133,6 +133,10 @@ class _StatementReader:
             reason = refused_walkers().get(name) if isinstance(name, str) else None
             self._fault(path, reason or f"{wrong}{near_miss(name, tuple(self._walkers))}")
             return None, None
+        if model.contacts:
+            words = "has several contacts: its motions can be simulated, but its gaits cannot be solved yet"
+            self._fault(path, f"{name} {words}; name a walker that stands on one foot at a time")
+            return None, None
         try:
             with calling(model, "reading its parameters"):
                 parameters = {key: value for key, value in section.items() if key != "model"}

@@ -12,8 +12,8 @@ and at zero the rates decide. After an impact
     leaves          no impulse, and a velocity away from the ground
 
 Combinations count once if they move the walker alike, such as sticking and slipping without a velocity. Where several
-motions are consistent because friction drops at the onset of slip, the one that sticks counts. Otherwise the motion ends
-with a name where no combination is consistent, or several are.
+motions are consistent because friction drops at the onset of slip, the one that sticks counts. Otherwise the motion
+ends with a name where no combination is consistent, or several are.
 """
 
 from collections.abc import Iterable
@@ -24,6 +24,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.buffered import Buffers
+from gaitopt.model.contact_transitions import AT_REST
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.transitions import Ending, Transition, kind
@@ -60,6 +61,7 @@ class ContactSetResolver:
         self._speed, self._impulse = scales.speed, scales.impulse
         self._acceleration = dynamics.state_units[dynamics.system.n_z // 2 :] / scales.time
         self._names = dynamics.system.walker.contacts
+        self._massless = dynamics.system.walker.massless_contacts
         self._drops = dynamics.friction_drops
         self._decisions: dict[Mode, Buffers] = {}
         self._impacts: dict[tuple[Mode, tuple[str, ...]], Buffers] = {}
@@ -67,11 +69,11 @@ class ContactSetResolver:
 
     def first_mode(self, t: float, z: Array, segment: int) -> Mode | Termination:
         """Mode of a motion that starts at a state; a contact touches the ground if its height and approach are zero."""
-        gaps, velocities = (values.copy() for values in self._points(z, self._dynamics.p))
+        heights, velocities = (values.copy() for values in self._points(z, self._dynamics.p))
         velocities = velocities.reshape(-1, 2)
         length, words = self._dynamics.scales.length, {}
-        for name, gap, (v_t, v_n) in zip(self._names, gaps, velocities, strict=True):
-            touches = abs(gap) <= TOUCHING * length and abs(v_n) <= TOUCHING * self._speed
+        for name, height, (v_t, v_n) in zip(self._names, heights, velocities, strict=True):
+            touches = abs(height) <= TOUCHING * length and abs(v_n) <= TOUCHING * self._speed
             slip = "stick" if abs(v_t) <= TOUCHING * self._speed else Mode.slip(v_t)
             words[name] = str(slip) if touches else OFF
         mode = self._system.walker.released(Mode.of_contacts(words))
@@ -126,14 +128,19 @@ class ContactSetResolver:
         )
 
     def _impact(self, candidates: Iterable[Mode], landing: str, z_minus: Array) -> _Option | Termination:
-        gaps, velocities = (values.copy() for values in self._points(z_minus, self._dynamics.p))
-        before = velocities.reshape(-1, 2)
+        """The only consistent impact; contacts that arrive at the same instant take part."""
+        heights, velocities = (values.copy() for values in self._points(z_minus, self._dynamics.p))
+        before, size = velocities.reshape(-1, 2) / self._speed, self._dynamics.scales.length
         place = {name: k for k, name in enumerate(self._names)}
-        massless = landing in self._system.walker.massless_contacts
-        if not massless and not before[place[landing], 1] < -EDGE * self._speed:
-            words = f"{landing} does not come down: its normal velocity is {before[place[landing], 1]:.6g} m/s"
+        massless = landing in self._massless
+        if not massless and before[place[landing], 1] >= -EDGE:
+            words = f"{landing} does not come down: its normal velocity is {before[place[landing], 1]:.6g} sqrt(g l)"
             return Termination(Ending.IMPACT_INCONSISTENT, words)
         touching = {name for mode in candidates for name in mode.touching}
+        for name in {*self._names} - touching - {*self._massless}:
+            if abs(heights[place[name]]) <= TOUCHING * size and before[place[name], 1] < -TOUCHING:
+                touching.add(name)
+                candidates = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
         options = []
         for mode in candidates:
             if massless and landing not in mode.touching:
@@ -141,8 +148,8 @@ class ContactSetResolver:
             key = mode, ((landing,) if massless else ())
             if key not in self._impacts:
                 self._impacts[key] = Buffers(self._system.contact_impact(*key))
-            z_plus, impulses, after, regularity, shares = self._impacts[key](z_minus, self._dynamics.p)
-            impulse, after = impulses.reshape(-1, 2) / self._impulse, after.reshape(-1, 2) / self._speed
+            z_plus, impulses, velocities, regularity, shares = self._impacts[key](z_minus, self._dynamics.p)
+            impulse, after = impulses.reshape(-1, 2) / self._impulse, velocities.reshape(-1, 2) / self._speed
             if not regularity[0] > 0 or np.any(shares / self._impulse < -EDGE):
                 continue
             if all(self._stays(mode, name, impulse[place[name]], after[place[name]], shares.size) for name in touching):
@@ -173,36 +180,40 @@ class ContactSetResolver:
         acceleration = dz[self._system.n_z // 2 :] / self._acceleration
         if not np.all(np.isfinite(acceleration)):
             return acceleration
-        names, ahead = self._system.transitions.margin_names(mode), None
+        lifted, massless = [name for name in self._names if name not in mode.touching], self._massless
+        later: tuple[Array, Array, Array, Array] | None = None
+        names = self._system.transitions.margin_names(mode)
 
-        def look_ahead() -> tuple[Array, Array]:
-            later = self._decide(mode, t + LOOK_AHEAD * self._time, z + LOOK_AHEAD * self._time * dz, segment)
-            return later[2], later[3]
+        def ahead() -> tuple[Array, Array, Array, Array]:
+            moved = z + LOOK_AHEAD * self._time * dz
+            return self._decide(mode, t + LOOK_AHEAD * self._time, moved, segment) if later is None else later
 
         for k, name in enumerate(names):
-            what, _, contacts = name.partition(".")
-            if what == "gap" or what not in DECISIVE:
+            what, margin, rate, bend = kind(name), margins[k], rates[k], 0.0
+            if what not in DECISIVE or (what == "slip_velocity" and margin > EDGE):
                 continue
-            margin, rate = margins[k], rates[k]
-            if what == "slip_velocity" and margin > EDGE:
-                continue
-            bend = 0.0
-            if margin <= EDGE and bends_decide(margin, rate):
-                ahead = look_ahead() if ahead is None else ahead
-                bend = (ahead[0][k] - rate) / LOOK_AHEAD
-            if falls_at_start(name, min(margin, 0.0) if what == "slip_velocity" else margin, rate, bend):
+            if what == "slip_velocity":
+                margin = min(margin, 0.0)  # at rest to within rounding
+            if bends_decide(margin, rate):
+                later = ahead()
+                bend = (later[2][k] - rate) / LOOK_AHEAD
+            if falls_at_start(name, margin, rate, bend) or (what == "regularity" and margin <= EDGE):
                 return None
-            if what == "regularity" and margin <= EDGE:
-                return None
-        lifted = [name for name in self._names if name not in mode.touching]
         for k, name in enumerate(lifted):
             if name not in touching:
                 continue
-            value, growth = separations[k], 0.0
+            if name in massless:  # it is off where the ground would have to pull at it
+                closed = mode.with_states({name: "stick"})
+                row = self._system.transitions.margin_names(closed).index(f"normal_force.{name}")
+                _, forces, growth, _ = self._decide(closed, t, z, segment)
+                if not falls_at_start("normal_force", forces[row], growth[row]):
+                    return None
+                continue
+            value, growing = separations[k], 0.0
             if abs(value) <= STEADY:
-                ahead = look_ahead() if ahead is None else ahead
-                growth = (ahead[1][k] - value) / LOOK_AHEAD
-            if not (value > STEADY or growth > STEADY):
+                later = ahead()
+                growing = (later[3][k] - value) / LOOK_AHEAD
+            if not (value > STEADY or growing > STEADY):
                 return None
         return acceleration
 
@@ -217,11 +228,11 @@ class ContactSetResolver:
 
     def _one_of(self, options: list[_Option]) -> _Option | None:
         """The only motion among consistent options, or the one that sticks where friction drops; None otherwise."""
-        different = [
-            option
-            for k, option in enumerate(options)
-            if all(np.abs(option.motion - other.motion).max() > ALIKE * (1 + np.abs(option.motion).max()) for other in options[:k])
-        ]
+        different: list[_Option] = []
+        for option in options:
+            close = ALIKE * (1 + np.abs(option.motion).max())
+            if all(np.abs(option.motion - other.motion).max() > close for other in different):
+                different.append(option)
         if len(different) == 1:
             return different[0]
         if different and self._drops:

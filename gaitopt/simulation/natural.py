@@ -36,7 +36,7 @@ class NaturalSystem:
     def __init__(self, system: HybridSystem) -> None:
         self._system = system
         self._functions: dict[str, Function] = {}
-        n_margins = max(len(system.transitions.of(mode)) for mode in system.transitions.modes)
+        n_margins = system.transitions.most_margins
         self._tau, self._r = SX.sym("tau"), SX.sym("r", system.n_r)
         self._p, self._time = SX.sym("p", len(system.parameters)), SX.sym("T")
         self._state, self._margins = SX.sym("D", system.n_z), SX.sym("S", n_margins)
@@ -128,6 +128,18 @@ class NaturalSystem:
         return self._functions[name]
 
 
+class PerMode(dict[Mode, Array]):
+    """Arrays by mode, made when they are first asked for."""
+
+    def __init__(self, make: Callable[[Mode], Array]) -> None:
+        self._make = make
+
+    def __missing__(self, mode: Mode) -> Array:
+        """The array of a mode."""
+        self[mode] = value = self._make(mode)
+        return value
+
+
 class NaturalDynamics:
     """A hybrid system at fixed parameters in natural units.
 
@@ -151,12 +163,16 @@ class NaturalDynamics:
         self.dynamics, self.system, scales = dynamics, dynamics.system, dynamics.scales
         self.functions = natural_system(dynamics.system)
         self.time, self.speed, self.state = scales.time, scales.speed, dynamics.state_units
-        units = {mode: dynamics.margin_units(mode) for mode in dynamics.system.transitions.modes}
-        most = max(map(len, units.values()))
-        self.margins = {mode: np.append(values, np.ones(most - values.size)) for mode, values in units.items()}
-        self.parameters = {
-            mode: np.concatenate([dynamics.p, [self.time], self.state, values]) for mode, values in self.margins.items()
-        }
+        most = dynamics.system.transitions.most_margins
+
+        def margin_units(mode: Mode) -> Array:
+            values = dynamics.margin_units(mode)
+            return np.append(values, np.ones(most - values.size))
+
+        self.margins = PerMode(margin_units)
+        self.parameters = PerMode(
+            lambda mode: np.concatenate([dynamics.p, [self.time], self.state, self.margins[mode]])
+        )
         self._points: dict[Mode, Buffers] = {}
         self._rests: dict[Mode, Buffers] = {}
 

@@ -4,11 +4,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from contact_walkers import HeelToe
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from gaitopt.model.transitions import transitions
+from gaitopt.model.contact_transitions import ContactTransitions
+from gaitopt.model.transitions import kind, transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.events import (
@@ -129,8 +131,14 @@ def test_simultaneous_events_are_ranked(names: tuple[str, ...], winner: str) -> 
 
 
 def test_every_margin_has_a_rank() -> None:
-    tables = [transitions(CompassBiped), transitions(KneedWalker)]
-    names = {name for table in tables for mode in table.modes for name in table.margin_names(mode)}
+    tables = [transitions(CompassBiped), transitions(KneedWalker), ContactTransitions(HeelToe)]
+    names = {
+        kind(name)
+        for table in tables
+        for mode in table.modes
+        if len(mode.touching) < 3
+        for name in table.margin_names(mode)
+    }
     assert set(PRIORITY) == names - set(KneedWalker.stops) | {""}
     assert priority("touchdown") < priority("knee") < priority("slip_velocity")
 

@@ -1,0 +1,221 @@
+"""Motions of walkers with several contacts: closed forms, time stepping without modes, identities, named endings."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, dynamics_of, frame, heel_toe
+from scipy.special import ellipk, ellipkinc
+from time_stepping import walk
+
+from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import Ending
+from gaitopt.simulation.simulator import Simulator
+
+BLOCK = {"half": 0.25, "height": 1.0}
+BLOCK_ANGLE = np.arctan2(BLOCK["half"], BLOCK["height"])
+STICKING_IMPACT = 3 * BLOCK["half"] * BLOCK["height"] / (BLOCK["half"] ** 2 + 4 * BLOCK["height"] ** 2)
+HEEL_STRIKES = {  # friction, and the state (theta1, theta2, dtheta1, dtheta2) of its gait
+    0.3: (-0.294967154, -0.317064605, 1.156405185, -0.343932281),
+    0.265: (-0.294921134, -0.317018937, 1.156372288, -0.344130861),
+}
+
+
+def tilted(case: ContactCase, theta: float, corner: str) -> np.ndarray:
+    """A block at rest on one corner."""
+    q = np.array([theta, 0.0, 0.0])
+    q[1:] -= case.points[corner].position(q)
+    return case.state(q, np.zeros(3))
+
+
+def on_heel(case: ContactCase, values: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and rates of a compass that stands on its heel without a slip."""
+    q = np.array([*values[:2], 0.0, 0.0])
+    q[2:] -= case.points["heel"].position(q)
+    dq = np.array([*values[2:], 0.0, 0.0])
+    dq[2:] -= case.points["heel"].velocity(q, dq)
+    return q, dq
+
+
+def words(mode: Mode) -> list[str]:
+    return [f"{name} {mode.contacts[name]}" for name in mode.touching]
+
+
+@pytest.mark.parametrize("start", [0.3, 0.6, 0.9])
+def test_a_block_rocks_in_the_time_of_the_elliptic_integral_and_keeps_the_rates_of_its_ratio(start: float) -> None:
+    case = frame(**BLOCK)
+    theta0 = start * BLOCK_ANGLE
+    step = Simulator(case.dynamics(1.0), max_switches=1).step(tilted(case, theta0, "right"), dense=True).step
+    fall, rise = step.arcs[:2]
+    assert [words(arc.mode) for arc in (fall, rise)] == [["right stick"], ["left stick"]]
+    p = np.sqrt(3 * 9.81 / (4 * np.hypot(*BLOCK.values())))
+    k = np.cos((BLOCK_ANGLE - theta0) / 2)
+    quarter = (ellipk(k**2) - ellipkinc(np.arcsin(np.cos(BLOCK_ANGLE / 2) / k), k**2)) / p
+    assert fall.end == pytest.approx(quarter, rel=1e-11)
+    before, after = fall.states[-1][3], rise.states[0][3]
+    assert after / before == pytest.approx(1 - 1.5 * np.sin(BLOCK_ANGLE) ** 2, rel=1e-11)
+
+
+def test_the_impact_of_a_block_slips_below_the_friction_of_its_closed_form() -> None:
+    case = frame(**BLOCK)
+    state = tilted(case, 0.5 * BLOCK_ANGLE, "right")
+    modes = {}
+    for friction in (STICKING_IMPACT * (1 - 1e-9), STICKING_IMPACT * (1 + 1e-9)):
+        step = Simulator(case.dynamics(friction), max_switches=1).step(state).step
+        assert step.arcs[0].mode.contacts["right"] == "stick"
+        modes[friction] = step.arcs[1].mode.contacts["left"]
+    assert [*modes.values()] == ["slip_backward", "stick"]
+
+
+def test_the_impacts_of_a_rocking_block_accumulate_and_the_ending_says_so() -> None:
+    case = frame(**BLOCK)
+    outcome = Simulator(case.dynamics(1.0)).step(tilted(case, 0.5 * BLOCK_ANGLE, "right"))
+    assert outcome.ending == Ending.CHATTERING
+    energies = [case.oracle.energy(*coordinates(case, arc.states[0])) for arc in outcome.step.arcs]
+    assert all(later < before for before, later in pairwise(energies))
+
+
+def coordinates(case: ContactCase, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    n = len(case.walker.shape)
+    order = [*range(n), n + 1, n]
+    return state[: n + 2][order], state[n + 2 :][order]
+
+
+def test_a_block_that_lands_flat_comes_to_rest_on_both_corners() -> None:
+    case = frame(**BLOCK)
+    outcome = Simulator(case.dynamics(0.5)).step(np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.3]))
+    landed = outcome.step.arcs[1]
+    assert landed.start == pytest.approx(np.sqrt(2 * 0.2 / 9.81), rel=1e-12)
+    assert set(landed.mode.touching) == {"left", "right"}
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.5, 0.99, 1.01, 1.5])
+def test_a_frame_at_rest_stays_as_long_as_some_split_of_its_forces_lies_in_both_cones(ratio: float) -> None:
+    """On a slope the load shifts to the lower foot; each foot has friction of its own."""
+    friction, slope = {"left": 0.6, "right": 0.2}, 0.1
+    for slope in (0.1, 0.3):
+        half, height = 0.5, 0.4
+        # moments about the centre of mass: N_right - N_left = 2 tan(slope) height / half times the weight's normal part
+        share = (1 + np.tan(slope) * height / half) / 2
+        holds = (1 - share) * friction["left"] + share * friction["right"]
+        factor = np.tan(slope) / holds * (ratio or 1e-9)
+        case = frame(half, height, slope=slope)
+        scaled = {name: value * np.tan(slope) / holds / max(ratio, 1e-3) for name, value in friction.items()}
+        case_dynamics = case.dynamics(scaled)
+        outcome = Simulator(case_dynamics).step(np.array([0.0, height, 0.0, 0.0, 0.0, 0.0]))
+        first = outcome.step.arcs[0].mode if outcome.step else None
+        assert (first is not None and first.sticks) is (ratio < 1), factor
+
+
+def test_a_sliding_frame_tips_above_the_friction_of_its_proportions() -> None:
+    half, height = 0.3, 1.0
+    case = frame(half, height, inertia=3.0)
+    state = np.array([0.0, height, 0.0, 0.0, 0.0, 1.0])
+    slides = Simulator(case.dynamics(0.9 * half / height)).step(state).step.arcs[0].mode
+    assert words(slides) == ["left slip_forward", "right slip_forward"]
+    tips = Simulator(case.dynamics(1.1 * half / height)).step(state).step.arcs[0].mode
+    assert words(tips) == ["right slip_forward"]
+
+
+def test_a_frame_that_slides_with_too_much_friction_has_no_consistent_motion() -> None:
+    """Painleve: the friction of the front foot turns the body into the ground faster than it can yield."""
+    half, height, inertia = 0.3, 1.0, 0.05
+    case = frame(half, height, inertia=inertia)
+    state = np.array([0.0, height, 0.0, 0.0, 0.0, 1.0])
+    # normal acceleration of the front foot per normal force, 1 + half (half - mu height) / inertia, turns negative
+    critical = (inertia + half**2) / (half * height)
+    fine = Simulator(case.dynamics(critical * 0.99)).step(state)
+    assert fine.ending != Ending.CONTACT_INCONSISTENT
+    outcome = Simulator(case.dynamics(critical * 1.01)).step(state)
+    assert outcome.step is None
+    assert outcome.ending in (Ending.CONTACT_INCONSISTENT, Ending.CONTACT_AMBIGUOUS)
+
+
+@pytest.mark.parametrize("friction", HEEL_STRIKES)
+def test_a_compass_with_feet_rolls_over_heel_and_toe_as_time_stepping_does(friction: float) -> None:
+    case = heel_toe()
+    q, dq = on_heel(case, HEEL_STRIKES[friction])
+    step = Simulator(case.dynamics(friction)).step(case.state(q, dq)).step
+    assert step.impact.state[[0, 1]] == pytest.approx(HEEL_STRIKES[friction][:2], abs=1e-7)
+    assert step.impact.state[[4, 5]] == pytest.approx(HEEL_STRIKES[friction][2:], abs=1e-6)
+    end = step.arcs[-1].end * 0.98  # in front of the next heel strike, past the impact of the toe
+    exact = Simulator(case.dynamics(friction))
+    last = [arc for arc in step.arcs if arc.start < end][-1]
+    reference = exact.stepper.sample(last.mode, 0, last.states[0], np.array([last.start, end]))[-1]
+    expected = np.concatenate(coordinates(case, reference))
+    expected[2] += q[2]  # x is counted from where the step starts
+    errors = []
+    for steps in (500, 1000, 2000):
+        place, rates, _ = walk(
+            case.oracle,
+            case.points,
+            dict.fromkeys(case.points, friction),
+            (q, dq),
+            end,
+            steps,
+            counts=lambda name, q: not name.startswith("swing") or q[0] > 0.05,
+        )
+        errors.append(np.abs(np.concatenate([place, rates]) - expected).max())
+    assert errors[-1] < 0.01
+    assert errors[-1] < 0.75 * errors[0]
+
+
+def test_energy_of_spring_mass_walking_is_conserved_through_double_support() -> None:
+    dynamics = dynamics_of(SPRING_MASS, 1.0)
+    y, back = np.sin(SPRING_MASS.attack), 0.10336958
+    length = np.hypot(back, y)
+    speed = np.sqrt(2 * (816.0 - 80 * 9.81 * y - 7e3 * (1 - length) ** 2) / 80)
+    vx, vy = speed * np.cos(-0.33568428), speed * np.sin(-0.33568428)
+    placed = np.array([np.cos(SPRING_MASS.attack), -y, -back, -y])
+    state = np.concatenate([placed, [y, 0.0], [-vx, -vy, -vx, -vy, vy, vx]])
+    walked = Simulator(dynamics).run(state, 3)
+    assert walked.ending == Ending.COMPLETED
+    for step in walked.steps:
+        assert [words(arc.mode) for arc in step.arcs] == [["front stick", "back stick"], ["front stick"]]
+        z = step.impact.state
+        spring = 7e3 * (1 - np.hypot(*z[2:4])) ** 2
+        assert 40 * (z[-1] ** 2 + z[-2] ** 2) + 80 * 9.81 * z[4] + spring == pytest.approx(816.0, rel=1e-12)
+    assert walked.steps[0].impact.state == pytest.approx(state, abs=1e-5)
+
+
+def test_a_crawler_slides_as_a_damped_oscillator_while_one_mass_rests() -> None:
+    """The front mass is pushed ahead from rest by the compressed spring; the rear one holds."""
+    c = CRAWLER
+    friction = {"rear": 0.6, "front": 0.2}
+    gap = 0.2
+    state = np.array([gap, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    step = Simulator(dynamics_of(c, friction), max_switches=1).step(state).step
+    assert words(step.arcs[0].mode) == ["rear stick", "front slip_forward"]
+    along, normal = c.gravity * np.sin(c.slope), c.gravity * np.cos(c.slope)
+    rest = c.rest + c.front_mass * (along - 0.2 * normal) / c.stiffness
+    decay = c.damping / (2 * c.front_mass)
+    omega = np.sqrt(c.stiffness / c.front_mass - decay**2)
+    assert step.arcs[0].end == pytest.approx(np.pi / omega, rel=1e-11)
+    assert step.arcs[0].states[-1][0] == pytest.approx(rest + (rest - gap) * np.exp(-decay * np.pi / omega), rel=1e-11)
+
+
+def test_a_contact_that_never_touches_changes_nothing() -> None:
+    """The toe of a longer foot that stays in the air, and contacts in another order."""
+    case = heel_toe()
+    q, dq = on_heel(case, HEEL_STRIKES[0.3])
+    step = Simulator(case.dynamics(0.3)).step(case.state(q, dq)).step
+
+    class Renumbered(type(case.walker)):
+        model = "renumbered"
+        contacts = ("swing_toe", "toe", "swing_heel", "heel", "knee")
+
+        @classmethod
+        def mechanism(cls, q, p):
+            from dataclasses import replace
+
+            from gaitopt.model.walker import Contact, polar
+
+            stated = super().mechanism(q, p)
+            knee = Contact(position=stated.bodies[0].position + polar(p.leg_com / 4, q.theta1))
+            known = {**stated.contacts, "knee": knee}
+            return replace(stated, contacts={name: known[name] for name in cls.contacts})
+
+    other = Simulator(dynamics_of(Renumbered(**dict(case.walker)), 0.3)).step(case.state(q, dq)).step
+    assert other.impact.state == pytest.approx(step.impact.state, abs=1e-12)
+    assert [arc.end for arc in other.arcs] == pytest.approx([arc.end for arc in step.arcs], abs=1e-12)
+    assert [set(words(arc.mode)) for arc in other.arcs] == [set(words(arc.mode)) for arc in step.arcs]
