@@ -68,7 +68,7 @@ class ContactTransitions(Transitions):
                 landed = self._candidates(mode, at_rest=rests, landing=name)
                 rows.append(self._row(f"gap.{name}", reset=Reset(of=name, ends_step=ends), candidates=landed))
                 continue
-            if name not in shared or direction:
+            if name not in shared:
                 rows.append(self._row(f"normal_force.{name}", at_rest=rests, candidates=again))
             if not direction and name not in shared:
                 rows += [self._row(f"{cone}.{name}", at_rest=rests, candidates=again) for cone in CONE.values()]

@@ -33,6 +33,8 @@ from gaitopt.simulation.events import EDGE, LOOK_AHEAD, bends_decide, falls_at_s
 
 ALIKE = 1e-9
 """Motions are the same if their accelerations, or velocities, differ by less, in natural units."""
+AT_REST_TOO = 1e-11
+"""A slip velocity below this, in natural units, is zero where another contact has just come to rest."""
 TOUCHING = 1e-9
 """A contact of a given state touches the ground if its height and normal velocity are below this, in natural units."""
 
@@ -81,6 +83,7 @@ class ContactSetResolver:
 
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
+        candidates = self._with_others_at_rest(candidates, z)
         touching = {name for mode in candidates for name in mode.touching}
         options: list[_Option] = []
         undetermined = False
@@ -101,6 +104,17 @@ class ContactSetResolver:
             return Termination(Ending.UNDETERMINED, words)
         among = f"none of {len(candidates)} combinations of {', '.join(sorted(touching)) or 'no contact'}"
         return Termination(Ending.CONTACT_INCONSISTENT, f"no motion is consistent with the contact forces: {among}")
+
+    def _with_others_at_rest(self, candidates: tuple[Mode, ...], z: Array) -> tuple[Mode, ...]:
+        """The candidates, and what contacts can do that come to rest at the same instant as another one."""
+        _, velocities = self._points(z, self._dynamics.p)
+        rests = np.abs(velocities.reshape(-1, 2)[:, 0]) <= AT_REST_TOO * self._speed
+        slipping = {name for mode in candidates for name, direction in mode.directions.items() if direction}
+        for name, stops in zip(self._names, rests, strict=True):
+            if stops and name in slipping:
+                words = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
+                candidates = tuple(dict.fromkeys(words))
+        return candidates
 
     def strike(self, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
         """Mode and state just after a contact has landed in state ``z_minus``; forces then decide about the motion."""

@@ -1,15 +1,21 @@
 """Motions of walkers with several contacts: closed forms, time stepping without modes, identities, named endings."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, dynamics_of, frame, heel_toe
+from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, HeelToe, dynamics_of, frame, heel_toe
 from scipy.special import ellipk, ellipkinc
 from time_stepping import walk
 
+from gaitopt.model.control import NoControl
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
+from gaitopt.model.walker import Contact, polar
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.simulator import Simulator
 
 BLOCK = {"half": 0.25, "height": 1.0}
@@ -89,22 +95,20 @@ def test_a_block_that_lands_flat_comes_to_rest_on_both_corners() -> None:
     assert set(landed.mode.touching) == {"left", "right"}
 
 
-@pytest.mark.parametrize("ratio", [0.0, 0.5, 0.99, 1.01, 1.5])
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 0.99, 1.01, 1.5])
 def test_a_frame_at_rest_stays_as_long_as_some_split_of_its_forces_lies_in_both_cones(ratio: float) -> None:
     """On a slope the load shifts to the lower foot; each foot has friction of its own."""
-    friction, slope = {"left": 0.6, "right": 0.2}, 0.1
+    friction = {"left": 0.6, "right": 0.2}
     for slope in (0.1, 0.3):
         half, height = 0.5, 0.4
-        # moments about the centre of mass: N_right - N_left = 2 tan(slope) height / half times the weight's normal part
+        # moments about the centre of mass: (N_right - N_left) half = T height, with T the weight's part along the slope
         share = (1 + np.tan(slope) * height / half) / 2
         holds = (1 - share) * friction["left"] + share * friction["right"]
-        factor = np.tan(slope) / holds * (ratio or 1e-9)
-        case = frame(half, height, slope=slope)
-        scaled = {name: value * np.tan(slope) / holds / max(ratio, 1e-3) for name, value in friction.items()}
-        case_dynamics = case.dynamics(scaled)
-        outcome = Simulator(case_dynamics).step(np.array([0.0, height, 0.0, 0.0, 0.0, 0.0]))
-        first = outcome.step.arcs[0].mode if outcome.step else None
-        assert (first is not None and first.sticks) is (ratio < 1), factor
+        scaled = {name: value * np.tan(slope) / (holds * ratio) for name, value in friction.items()}
+        outcome = Simulator(frame(half, height, slope=slope).dynamics(scaled)).step(np.array([0, height, 0, 0, 0, 0]))
+        first = outcome.step.arcs[0].mode
+        assert first.sticks is (ratio < 1)
+        assert first.touching == ("left", "right")
 
 
 def test_a_sliding_frame_tips_above_the_friction_of_its_proportions() -> None:
@@ -200,16 +204,12 @@ def test_a_contact_that_never_touches_changes_nothing() -> None:
     q, dq = on_heel(case, HEEL_STRIKES[0.3])
     step = Simulator(case.dynamics(0.3)).step(case.state(q, dq)).step
 
-    class Renumbered(type(case.walker)):
+    class Renumbered(HeelToe):
         model = "renumbered"
         contacts = ("swing_toe", "toe", "swing_heel", "heel", "knee")
 
         @classmethod
         def mechanism(cls, q, p):
-            from dataclasses import replace
-
-            from gaitopt.model.walker import Contact, polar
-
             stated = super().mechanism(q, p)
             knee = Contact(position=stated.bodies[0].position + polar(p.leg_com / 4, q.theta1))
             known = {**stated.contacts, "knee": knee}
@@ -219,3 +219,76 @@ def test_a_contact_that_never_touches_changes_nothing() -> None:
     assert other.impact.state == pytest.approx(step.impact.state, abs=1e-12)
     assert [arc.end for arc in other.arcs] == pytest.approx([arc.end for arc in step.arcs], abs=1e-12)
     assert [set(words(arc.mode)) for arc in other.arcs] == [set(words(arc.mode)) for arc in step.arcs]
+
+
+class Doubled(Frame):
+    """A frame whose feet are two contacts each, in one place."""
+
+    model = "doubled"
+    contacts = ("left", "left_too", "right", "right_too")
+
+    @classmethod
+    def mechanism(cls, q, p):
+        stated = super().mechanism(q, p)
+        feet = {name: stated.contacts[name.removesuffix("_too")] for name in cls.contacts}
+        return replace(stated, contacts=feet)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 1.0])
+def test_two_contacts_in_one_place_move_as_one(velocity: float) -> None:
+    single = frame(0.3, 0.5, slope=0.2)
+    state = np.array([0.0, 0.5, 0.0, 0.0, 0.0, velocity])
+    one = Simulator(single.dynamics(0.25)).step(state).step
+    two = Simulator(dynamics_of(Doubled(**dict(single.walker)), 0.25)).step(state).step
+    assert [arc.end for arc in two.arcs] == pytest.approx([arc.end for arc in one.arcs], rel=1e-12)
+    for ours, theirs in zip(one.arcs, two.arcs, strict=True):
+        assert theirs.states[-1] == pytest.approx(ours.states[-1], rel=1e-12, abs=1e-12)
+        assert {name.removesuffix("_too") for name in theirs.mode.touching} == {*ours.mode.touching}
+
+
+def test_a_mirrored_frame_on_a_mirrored_slope_moves_as_its_mirror_image() -> None:
+    state = np.array([0.2, 0.9, 0.0, -0.3, 0.0, 0.4])
+    mirror = np.array([-1, 1, -1, -1, 1, -1])
+    swapped = {"left": "right", "right": "left"}
+    turned = {"stick": "stick", "off": "off", "slip_forward": "slip_backward", "slip_backward": "slip_forward"}
+    one, other = (
+        Simulator(frame(0.3, 0.5, slope=sign * 0.1).dynamics(0.3)).step(start).step
+        for sign, start in ((1, state), (-1, mirror * state))
+    )
+    assert len(one.arcs) > 3
+    for ours, theirs in zip(one.arcs, other.arcs, strict=True):
+        assert theirs.states[-1] == pytest.approx(mirror * ours.states[-1], rel=1e-10, abs=1e-10)
+        assert {swapped[name]: turned[word] for name, word in ours.mode.contacts.items()} == theirs.mode.contacts
+
+
+@pytest.mark.parametrize("factors", [(2.0, 1.0, 1.0), (1.0, 3.0, 1.0), (1.0, 1.0, 0.5), (7.0, 0.2, 4.0)])
+def test_a_compass_with_feet_moves_alike_in_other_units(factors: tuple[float, float, float]) -> None:
+    mass, length, time = factors
+    case = heel_toe()
+    sizes = {"leg_length", "leg_com", "heel", "toe"}
+    changed = {name: value * length for name, value in case.walker if name in sizes}
+    changed |= {name: value * mass for name, value in case.walker if name.endswith("mass")}
+    changed["gravity"] = case.walker.gravity * length / time**2
+    q, dq = on_heel(case, HEEL_STRIKES[0.265])
+    unit = np.array([1, 1, length, length])
+    one = Simulator(case.dynamics(0.265)).step(case.state(q, dq)).step
+    other = Simulator(heel_toe(**changed).dynamics(0.265)).step(case.state(q * unit, dq * unit / time)).step
+    assert [arc.mode for arc in other.arcs] == [arc.mode for arc in one.arcs]
+    assert [arc.end / time for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], rel=1e-11)
+    scale = np.concatenate([unit, unit / time])
+    assert other.impact.state / scale == pytest.approx(one.impact.state, rel=1e-11, abs=1e-12)
+
+
+def test_heel_and_toe_that_approach_each_other_approach_point_feet() -> None:
+    """The roll of the foot takes a time and a height of first order in its size."""
+    start = np.array([-0.3, -0.3, 0.0, 1.2, -0.4, 0.0])
+    foot = Simulator(Dynamics(HybridSystem(CompassBiped, NoControl()), np.array([1, 5, 0.5, 10, 9.81, 0.0524, 1.0])))
+    expected = foot.step(start).step.impact.state[[0, 3, 4]]
+    errors = []
+    for size in (4e-3, 2e-3, 1e-3):
+        case = heel_toe(heel=size / 2, toe=size)
+        q, dq = on_heel(case, tuple(start[[0, 1, 3, 4]]))
+        landed = Simulator(case.dynamics(1.0)).step(case.state(q, dq)).step.impact.state
+        errors.append(np.abs(landed[[0, 4, 5]] - expected).max())
+    assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.1)
+    assert errors[2] / errors[1] == pytest.approx(0.5, abs=0.05)
