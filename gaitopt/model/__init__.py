@@ -15,5 +15,7 @@ contact       motion with a sticking, slipping or lifted foot; impacts
 system        everything above as compiled CasADi functions
 dynamics      the compiled system at fixed parameters, as numbers
 buffered      calls of CasADi functions without overhead
+links         a walker as a tree of links
+closure       the posture just after an impact, solved for
 walkers       the walkers that come with gaitopt
 """

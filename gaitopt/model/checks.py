@@ -14,11 +14,12 @@ so that a walker that violates them is an error.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, vec, vertcat
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, substitute, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -27,15 +28,18 @@ from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import (
     calling,
     check_class,
+    has_links,
+    is_default,
     shown,
     state_after_impact,
     state_landing,
     state_mechanism,
     state_picture,
+    state_tree,
 )
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.units import LARGEST, Scales
-from gaitopt.model.walker import Walker
+from gaitopt.model.walker import Body, Walker
 
 CHECKED_TOUCHDOWNS = 4
 """Number of random touchdowns at which the equations are checked; none of them holds at all by chance."""
@@ -108,6 +112,10 @@ def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -
 def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
     """Message about the first contradiction of a walker; None if there is none."""
     p, n = np.array(parameters), len(walker.shape)
+    if has_links(walker) and not is_default(walker, "mechanism"):
+        reason = _links_fault(walker, p)
+        if reason is not None:
+            return reason
     straight = _posture(walker, np.zeros(n + 2), np.zeros(n + 2), p)
     if not (np.isfinite(straight.bodies).all() and (straight.bodies[:, :2] >= 0).all()):
         return "a body has a mass or inertia that is negative or no number"
@@ -119,9 +127,15 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
     random = np.random.default_rng(0)
     spread = min(SPREAD, walker.largest_angle)
     steps = walker.step_parameters(p)
+    solved, near = is_default(walker, "after_impact"), [walker.posture.get(name, 0.0) for name in walker.section]
     for k in range(TOUCHDOWNS):
         before, after = steps[k % len(steps)], steps[(k + 1) % len(steps)]
-        free = dict(zip(walker.section, spread * random.uniform(-1, 1, len(walker.section)), strict=True))
+        here = near if solved and not k else near + spread * random.uniform(-1, 1, len(walker.section))
+        free = dict(zip(walker.section, here, strict=True))
+        if solved and not np.isfinite(section_posture(walker, free, after)[0]).all():
+            if not k:
+                return _never_closed(walker, free)
+            continue  # the legs do not reach the ground, which only matters near the posture of the class
         reason = _undefined_after_impact(walker, free, after)
         if reason is None and k < CHECKED_TOUCHDOWNS:
             rates = random.standard_normal(n) / scales.time
@@ -129,6 +143,16 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
         if reason is not None:
             return reason
     return None
+
+
+def _never_closed(walker: type[Walker], free: Mapping[str, float]) -> str:
+    """Message about legs that do not close in the posture of the class."""
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in free.items()) or "the posture after an impact"
+    solved = ", ".join(name for name in walker.shape if name not in free)
+    return (
+        f"no {solved} closes the legs at {values}: touchdown is not zero in any posture near it; "
+        "state a posture just after an impact in posture"
+    )
 
 
 def _undefined_after_impact(walker: type[Walker], free: Mapping[str, float], p: Array) -> str | None:
@@ -195,6 +219,47 @@ def _touchdown_fault(
         power = f"{-before.dissipation:.3g} W at a touchdown"
         return f"its dampers give energy, {power}: their coefficients must not be negative"
     return _without_inertia(walker, after.mass_matrix)
+
+
+def _links_fault(walker: type[Walker], p: Array) -> str | None:
+    """Message about links that are not those of the mechanism: other inertia, weight, or another swing foot."""
+    random, pairs = np.random.default_rng(0), _links_pairs(walker)
+    names = ("mass matrix", "centre of mass", "swing foot", "angle of a motor that has the name of a joint")
+    for _ in range(CHECKED_TOUCHDOWNS):
+        shape = random.uniform(-1, 1, len(walker.shape))
+        values = list(map(np.asarray, pairs(shape, p)))
+        for name, stated, follows in zip(names, values[::2], values[1::2], strict=True):
+            if not np.abs(stated - follows).max() <= AGREEMENT * np.abs(stated).max():
+                where = _posture_words(walker, shape)
+                return f"links and mechanism contradict each other: the {name} differs, at {where}"
+    return None
+
+
+@built_once(maxsize=8)
+def _links_pairs(walker: type[Walker]) -> Function:
+    """(shape, p) -> mass matrix, mass times centre of mass, swing foot, motors: of the mechanism, then of the links."""
+    names, p = (*walker.shape, "x", "y"), SX.sym("p", len(walker.model_fields))
+    q = SX.sym("q", len(names))
+    named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
+    mechanism, tree = state_mechanism(walker, *named), state_tree(walker, *named)
+
+    def properties(bodies: tuple[Body, ...], swing_foot: SX, motors: Mapping[str, SX]) -> tuple[SX, ...]:
+        M, moment = SX.zeros(len(names), len(names)), SX.zeros(2)
+        for body in bodies:
+            J, a = jacobian(body.position, q), jacobian(SX(body.angle), q)
+            M += body.mass * (J.T @ J) + body.inertia * (a.T @ a)
+            moment += body.mass * body.position
+        shared = (motors[name] for name in walker.actuators if name in tree.joints)
+        return M, moment, swing_foot, vertcat(SX(0), *shared)
+
+    motors = dict(zip(walker.actuators, mechanism.motors, strict=True))
+    stated = properties(mechanism.bodies, mechanism.swing_foot, motors)
+    follow = properties(tree.bodies(), tree.swing_foot, tree.joints)
+    outputs = [densify(part) for pair in zip(stated, follow, strict=True) for part in pair]
+    shape = q[: len(walker.shape)]
+    at_foot = substitute(vertcat(*map(vec, outputs)), q[len(walker.shape) :], SX.zeros(2))
+    sizes = np.cumsum([0, *(part.numel() for part in outputs)])
+    return Function("links", [shape, p], [at_foot[a:b] for a, b in pairwise(map(int, sizes))])
 
 
 def _before_relabelling(walker: type[Walker], s_plus: Array, p: Array) -> Array | None:

@@ -8,8 +8,10 @@ depend on. An error is one sentence that names the class and the attribute or me
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
+from itertools import chain
 from types import SimpleNamespace, UnionType
 from typing import Any
 from weakref import WeakSet
@@ -19,6 +21,7 @@ from casadi import DM, SX, Function, depends_on, jacobian, symvar, vertcat
 from pydantic.fields import FieldInfo
 
 from gaitopt.errors import ProblemError
+from gaitopt.model.links import Link, Tree
 from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
 from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker
 
@@ -40,7 +43,7 @@ DERIVED = (
     "model_post_init",
 )
 """Methods of ``Walker`` that follow from the class attributes."""
-OVERRIDABLE = ("mechanism", "after_impact", "rates_after_impact", "landing", "outline", "contact")
+OVERRIDABLE = ("mechanism", "links", "after_impact", "rates_after_impact", "landing", "outline", "contact")
 """Methods that a class may define."""
 ATTRIBUTES = tuple(Walker.__annotations__)
 LISTS = (
@@ -176,6 +179,99 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
     return mechanism
 
 
+def state_tree(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Tree:
+    """The tree of ``Walker.links``, with all entries checked; arguments as for ``state_mechanism``.
+
+    Raises
+    ------
+    ProblemError
+        If the method raises, an entry has the wrong type or shape or depends on a forbidden argument, or the links are
+        no tree with two feet.
+    """
+    with calling(walker, "links"):
+        stated = walker.links(q, p)
+    if not _is_list(stated, Link):
+        words = "a tuple of Link(...)"
+        raise ProblemError(f"{walker.__name__}: links returns {shown(stated)}, but must return {words}")
+    with calling(walker, "reading its links"):
+        reason = next(chain(_link_faults(stated), _tree_faults(stated)), None)
+    if reason is not None:
+        raise ProblemError(f"{walker.__name__}: {reason}")
+    read, links = _Reader(walker, q, p), []
+    for link in stated:
+        of = f"of the link {link.name}"
+        points: dict[str, Any] = {
+            name: read.vector(f"{name} {of}", _point(getattr(link, name)), 2, "parameters")
+            for name in ("position", "tip", "com")
+        }
+        numbers: dict[str, Any] = {
+            name: read.scalar(f"{name} {of}", getattr(link, name), "parameters")
+            for name in ("foot_radius", "mass", "inertia", "rotor_inertia", "damping")
+        }
+        angle = read.scalar(f"angle {of}", link.angle, "shape")
+        links.append(replace(link, angle=angle, **points, **numbers))
+    return Tree(tuple(links), vertcat(q.x, q.y))
+
+
+def is_default(walker: type[Walker], method: str) -> bool:
+    """Whether a class leaves a method of ``OVERRIDABLE`` to its default."""
+    return inspect.getattr_static(walker, method) is inspect.getattr_static(Walker, method)
+
+
+def has_links(walker: type[Walker]) -> bool:
+    """Whether a class defines its links; those of a base do not describe a mechanism that the class redefines."""
+    bases = walker.__mro__
+    links, mechanism = (next(base for base in bases if name in vars(base)) for name in ("links", "mechanism"))
+    return links is not Walker and bases.index(links) <= bases.index(mechanism)
+
+
+def _point(value: Any) -> Any:
+    """A point that is given as two numbers, as a column."""
+    numbers = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(part, KINDS) for part in value)
+    return vertcat(*value) if numbers else value
+
+
+def _link_faults(links: Iterable[Link]) -> Iterator[str]:
+    """Messages about names and numbers of single links."""
+    for link in links:
+        for what, value in (("name", link.name), ("joint", link.joint or "fixed")):
+            if not _is_name(value):
+                yield f"links has the {what} {shown(value)}, but must have {NAME_WORDS}"
+        if not _is_finite(link.zero):
+            yield f"zero of the link {link.name} is {shown(link.zero)}, but must be a number"
+        span: Any = (-1.0, 1.0) if link.range is None else link.range
+        if not (_is_list(span, int | float) and len(span) == 2 and all(map(_is_finite, span)) and span[0] < span[1]):
+            words = "(smallest, largest) angle in rad"
+            yield f"range of the link {link.name} is {shown(link.range)}, but must be the {words} of its joint"
+
+
+def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
+    """Messages about names of links that contradict each other, and links that are no tree."""
+    names, joints = tuple(link.name for link in links), tuple(link.joint for link in links if link.joint)
+    if _doubles(names) or _doubles(joints):
+        yield f"links names {_doubles(names) or _doubles(joints)} twice"
+    if set(names) & set(joints):
+        yield f"{', '.join(sorted(set(names) & set(joints)))} is the name of a link and of a joint: rename one"
+    roots = [link.name for link in links if link.parent is None]
+    if len(roots) != 1:
+        yield f"links has the roots {', '.join(roots) or 'none'}, but must be one tree: one link has no parent"
+    for link in links:
+        if link.parent is not None and link.parent not in names:
+            yield f"the link {link.name} has the parent {shown(link.parent)}, which is no link"
+        if link.parent is None and link.joint:
+            yield f"the link {link.name} has no parent, but the joint {link.joint}"
+    parents = {link.name: link.parent for link in links}
+    for name in names:
+        carriers: list[str | None] = [name]
+        while carriers[-1] is not None and len(carriers) <= len(names):
+            carriers.append(parents[carriers[-1]])
+        if carriers[-1] is not None:
+            yield f"the link {name} carries itself: links must be a tree"
+    feet = [link.name for link in links if link.foot]
+    if len(feet) != 2:
+        yield f"links has the feet {', '.join(feet) or 'none'}, but must have two: the one that stands, then the other"
+
+
 def state_after_impact(walker: type[Walker], free: SimpleNamespace, p: SimpleNamespace) -> tuple[SX, SX]:
     """Shape coordinates and their rates just after an impact, (n_shape,) each, from those of the section.
 
@@ -220,8 +316,9 @@ def state_picture(
         If one of the two methods raises, or does not return these.
     """
     read = _Reader(walker, q, p)
+    tree = state_tree(walker, q, p) if has_links(walker) else None
     with calling(walker, "outline"):
-        lines = walker.outline(q, p)
+        lines = tree.lines() if tree and is_default(walker, "outline") else walker.outline(q, p)
     if not (_is_list(lines, tuple | list) and all(len(line) > 1 for line in lines)):
         words = "a tuple of lines, each a tuple of at least two points"
         raise ProblemError(f"{walker.__name__}: outline returns {shown(lines)}, but must return {words}")
@@ -230,7 +327,7 @@ def state_picture(
         for k, line in enumerate(lines)
     )
     with calling(walker, "contact"):
-        point = walker.contact(q, p)
+        point = tree.contact if tree and is_default(walker, "contact") else walker.contact(q, p)
     return drawn, read.vector("contact", point, 2, "all")
 
 
@@ -356,6 +453,8 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
 
 def _class_faults(walker: type[Walker]) -> Iterator[str]:
     """Messages about the attributes, methods and parameters of a class."""
+    if is_default(walker, "mechanism") and is_default(walker, "links"):
+        yield "lacks mechanism: define it, or define links"
     yield from _attribute_faults(walker)
     for name in OVERRIDABLE:
         if not isinstance(inspect.getattr_static(walker, name), classmethod | staticmethod):
@@ -363,7 +462,7 @@ def _class_faults(walker: type[Walker]) -> Iterator[str]:
     for name in DERIVED:
         if inspect.getattr_static(walker, name) is not inspect.getattr_static(Walker, name):
             yield f"{name} must not be overridden: it follows from the class attributes"
-    if walker.massless_feet and inspect.getattr_static(walker, "landing") is inspect.getattr_static(Walker, "landing"):
+    if walker.massless_feet and is_default(walker, "landing"):
         yield "has massless feet, but does not define how they land: define landing"
     yield from _name_faults(walker)
     for name, field in walker.model_fields.items():
@@ -386,9 +485,10 @@ def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
     for name in ATTRIBUTES:
         if name in walker.model_fields:
             yield f"{name} has an annotation of a type, which makes it a parameter: write {name} = ... without one"
-        elif not hasattr(walker, name):
+        elif not (hasattr(walker, name) if name != "section" else _section_of(walker) is not None):
             yield f"does not define its {name}"
-    stated: dict[str, Any] = {name: getattr(walker, name) for name in ATTRIBUTES}
+    stated: dict[str, Any] = {name: getattr(walker, name) for name in ATTRIBUTES if name != "section"}
+    stated["section"] = _section_of(walker)
     if not (isinstance(stated["model"], str) and MODEL.fullmatch(stated["model"])):
         yield f"model is {shown(stated['model'])}, but must be a word, by which problem files name the walker"
     for name in LISTS:
@@ -410,6 +510,9 @@ def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
     is_number = isinstance(largest, int | float) and not isinstance(largest, bool)
     if not (is_number and 0 < largest <= math.pi):
         yield f"largest_angle is {shown(largest)}, but must be a number above 0 and at most pi"
+    posture = stated["posture"]
+    if not (isinstance(posture, Mapping) and all(map(_is_finite, posture.values()))):
+        yield f"posture is {shown(posture)}, but must be a mapping from shape coordinates to numbers"
     if not (isinstance(stated["exchanged"], Mapping) and all(map(_is_name, _exchanged(stated["exchanged"])))):
         yield f"exchanged is {shown(stated['exchanged'])}, but must be a mapping from parameters to parameters"
 
@@ -423,8 +526,9 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     names = (*walker.shape, *FOOT_COORDINATES, *(f"d{name}" for name in (*walker.shape, *FOOT_COORDINATES)))
     if _doubles(names):
         yield f"{_doubles(names)} would be both a coordinate and the rate of another one: rename it in shape"
-    for part in ("section", "section_rates", "lengths", "tracked"):
-        foreign = {*(getattr(walker, part) or ())} - {*walker.shape}
+    for part in ("section", "section_rates", "posture", "lengths", "tracked"):
+        named = _section_of(walker) if part == "section" else getattr(walker, part)
+        foreign = {*(named or ())} - {*walker.shape}
         if foreign:
             yield f"{', '.join(sorted(foreign))} is no shape coordinate, but {part} names it"
     if {*walker.open_in_impact} - {*walker.stops}:
@@ -455,6 +559,16 @@ def _field_fault(name: str, field: FieldInfo) -> str | None:
     if not (field.description is None or isinstance(field.description, str)):
         return f"has the description {shown(field.description)}, which is no text"
     return None
+
+
+def _section_of(walker: type[Walker]) -> Any:
+    """``Walker.section`` as classes define it; () where the closure of the legs chooses it, None if it is missing."""
+    defined = [vars(base)["section"] for base in walker.__mro__ if "section" in vars(base)]
+    return defined[0] if defined else () if is_default(walker, "after_impact") else None
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _exchanged(pairs: Mapping[str, str]) -> tuple[str, ...]:

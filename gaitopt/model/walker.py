@@ -10,7 +10,7 @@ Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slo
 import copyreg
 import math
 import sys
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -18,7 +18,7 @@ from itertools import product
 from operator import attrgetter
 from pickle import PicklingError
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from casadi import SX, norm_2, vertcat
@@ -144,12 +144,30 @@ def coil(start: SX, end: SX, width: Any, turns: int = 5) -> tuple[SX, ...]:
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
+
+    from gaitopt.model.links import Link
 else:
     ModelMetaclass = type(BaseModel)  # pydantic has no public name for it
 
 
 class WalkerClass(ModelMetaclass):
     """The class of walker classes: pickles name a walker by the module and the name of its class."""
+
+    @property
+    def section(cls) -> tuple[str, ...]:
+        """``Walker.section`` as the class defines it, else the best conditioned one for the closure of the legs.
+
+        Raises
+        ------
+        AttributeError
+            If neither the class nor the closure defines it.
+        """
+        defined = next((vars(base)["section"] for base in cls.__mro__ if "section" in vars(base)), None)
+        if defined is not None:
+            return cast(tuple[str, ...], defined)
+        from gaitopt.model.closure import chosen_section
+
+        return chosen_section(cast("type[Walker]", cls))
 
 
 class Walker(BaseModel, ABC, metaclass=WalkerClass):
@@ -159,7 +177,9 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     ----------------
     model : the name used in problem files.
     shape : names of the shape coordinates.
-    section : the shape coordinates that are free just after an impact.
+    section : the shape coordinates that are free just after an impact. Without it they are chosen, see ``closure``.
+    posture : a typical posture just after an impact by name [rad, m], near which the closure of the legs is solved
+        without ``after_impact``; coordinates that it leaves out are zero.
     section_rates : the shape coordinates whose rates are free just after an impact; all by default.
     exchanged : for legs that differ, each parameter of the stance leg with the corresponding one of the swing leg; the
         two swap places at touchdown. A cycle then has an even number of steps.
@@ -186,6 +206,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     model: ClassVar[str]
     shape: ClassVar[tuple[str, ...]]
     section: ClassVar[tuple[str, ...]]
+    posture: ClassVar[Mapping[str, float]] = {}
     section_rates: ClassVar[tuple[str, ...] | None] = None
     exchanged: ClassVar[Mapping[str, str]] = {}
     stops: ClassVar[tuple[str, ...]] = ()
@@ -204,20 +225,33 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     exchanged_contacts: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
-    @abstractmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The mechanism; ``q`` holds the coordinates by name (shape, x, y), ``p`` the parameters by field name."""
+        """The mechanism; ``q`` holds the coordinates by name (shape, x, y), ``p`` the parameters by field name.
+
+        By default that of the links, see ``links.tree_mechanism``.
+        """
+        from gaitopt.model.declaration import state_tree
+        from gaitopt.model.links import tree_mechanism
+
+        return tree_mechanism(cls, state_tree(cls, q, p), q, p)
 
     @classmethod
-    @abstractmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple["Link", ...]:
+        """The links of a walker that is a planar tree; arguments as for ``mechanism``. Empty if it defines none."""
+        return ()
+
+    @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        """All shape coordinates just after an impact, from those of ``section``."""
+        """All shape coordinates just after an impact, from those of ``section``; by default by solving the closure."""
+        from gaitopt.model.closure import closed_posture
+
+        return closed_posture(cls, free, p)
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
         """Lines that draw the walker, each a sequence of points [m]; arguments as for ``mechanism``.
 
-        Only pictures use them. Without lines a picture joins the bodies and feet.
+        Only pictures use them. By default they are the links; without links a picture joins the bodies and feet.
         """
         return ()
 

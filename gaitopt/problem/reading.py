@@ -17,7 +17,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.checks import check_walker, section_posture
 from gaitopt.model.control import BeyondEnd
 from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.declaration import calling
+from gaitopt.model.declaration import calling, is_default
 from gaitopt.model.modes import Mode
 from gaitopt.model.registry import refused_walkers
 from gaitopt.model.transitions import transitions
@@ -324,6 +324,11 @@ class _StatementReader:
         undefined = [name for name, value in state.items() if not math.isfinite(value)]
         if undefined:
             words = ", ".join(f"{name} = {value:g}" for name, value in given.items())
+            solved = [name for name in undefined if is_default(model, "after_impact") and name in model.shape]
+            if solved:
+                others = ", ".join(name for name in model.shape if name not in model.section)
+                self._fault(path, f"with {words} the legs do not close: no {others} puts both feet on the ground")
+                return None
             self._fault(path, f"with {words} the walker would start with {undefined[0]} = {state[undefined[0]]}")
             return None
         for name, value in given.items():

@@ -20,6 +20,7 @@ from flint import arb
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gaitopt.errors import StorageError
+from gaitopt.model.closure import is_linear
 from gaitopt.model.control import (
     BeyondEnd,
     BezierTracking,
@@ -32,6 +33,7 @@ from gaitopt.model.control import (
     continued,
 )
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.declaration import is_default
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
@@ -451,7 +453,8 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     Raises
     ------
     NotProved
-        If the walker has joint stops, flight, switches or a push-off, or a mode is not that one foot sticks or slips.
+        If the walker has joint stops, flight, switches, a push-off or a closure that is not linear, or a mode is not
+        that one foot sticks or slips.
     """
     walker = system.walker
     reasons = {
@@ -459,6 +462,8 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
         "flight": walker.flies,
         "switches": walker.switches,
         "a push-off": walker.pushes,
+        "a posture after its impact that Newton's method solves for": is_default(walker, "after_impact")
+        and not is_linear(walker),
     }
     unknown = " and ".join(reason for reason, present in reasons.items() if present)
     if unknown:

@@ -109,7 +109,8 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[f
     sizes = {"dx": SLIP} | dict.fromkeys(problem.walker.section, ANGLE)
     rate = RATE_OF_FLIGHT if problem.walker.flies else RATE
     half = np.array([sizes.get(name, rate) * units[name] for name in names])
-    lower, upper = -half, half.copy()
+    centre = np.array([problem.walker.posture.get(name, 0.0) for name in names])
+    lower, upper = centre - half, centre + half
     for name, span in within.items():
         lower[names.index(name)], upper[names.index(name)] = span
     return StartBox(lower=lower, upper=upper, default=not within)

@@ -49,7 +49,7 @@ class Nameless(Walker):
         (None, "the plugin other_walkers:broken cannot be imported: AttributeError"),
         (dict, "is no subclass of gaitopt.Walker"),
         (3, "is no subclass of gaitopt.Walker"),
-        (Nameless, "lacks after_impact, mechanism"),
+        (Nameless, "lacks mechanism: define it, or define links"),
         (RimlessWheel, "calls its model 'rimless_wheel', unlike its entry point"),
     ],
 )

@@ -6,6 +6,7 @@ push_off           the compass with an impulsive push-off
 unequal_compass    the compass with legs that differ
 round_feet         the compass on arc feet
 torso              the compass with a torso
+rabbit             a torso on two legs with knees, of links only
 kneed              the compass with a knee that locks
 telescopic         the compass with a swing leg that a spring shortens
 slip_runner        the spring-loaded inverted pendulum

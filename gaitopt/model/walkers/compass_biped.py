@@ -14,6 +14,7 @@ from typing import Annotated, Any
 from casadi import cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import NonNegative, Positive, Slope, shorter
 from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
 
@@ -54,6 +55,16 @@ class CompassBiped(Walker):
             upright=cos(q.theta1),
             relabel=vertcat(-q.theta2, -q.theta1),
             motors=(q.theta1, q.theta1 + q.theta2),
+        )
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """Both legs, and the mass at the hip."""
+        legs = {"tip": (0, -p.leg_length), "com": (0, p.leg_com - p.leg_length), "mass": p.leg_mass, "foot": True}
+        return (
+            Link(name="stance_leg", parent="swing_leg", joint="hip", angle=q.theta1, **legs),
+            Link(name="swing_leg", angle=-q.theta2, **legs),
+            Link(name="hip_mass", parent="stance_leg", angle=q.theta1, mass=p.hip_mass),
         )
 
     @classmethod

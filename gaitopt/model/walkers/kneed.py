@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from casadi import cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import NonNegative, Positive, Slope
 from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
 
@@ -55,6 +56,26 @@ class KneedWalker(Walker):
             upright=cos(q.theta1),
             relabel=vertcat(-q.theta2, -q.theta1, -q.theta1 - (q.theta2 - q.theta3)),  # the gap, zero, stays
             stops={"knee": q.theta2 - q.theta3},
+        )
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """Thighs and shanks, with a fixed knee in the stance leg, and the mass at the hip."""
+        knee = (0, -p.thigh_length)
+        thighs = {"tip": knee, "com": (0, p.thigh_com - p.thigh_length), "mass": p.thigh_mass}
+        shanks = {
+            "position": knee,
+            "tip": (0, -p.shank_length),
+            "foot": True,
+            "com": (0, p.shank_com - p.shank_length),
+            "mass": p.shank_mass,
+        }
+        return (
+            Link(name="stance_thigh", angle=q.theta1, **thighs),
+            Link(name="stance_shank", parent="stance_thigh", angle=q.theta1, **shanks),
+            Link(name="swing_thigh", parent="stance_thigh", joint="hip", angle=-q.theta2, **thighs),
+            Link(name="swing_shank", parent="swing_thigh", joint="knee", angle=-q.theta3, **shanks),
+            Link(name="hip_mass", parent="stance_thigh", angle=q.theta1, mass=p.hip_mass),
         )
 
     @classmethod

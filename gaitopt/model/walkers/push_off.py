@@ -10,6 +10,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import NonNegative, Within
 from gaitopt.model.walker import Mechanism, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -31,3 +32,8 @@ class PushOffCompass(CompassBiped):
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """The compass, with its push."""
         return replace(super().mechanism(q, p), push=polar(p.push, q.theta1))
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """Those of the compass."""
+        return super().links(q, p)

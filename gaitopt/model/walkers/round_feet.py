@@ -16,6 +16,7 @@ from typing import Annotated, Any
 from casadi import cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import Inertia, NonNegative, Positive, Slope, shorter
 from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
 
@@ -61,6 +62,23 @@ class RoundFeetCompass(Walker):
             upright=cos(q.theta1),
             relabel=vertcat(-q.theta2, -q.theta1),
             motors=(q.theta1 + q.theta2,),
+        )
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """Both legs, each as far as the centre of its arc, and the mass at the hip."""
+        legs = {
+            "tip": (0, -p.leg_length),
+            "foot": True,
+            "foot_radius": p.foot_radius,
+            "com": (0, p.leg_com - p.leg_length),
+            "mass": p.leg_mass,
+            "inertia": p.leg_inertia,
+        }
+        return (
+            Link(name="stance_leg", parent="swing_leg", joint="hip", angle=q.theta1, **legs),
+            Link(name="swing_leg", angle=-q.theta2, **legs),
+            Link(name="hip_mass", parent="stance_leg", angle=q.theta1, mass=p.hip_mass),
         )
 
     @staticmethod

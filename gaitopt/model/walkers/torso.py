@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from casadi import cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import Inertia, Positive, Slope, TurningDamping, TurningStiffness, shorter
 from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined, polar
 
@@ -64,6 +65,25 @@ class TorsoWalker(Walker):
             motors=(hips[0],),
             potential=sum(p.hip_stiffness / 2 * angle**2 for angle in hips),
             dampers=tuple(Damper(coefficient=p.hip_damping, across=angle) for angle in hips),
+        )
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """Both legs and the torso."""
+        legs = {"tip": (0, -p.leg_length), "com": (0, p.leg_com - p.leg_length), "mass": p.leg_mass, "foot": True}
+        return (
+            Link(name="stance_leg", angle=q.theta1, **legs),
+            Link(name="swing_leg", parent="torso", joint="swing_hip", angle=-q.theta2, **legs),
+            Link(
+                name="torso",
+                parent="stance_leg",
+                joint="hip",
+                angle=q.torso,
+                tip=(0, 2 * p.torso_com),
+                com=(0, p.torso_com),
+                mass=p.torso_mass,
+                inertia=p.torso_inertia,
+            ),
         )
 
     @classmethod

@@ -11,6 +11,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import Positive, shorter
 from gaitopt.model.walker import Body, Mechanism, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -34,3 +35,10 @@ class UnequalCompass(CompassBiped):
         stance, hip, _ = compass.bodies
         swing = hip.position - polar(p.leg_length - p.other_leg_com, -q.theta2)
         return replace(compass, bodies=(stance, hip, Body(mass=p.other_leg_mass, position=swing)))
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """The compass, with another mass on the leg that swings."""
+        stance, swing, hip = super().links(q, p)
+        other = replace(swing, mass=p.other_leg_mass, com=(0, p.other_leg_com - p.leg_length))
+        return stance, other, hip

@@ -1,0 +1,171 @@
+"""Closure of the legs: walkers that leave the posture after an impact to the program walk as those that state it."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+from casadi import cos, pi, vertcat
+from named import named
+from oracles import TorsoCompass
+from pydantic import Field
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.model.checks import check_walker, section_posture
+from gaitopt.model.units import NonNegative, Positive, Slope
+from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.rabbit import Rabbit
+from gaitopt.problem.problem import load_problem, parse_problem
+from gaitopt.problem.statement import problem_data
+
+
+class ClosedCompass(Walker):
+    """The compass, without a word about its posture after an impact."""
+
+    model = "closed_compass"
+    shape = ("theta1", "theta2")
+    actuators = ("ankle", "hip")
+    tracked = ("theta1", "theta2")
+    largest_angle = pi / 2
+
+    leg_length: Positive
+    leg_mass: Positive
+    leg_com: Positive
+    hip_mass: NonNegative
+    gravity: Positive
+    slope: Annotated[Slope, Field(description="slope")]
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the compass."""
+        return CompassBiped.mechanism(q, p)
+
+
+class CurvedCompass(ClosedCompass):
+    """The same with a guard that is not linear in theta2: the closure takes several steps of Newton's method."""
+
+    model = "curved_compass"
+    posture = {"theta1": -0.2, "theta2": -0.2}  # noqa: RUF012 - a class variable of Walker
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """The guard is the sine of the old one, plus its cube."""
+        compass = CompassBiped.mechanism(q, p)
+        return replace(compass, touchdown=compass.touchdown.sin() + compass.touchdown**3)
+
+
+@pytest.mark.parametrize("walker", [ClosedCompass, CurvedCompass])
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-torque-stick"])
+def test_a_compass_without_after_impact_has_the_gait_and_the_multipliers_of_the_compass(
+    walker: type[Walker], name: str
+) -> None:
+    gait = named(name)
+    data: dict[str, Any] = problem_data(gait.problem)
+    closed = parse_problem(json.dumps(data | {"walker": data["walker"] | {"model": walker.model}}), walkers=[walker])
+    assert walker.section == ("theta1",)
+    found = go.solve(closed)
+    assert found.converged, found.message
+    np.testing.assert_allclose(found.state, gait.state, atol=1e-10)
+    np.testing.assert_allclose(found.multipliers, gait.multipliers, atol=1e-10)
+    assert go.verify(found).passed
+
+
+def test_the_torso_is_free_because_the_touchdown_does_not_depend_on_it() -> None:
+    class Bare(Walker):
+        model = "bare_torso"
+        shape = TorsoCompass.shape
+        gravity: Positive = 1.0
+
+        @classmethod
+        def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+            ones = SimpleNamespace(**dict.fromkeys(TorsoCompass.model_fields, 1.0))
+            return replace(TorsoCompass.mechanism(q, ones), motors=())
+
+    assert set(TorsoCompass.shape) - set(Bare.section) == {"theta2"}
+
+
+def test_both_feet_of_rabbit_are_on_the_ground_just_after_an_impact() -> None:
+    """Heights of the feet by the cosines of the leans, with the closure's posture on the side of ``posture``."""
+    assert Rabbit.section == ("torso", "stance_thigh", "stance_shin", "swing_thigh")
+    p = np.array([float(value) for _, value in Rabbit(thigh_length=0.45)])
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        free = {name: Rabbit.posture[name] + 0.08 * random.uniform(-1, 1) for name in Rabbit.section}
+        (_, thigh, shin, swing_thigh, swing_shin), rates = section_posture(Rabbit, free, p)
+        height = 0.45 * np.cos(thigh) + 0.4 * np.cos(shin) - 0.45 * np.cos(swing_thigh) - 0.4 * np.cos(swing_shin)
+        assert height == pytest.approx(0.0, abs=1e-13)
+        assert swing_shin > 0
+        assert not rates.any()
+
+
+def test_legs_that_cannot_reach_the_ground_are_no_numbers() -> None:
+    p = np.array([float(value) for _, value in Rabbit()])
+    shape, _ = section_posture(Rabbit, {"stance_thigh": 0.0, "stance_shin": 0.0, "swing_thigh": 1.2}, p)
+    assert np.isnan(shape).all()
+
+
+class Unclosed(ClosedCompass):
+    """A guard that is never zero."""
+
+    model = "unclosed"
+    posture = {"theta1": 0.3}  # noqa: RUF012 - a class variable of Walker
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """Both legs differ by more than they can."""
+        return replace(CompassBiped.mechanism(q, p), touchdown=cos(q.theta1 - q.theta2) - 2)
+
+
+class Bent(ClosedCompass):
+    """Its feet swap roles by a formula that is not affine."""
+
+    model = "bent"
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """The sine of an angle takes its place."""
+        return replace(CompassBiped.mechanism(q, p), relabel=vertcat(-q.theta2, -q.theta1.sin()))
+
+
+COMPASS = {"leg_length": 1.0, "leg_mass": 1.0, "leg_com": 0.5, "hip_mass": 1.0, "gravity": 9.8, "slope": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("walker", "words"),
+    [
+        (Unclosed, r"Unclosed: no theta\d closes the legs at .*: touchdown is not zero in any posture near it"),
+        (Bent, "Bent: relabel is not affine: define section and after_impact"),
+    ],
+)
+def test_a_walker_whose_legs_do_not_close_is_refused_in_a_sentence(walker: type[Walker], words: str) -> None:
+    with pytest.raises(ProblemError, match=words):
+        check_walker(walker, COMPASS)
+
+
+RABBIT = """
+name: rabbit-fall
+walker: {model: rabbit}
+friction: 0.6
+gait: {phases: [stick], impact: stick, guess: {state: {torso: 0.05, stance_thigh: -0.35, stance_shin: -0.15,
+  swing_thigh: %s, dtorso: 0, dstance_thigh: 1, dstance_shin: 1, dswing_thigh: 0, dswing_shin: 0}}}
+"""
+
+
+def test_a_guess_with_legs_that_do_not_close_is_refused_with_its_place() -> None:
+    problem = parse_problem(RABBIT % "0.1", walkers=[Rabbit])
+    assert problem.guess.state["swing_shin"] == pytest.approx(0.3677472, abs=1e-6)
+    with pytest.raises(ProblemError, match=r"problem:5:\d+ gait.guess.state: .*no swing_shin puts both feet on the gr"):
+        parse_problem(RABBIT % "1.2", walkers=[Rabbit])
+
+
+def test_a_proof_of_a_closure_that_newton_solves_is_refused_by_name() -> None:
+    data: dict[str, Any] = problem_data(load_problem("compass-passive-a"))
+    data["walker"]["model"] = CurvedCompass.model
+    gait = go.solve(parse_problem(json.dumps(data), walkers=[CurvedCompass]))
+    proof = go.prove(gait)
+    assert not proof.proved
+    assert "a posture after its impact that Newton's method solves for" in proof.claims[0].words
