@@ -47,6 +47,8 @@ SAMPLES = 5
 """Postures at which pivots are compared; they have the same ones unless a posture is singular."""
 DEPENDENT = 1e-7
 """A constraint whose remainder is this small, relative to itself, depends on those before it."""
+SMALL_PIVOT = 0.1
+"""Smallest pivot relative to the largest entry of its row."""
 ON_GROUND = 1e-12
 """Largest height of a closed contact of a sampled posture, relative to the walker's size."""
 
@@ -60,7 +62,7 @@ class Structure:
     constraints : (contact, row) of all constraints in order, row 0 tangential, 1 normal; the normal ones first.
     kept : indices of the independent ones.
     dropped : indices of those that depend on the ones before them.
-    pivots : order in which the rows of the linear system are eliminated.
+    pivots : (row, column) of the entries by which the linear system is eliminated, in order.
     is_determined : whether the motion is the same whatever the shares of the forces.
     nulls : ndarray, shape (n, len(dropped)) - a sample of N: the signs of its entries hold in every posture.
     group : the contacts whose forces are undetermined.
@@ -69,7 +71,7 @@ class Structure:
     constraints: tuple[tuple[str, int], ...]
     kept: tuple[int, ...]
     dropped: tuple[int, ...]
-    pivots: tuple[int, ...]
+    pivots: tuple[tuple[int, int], ...]
     is_determined: bool
     nulls: Array
     group: tuple[str, ...]
@@ -175,7 +177,7 @@ class _System:
         if s.dropped:
             dropped = self.rows[[*s.dropped], :]
             J_all = self.rows[kept, :]
-            weights, _ = _eliminated(J_all @ J_all.T, J_all @ dropped.T, tuple(range(len(kept))))
+            weights, _ = _eliminated(J_all @ J_all.T, J_all @ dropped.T, [(k, k) for k in range(len(kept))])
             for j, index in enumerate(s.dropped):
                 nulls[index, j] = 1
                 for k, other in enumerate(kept):
@@ -348,20 +350,22 @@ def _bordered(M: SX, J: SX, G: SX) -> SX:
     return vertcat(horzcat(M, -G), horzcat(J, SX.zeros(J.shape[0], J.shape[0])))
 
 
-def _eliminated(K: SX, b: SX, order: Sequence[int]) -> tuple[SX, SX]:
-    """K^-1 b and the determinant of K up to its sign, by elimination with the rows in a given order."""
-    n = K.shape[0]
-    A, x, determinant = SX(K[[*order], :]) if n else K, SX(b[[*order], :]) if n else b, SX(1)
-    for j in range(n):
-        determinant *= A[j, j]
-        for i in range(j + 1, n):
-            if A[i, j].nnz() and not A[i, j].is_zero():
-                factor = A[i, j] / A[j, j]
-                A[i, j:] = A[i, j:] - factor * A[j, j:]
-                x[i, :] = x[i, :] - factor * x[j, :]
-    for i in reversed(range(n)):
-        known = sum((A[i, k] * x[k, :] for k in range(i + 1, n) if not A[i, k].is_zero()), SX(0))
-        x[i, :] = (x[i, :] - known) / A[i, i]
+def _eliminated(K: SX, b: SX, pivots: Sequence[tuple[int, int]]) -> tuple[SX, SX]:
+    """K^-1 b, and the determinant of K up to its sign, by elimination with given pivots."""
+    A, rest, determinant = SX(K), SX(b), SX(1)
+    remaining = [row for row, _ in pivots]
+    for k, (row, column) in enumerate(pivots):
+        determinant *= A[row, column]
+        for other in remaining[k + 1 :]:
+            if not A[other, column].is_zero():
+                factor = A[other, column] / A[row, column]
+                A[other, :] = A[other, :] - factor * A[row, :]
+                A[other, column] = 0
+                rest[other, :] = rest[other, :] - factor * rest[row, :]
+    x = SX.zeros(*b.shape)
+    for k, (row, column) in reversed(list(enumerate(pivots))):
+        known = sum((A[row, later] * x[later, :] for _, later in pivots[k + 1 :] if not A[row, later].is_zero()), SX(0))
+        x[column, :] = (rest[row, :] - known) / A[row, column]
     return x, determinant
 
 
@@ -423,18 +427,24 @@ def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Arr
         nulls[kept, j] = -np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
     size = np.abs(G).max(initial=1.0)
     K = np.block([[M, -G[:, kept]], [J[kept], np.zeros((len(kept), len(kept)))]])
-    order, A = list(range(len(K))), K.copy()
-    for j in range(len(K)):  # the largest pivot of each column, relative to its row
-        scale = np.abs(A[j:]).max(axis=1)
-        i = j + int(np.argmax(np.abs(A[j:, j]) / np.where(scale > 0, scale, 1)))
-        A[[j, i]], order[j], order[i] = A[[i, j]], order[i], order[j]
-        if A[j, j]:
-            A[j + 1 :] -= np.outer(A[j + 1 :, j] / A[j, j], A[j])
+    pivots, A = list[tuple[int, int]](), K.copy()
+    rows, columns = list(range(len(K))), list(range(len(K)))
+    while rows:  # Markowitz: the entry that fills least among those that are not small in their row
+        part = np.abs(A[np.ix_(rows, columns)])
+        filled = part > DEPENDENT
+        cost = (filled.sum(axis=1)[:, None] - 1.0) * (filled.sum(axis=0) - 1.0)
+        sizes = part / np.maximum(part.max(axis=1), DEPENDENT)[:, None]
+        cost[sizes < SMALL_PIVOT] = np.inf
+        i, j = np.unravel_index(np.argmin(cost - sizes / 2), cost.shape)
+        row, column = rows.pop(int(i)), columns.pop(int(j))
+        pivots.append((row, column))
+        for other in rows:
+            A[other] -= A[other, column] / A[row, column] * A[row]
     return Structure(
         constraints=constraints,
         kept=tuple(kept),
         dropped=tuple(dropped),
-        pivots=tuple(order),
+        pivots=tuple(pivots),
         is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
         nulls=nulls,
         group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),

@@ -1,6 +1,6 @@
 """A walker with several contacts, its control and the ground in CasADi symbols; see ``gaitopt.model.system``."""
 
-from casadi import SX, fmax, jacobian, jtimes, vertcat
+from casadi import SX, jacobian, jtimes, sqrt, vertcat
 
 from gaitopt.building import BUILT
 from gaitopt.model.contact_set import ContactImpact, ContactMotion, contact_impact, contact_motion
@@ -62,7 +62,9 @@ class ContactExpressions(Expressions):
         margins: dict[str, SX] = {"upright": self.eom.mechanism.upright, "regularity": state.regularity}
         for name, contact in contacts.items():
             gap = contact.position[1] if contact.gap is None else contact.gap
-            margins[f"gap.{name}"] = fmax(gap, -contact.counts * self.eom.length) if contact.counts.nnz() else gap
+            margins[f"gap.{name}"] = (
+                gap if contact.counts.is_constant() else _either(gap, -contact.counts * self.eom.length)
+            )
             f_t, f_n = state.forces[name][0], state.forces[name][1]
             margins[f"normal_force.{name}"] = f_n
             margins[f"cone_forward.{name}"] = self._static[name] * f_n + f_t
@@ -88,3 +90,11 @@ class ContactExpressions(Expressions):
         positions = [contact.position for contact in self.eom.mechanism.contacts.values()]
         velocities = [jacobian(position, self.eom.q) @ self.eom.dq for position in positions]
         return {"heights": vertcat(*(position[1] for position in positions)), "velocities": vertcat(*velocities)}
+
+
+def _either(a: SX, b: SX) -> SX:
+    """Positive where one of two numbers is; where b is negative it falls through zero with a, at the same rate.
+
+    Rvachev's disjunction: a maximum without a kink, of which engines can take Taylor series.
+    """
+    return a + b + sqrt(a**2 + b**2)

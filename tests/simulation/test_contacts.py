@@ -16,6 +16,8 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walker import Contact, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.simulation.engine import is_installed
+from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
 
 BLOCK = {"half": 0.25, "height": 1.0}
@@ -222,10 +224,10 @@ def test_a_contact_that_never_touches_changes_nothing() -> None:
 
 
 class Doubled(Frame):
-    """A frame whose feet are two contacts each, in one place."""
+    """A frame of which one foot is two contacts in one place."""
 
     model = "doubled"
-    contacts = ("left", "left_too", "right", "right_too")
+    contacts = ("left", "left_too", "right")
 
     @classmethod
     def mechanism(cls, q, p):
@@ -292,3 +294,19 @@ def test_heel_and_toe_that_approach_each_other_approach_point_feet() -> None:
         errors.append(np.abs(landed[[0, 4, 5]] - expected).max())
     assert errors[1] / errors[0] == pytest.approx(0.5, abs=0.1)
     assert errors[2] / errors[1] == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not is_installed(), reason="heyoka is not installed")
+@pytest.mark.parametrize("friction", HEEL_STRIKES)
+def test_engines_agree_on_a_step_over_heel_and_toe(friction: float) -> None:
+    from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+
+    case = heel_toe()
+    state = case.state(*on_heel(case, HEEL_STRIKES[friction]))
+    one, other = (
+        Simulator(case.dynamics(friction), engine).step(state).step for engine in (ScipyStepper, HeyokaStepper)
+    )
+    assert [arc.mode for arc in other.arcs] == [arc.mode for arc in one.arcs]
+    assert [arc.end for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], abs=1e-11)
+    assert other.impact.state == pytest.approx(one.impact.state, abs=1e-10)
