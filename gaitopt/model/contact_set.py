@@ -435,8 +435,8 @@ def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Arr
         cost = (filled.sum(axis=1)[:, None] - 1.0) * (filled.sum(axis=0) - 1.0)
         sizes = part / np.maximum(part.max(axis=1), DEPENDENT)[:, None]
         cost[sizes < SMALL_PIVOT] = np.inf
-        i, j = np.unravel_index(np.argmin(cost - sizes / 2), cost.shape)
-        row, column = rows.pop(int(i)), columns.pop(int(j))
+        i, j = map(int, np.unravel_index(np.argmin(cost - sizes / 2), cost.shape))
+        row, column = rows.pop(i), columns.pop(j)
         pivots.append((row, column))
         for other in rows:
             A[other] -= A[other, column] / A[row, column] * A[row]
