@@ -145,8 +145,13 @@ class WalkerMotion(Moving, ReadOnlyArrays):
 
 
 def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
-    """Names of the columns: t [s], mode, the state in SI, f_t and f_n [N], and the torque of every actuator [N m]."""
-    return ("t", "mode", *system.state_names, "f_t", "f_n", *system.walker.actuators)
+    """Names of the columns: t [s], mode, the state in SI, f_t and f_n [N], and the torque of every actuator [N m].
+
+    Several contacts have columns of their own, ``f_t.left`` and ``f_n.left``.
+    """
+    ends = [f".{name}" for name in system.walker.contacts] or [""]
+    forces = (f"{force}{end}" for end in ends for force in ("f_t", "f_n"))
+    return ("t", "mode", *system.state_names, *forces, *system.walker.actuators)
 
 
 def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:

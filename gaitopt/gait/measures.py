@@ -12,6 +12,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
+from gaitopt.model.contact_set import undetermined
 from gaitopt.model.units import Scales
 from gaitopt.problem.scalars import MEASURES, SCALARS
 
@@ -28,7 +29,8 @@ class Observation:
 
     Attributes
     ----------
-    force : ndarray, shape (m, 2) - contact force (f_t, f_n) [N].
+    force : ndarray, shape (m, 2 n) - contact forces (f_t, f_n) of the n contacts, one after the other [N].
+    slip : ndarray, shape (m, n) - tangential velocities of the contacts [m/s].
     torque : ndarray, shape (m, n_u) - [N m].
     power : ndarray, shape (m, n_u) - of each motor [W].
     swing_foot : ndarray, shape (m, 2) - position [m].
@@ -37,6 +39,7 @@ class Observation:
     """
 
     force: Array
+    slip: Array
     torque: Array
     power: Array
     swing_foot: Array
@@ -45,12 +48,51 @@ class Observation:
 
 
 def observe(arc: Arc) -> Observation:
-    """Evaluate contact force, torques, power, swing foot and energy along ``arc``."""
+    """Evaluate contact forces, torques, power, swing foot and energy along ``arc``."""
     system, p = arc.dynamics.system, arc.dynamics.p
     observation = buffered_map(system.observation(arc.mode), arc.times.size)
     outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
     force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
-    return Observation(force=force, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0])
+    slip = arc.states[:, -1:]
+    if system.walker.contacts:
+        _, velocities = buffered_map(system.contact_points, arc.times.size)(arc.states, p)
+        slip = velocities[:, ::2].copy()
+    return Observation(
+        force=force, slip=slip, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0]
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactObservation:
+    """A contact that touches the ground along an arc, or contacts that share their forces.
+
+    Attributes
+    ----------
+    names : of the contacts.
+    direction : sign of the slip velocity, 0 if they stick.
+    force : ndarray, shape (m, 2) - sum of their forces (f_t, f_n) [N].
+    slip : ndarray, shape (m,) - tangential velocity [m/s].
+    """
+
+    names: tuple[str, ...]
+    direction: int
+    force: Array
+    slip: Array
+
+
+def touching_contacts(arc: Arc, observed: Observation) -> Iterator[ContactObservation]:
+    """The contacts on the ground; those whose forces are undetermined are one."""
+    walker, mode = arc.dynamics.system.walker, arc.mode
+    place = {name: k for k, name in enumerate(walker.contact_names())}
+    group = undetermined(walker, mode) if walker.contacts else ()
+    for names in (*([group] if group else []), *((name,) for name in mode.touching if name not in group)):
+        columns = [2 * place[name] for name in names]
+        yield ContactObservation(
+            names=names,
+            direction=mode.directions[names[0]],
+            force=np.stack([observed.force[:, [k + row for k in columns]].sum(axis=1) for row in (0, 1)], axis=1),
+            slip=observed.slip[:, place[names[0]]],
+        )
 
 
 def measure(steps: Sequence[Step]) -> dict[str, float | None]:
@@ -63,14 +105,15 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     several steps it is the smallest of these.
     """
     cycle = _Measured(steps)
-    friction_ratios = (friction_ratio(o.force) for arc, o in cycle.arcs if arc.mode.sticks)
+    contacts = [contact for arc, o in cycle.arcs for contact in touching_contacts(arc, o)]
+    friction_ratios = (friction_ratio(contact.force) for contact in contacts if not contact.direction)
     impulse_ratios = (step.final_impact.impulse_ratio for step in steps)
     extrema: dict[str, float | None] = {
         "peak_torque": max((_peak(column) for _, o in cycle.driven for column in o.torque.T), default=0.0),
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in cycle.steps),
         "required_friction": max(map(_peak, friction_ratios), default=None),
         "impulse_ratio": max((ratio for ratio in impulse_ratios if ratio is not None), default=None),
-        "min_normal_force": min(-curves.maximum(-o.force[:, 1])[1] for arc, o in cycle.arcs if arc.mode.touching),
+        "min_normal_force": min(-curves.maximum(-contact.force[:, 1])[1] for contact in contacts),
     }
     values: dict[str, float | None] = {}
     for name in MEASURES:
@@ -105,8 +148,16 @@ class _Measured:
         self.duration = sum(step.period for step in steps)
         self.distance = sum(step.final_impact.step_length for step in steps)
         self.push_work = sum(step.final_impact.push_work for step in steps)
-        x = dynamics.system.n_shape
-        self.slip = sum(float(abs(a.states[-1, x] - a.states[0, x])) if a.mode.slips else 0.0 for a, _ in self.arcs)
+        x, slips = dynamics.system.n_shape, [(arc, o) for arc, o in self.arcs if arc.mode.slips]
+        if dynamics.system.walker.contacts:
+            self.slip = sum(
+                abs(curves.integral(contact.slip, arc.duration))
+                for arc, o in slips
+                for contact in touching_contacts(arc, o)
+                if contact.direction
+            )
+        else:
+            self.slip = sum(float(abs(arc.states[-1, x] - arc.states[0, x])) for arc, _ in slips)
 
     @property
     def transport(self) -> float:

@@ -336,6 +336,11 @@ def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_
     return list(rows)
 
 
+def undetermined(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
+    """The contacts whose forces are undetermined in a mode, because they share them."""
+    return _structure(walker, mode).group
+
+
 def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
     """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
     structure = _structure(walker, mode)

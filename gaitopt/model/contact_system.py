@@ -34,6 +34,10 @@ class ContactExpressions(Expressions):
         """dz/dt in a mode, shape (n_z,)."""
         return self.state(mode).dz
 
+    def forces(self, mode: Mode) -> SX:
+        """(f_t, f_n) of all contacts, one after the other [N]."""
+        return vertcat(*self.state(mode).forces.values())
+
     def state(self, mode: Mode) -> ContactMotion:
         """Accelerations and contact forces in a mode."""
         if mode not in self._states:

@@ -32,6 +32,7 @@ FOOT_COORDINATES = ("x", "y")
 RESERVED = ("mode", "contact", "impact", "model", "type", "touchdown", "upright", "clearance", "painleve")
 """Words with another meaning where the names of stops, switches and actuators occur."""
 DERIVED = (
+    "contact_names",
     "foot_modes",
     "modes",
     "steps_per_cycle",

@@ -76,6 +76,10 @@ class Expressions:
         """dz/dt in a mode, shape (n_z,)."""
         return self.motion(mode).dz
 
+    def forces(self, mode: Mode) -> SX:
+        """(f_t, f_n) of all contacts, one after the other [N]."""
+        return self.motion(mode).force
+
     def slipping(self, slip: SX | None, mode: Mode) -> Motion:
         """Motion with a sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
         drag = SX(self._viscous) * self.eom.z[-1]
@@ -292,14 +296,14 @@ class HybridSystem:
 
     @compiled("tzpr")
     def observation(self, mode: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> contact force (2), torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
+        """(t, z, p, r) -> contact forces, torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
 
-        The loss is the power that the dampers dissipate.
+        The forces (f_t, f_n) of all contacts follow each other. The loss is the power that the dampers dissipate.
         """
         eom, torque = self._eom, self._symbols.torque
         motor_rates = eom.E.T @ eom.dq
         return {
-            "force": self._symbols.motion(mode).force,
+            "force": self._symbols.forces(mode),
             "torque": torque,
             "power": torque * motor_rates,
             "swing_foot": eom.mechanism.swing_foot,

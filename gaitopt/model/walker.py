@@ -25,7 +25,7 @@ from casadi import SX, norm_2, vertcat
 from pydantic import BaseModel, ConfigDict
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.model.modes import CONTACTS, OFF, STOP_STATES, SWITCH_STATES, Mode
+from gaitopt.model.modes import CONTACTS, FOOT, OFF, STOP_STATES, SWITCH_STATES, Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -271,6 +271,11 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Shape coordinates, and their rates, just after a massless foot has landed, from those just before."""
         raise NotImplementedError
+
+    @classmethod
+    def contact_names(cls) -> tuple[str, ...]:
+        """Names of all contacts: ``foot`` if the walker stands on one at a time."""
+        return cls.contacts or (FOOT,)
 
     @classmethod
     def foot_modes(cls) -> tuple[Mode, ...]:

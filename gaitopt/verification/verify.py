@@ -26,7 +26,7 @@ from gaitopt.display import Tabulated
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
-from gaitopt.gait.measures import friction_ratio, measure, measure_scales, observe
+from gaitopt.gait.measures import friction_ratio, measure, measure_scales, observe, touching_contacts
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import ModeSequence
@@ -241,24 +241,23 @@ def law_claims(gait: Gait) -> Iterator[Claim]:
 
     Energy gained in an arc equals the work of motors and friction less the loss in dampers.
     """
-    friction, scales = gait.dynamics.static_friction, gait.dynamics.scales
+    friction, scales = gait.dynamics.contact_friction, gait.dynamics.scales
     missing_friction, backward, lowest = -np.inf, 0.0, np.inf
     imbalance, largest_change = 0.0, scales.energy
     for arc in gait.arcs:
         o = observe(arc)
-        power = o.power.sum(axis=1) + o.force[:, 0] * arc.states[:, -1] - o.loss
+        power = o.power.sum(axis=1) + np.sum(o.force[:, ::2] * o.slip, axis=1) - o.loss
         change = o.energy[-1] - o.energy[0]
         imbalance = max(imbalance, abs(change - curves.integral(power, arc.duration)))
         largest_change = max(largest_change, abs(change))
-        if not arc.mode.touching:
-            continue
-        lowest = min(lowest, -curves.maximum(-o.force[:, 1])[1])
-        if arc.mode.sticks:
-            ratio = friction_ratio(o.force)
+        for contact in touching_contacts(arc, o):
+            lowest = min(lowest, -curves.maximum(-contact.force[:, 1])[1])
+            if contact.direction:
+                backward = max(backward, curves.maximum(-contact.direction * contact.slip)[1])
+                continue
+            ratio = friction_ratio(contact.force)
             needed = max(curves.maximum(ratio)[1], curves.maximum(-ratio)[1])
-            missing_friction = max(missing_friction, needed - friction)
-        else:
-            backward = max(backward, curves.maximum(-arc.mode.direction * arc.states[:, -1])[1])
+            missing_friction = max(missing_friction, needed - min(friction[name] for name in contact.names))
     if np.isfinite(missing_friction):
         yield claim("friction cone", missing_friction, FORCE_SLACK, "needed minus available friction while sticking")
     yield claim("slip direction", backward / scales.speed, AGREEMENT, "against the mode, in units of sqrt(g l)")

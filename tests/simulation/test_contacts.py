@@ -9,6 +9,9 @@ from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, HeelToe, d
 from scipy.special import ellipk, ellipkinc
 from time_stepping import walk
 
+from gaitopt.gait import curves
+from gaitopt.gait.gait import trajectory_header
+from gaitopt.gait.measures import measure, observe
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -310,3 +313,34 @@ def test_engines_agree_on_a_step_over_heel_and_toe(friction: float) -> None:
     assert [arc.mode for arc in other.arcs] == [arc.mode for arc in one.arcs]
     assert [arc.end for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], abs=1e-11)
     assert other.impact.state == pytest.approx(one.impact.state, abs=1e-10)
+
+
+def test_measures_of_a_step_over_heel_and_toe_are_those_of_its_contacts() -> None:
+    """Friction needed, and the distance that heel and toe slide, against forces and positions written by hand."""
+    case = heel_toe()
+    state = case.state(*on_heel(case, HEEL_STRIKES[0.265]))
+    step = Simulator(case.dynamics(0.265)).step(state, dense=True).step
+    measured = measure([step])
+    ratios, slipped, energies = [], 0.0, []
+    for arc in step.arcs:
+        (name,) = arc.mode.touching
+        ends = [case.points[name].position(coordinates(case, z)[0])[0] for z in arc.states[[0, -1]]]
+        slipped += abs(ends[1] - ends[0])
+        work = 0.0
+        for z, t in zip(arc.states, arc.times, strict=True):
+            q, dq = coordinates(case, z)
+            ddq = np.asarray(arc.dynamics.system.flow(arc.mode)(t, z, arc.dynamics.p, [])).ravel()[4:][[0, 1, 3, 2]]
+            residual = case.oracle.M(q) @ ddq + case.oracle.B(q, dq) + case.oracle.G(q)
+            force = residual[-2:]  # the base point moves along with every contact
+            assert case.points[name].jacobian(q).T @ force == pytest.approx(residual, abs=1e-8)
+            ratios += [abs(force[0] / force[1])] if arc.mode.sticks else []
+        energies.append([case.oracle.energy(*coordinates(case, z)) for z in arc.states[[0, -1]]])
+        observed = observe(arc)
+        power = np.sum(observed.force[:, ::2] * observed.slip, axis=1)
+        work = curves.integral(power, arc.duration)
+        assert energies[-1][1] - energies[-1][0] == pytest.approx(work, abs=1e-9)
+    assert measured["required_friction"] == pytest.approx(max(ratios), rel=1e-6)
+    assert measured["slip_distance"] == pytest.approx(slipped, rel=1e-9)
+    assert trajectory_header(case.dynamics(0.265).system)[-8:] == tuple(
+        f"{force}.{name}" for name in case.walker.contacts for force in ("f_t", "f_n")
+    )
