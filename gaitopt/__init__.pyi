@@ -15,6 +15,7 @@ from gaitopt.api.verbs import find as find
 from gaitopt.api.verbs import front as front
 from gaitopt.api.verbs import multistart as multistart
 from gaitopt.api.verbs import neighbourhood as neighbourhood
+from gaitopt.api.verbs import nlp as nlp
 from gaitopt.api.verbs import prove as prove
 from gaitopt.api.verbs import run_parallel as run_parallel
 from gaitopt.api.verbs import simulate as simulate
@@ -48,6 +49,7 @@ from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
 from gaitopt.show.style import figure_style as figure_style
 from gaitopt.solver.following import Family as Family
+from gaitopt.solver.program import NonlinearProgram as NonlinearProgram
 from gaitopt.verification.step_map import return_map as return_map
 from gaitopt.verification.verify import Verification as Verification
 from gaitopt.verification.walk import Walk as Walk

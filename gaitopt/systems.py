@@ -32,6 +32,8 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
 from gaitopt.solver.interval import integrate_to
+from gaitopt.solver.program import NonlinearProgram, feasibility
+from gaitopt.solver.rollout import guessed_motion
 from gaitopt.solver.solve import free_parameters, solve_gait
 
 FLOW_PERIODS = 2
@@ -114,6 +116,29 @@ def solve_sequence(
     found_by = Method.NEWTON if swift else Method.IPOPT
     solver = {"method": found_by.value, **gait.solver, "seconds": time.perf_counter() - began}
     return replace(gait, solver=solver)
+
+
+def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearProgram:
+    """The nonlinear program of a problem whose mode sequence is given, see ``gaitopt.nlp``.
+
+    Raises
+    ------
+    ProblemError
+        If the mode sequence is open.
+    SolveError
+        If the reference of a PD law is not a gait.
+    """
+    if problem.is_open:
+        raise ProblemError(
+            f"{problem.name}: gait.phases: auto leaves the mode sequence open, and so the equations; state the phases"
+        )
+    system = build_system(problem, should_stop=should_stop)
+    if not free_parameters(problem, system):
+        dynamics = Dynamics(system, system.values(problem.parameters))
+        return feasibility(problem, guessed_motion(problem, dynamics).on_mesh())
+    from gaitopt.design.design import design_program
+
+    return design_program(problem, system, solve_gait(problem, system, should_stop=should_stop))
 
 
 def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:

@@ -43,9 +43,9 @@ def plot(result: Any, what: str | None = None) -> Axes:
 
     Parameters
     ----------
-    result : a gait, several gaits, a walk, a branch, a sweep, a front or a basin. Or gaits by their names in the
-        legend; or branches over one parameter by their names, each as a ``Branch`` or as the records that
-        ``load_records`` and ``continuation_records`` return.
+    result : a gait, several gaits, a walk, a branch, a sweep, a front, a basin or a nonlinear program. Or gaits by
+        their names in the legend; or branches over one parameter by their names, each as a ``Branch`` or as the
+        records that ``load_records`` and ``continuation_records`` return.
     what : of gaits ``portrait`` (if not given), ``force``, ``force_over_COORDINATE``, ``slip``, ``torques``,
         ``multipliers`` or ``roads``; of a walk ``section``, ``portrait``, ``force``, ``slip`` or ``torques``; of a
         branch ``multipliers``, or a scalar of the result; of a sweep or of several branches a scalar. A scalar that is

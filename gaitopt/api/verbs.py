@@ -36,7 +36,9 @@ from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.search import solve as single
 from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
 from gaitopt.simulation.engine import Engine
+from gaitopt.solver.program import NonlinearProgram
 from gaitopt.store.run import Run
+from gaitopt.systems import problem_program
 from gaitopt.verification.verify import verify as verify  # a verb as it is
 from gaitopt.verification.walk import Walk
 from gaitopt.verification.walk import simulate as simulate_walk
@@ -139,6 +141,36 @@ def solve(
             gait = gait.verified(verify(gait).to_record())
             save(gait, folder or _folder(gait.problem, output))
     return gait
+
+
+def nlp(problem: Problem | str | Path) -> NonlinearProgram:
+    """The nonlinear program that ``solve`` solves by IPOPT, for any solver of CasADi and for own constraints.
+
+    Multiple shooting: unknowns are the states at the nodes of a mesh, the durations of the phases, and the freed
+    parameters. Constraints are the continuity of the motion, by one Runge-Kutta step of order 8 on every interval; the
+    events that end the phases; the impacts and the periodicity; and of the friction complementarity in every mode the
+    factor that is not zero. A problem without freed parameters has as many equations as unknowns, and the objective 0.
+    That of a design is the smoothed problem with which its search begins (see the page on designs): nodes have a trust
+    region, and nothing is guaranteed to be an optimum of the exact problem.
+
+    Parameters
+    ----------
+    problem : a problem, its name or its path. The start is the motion from its guess; of a design the gait with the
+        guessed parameters, if there is one.
+
+    Returns
+    -------
+    program : expressions ``x, p, f, g``; numbers ``x0, p0, lbx, ubx, lbg, ubg``; ``x_labels`` and ``g_labels``;
+        ``casadi()`` and ``arguments()`` for ``casadi.nlpsol``; ``unpack(w)`` and ``pack``; ``gait(w)``.
+
+    Raises
+    ------
+    ProblemError
+        If the mode sequence is open.
+    SolveError
+        If the reference of a PD law is not a gait.
+    """
+    return problem_program(_loaded(problem))
 
 
 def simulate(

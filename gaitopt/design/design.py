@@ -25,7 +25,8 @@ from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.diagnosis import rejection_reason
 from gaitopt.solver.newton import Solution, polish, refine
-from gaitopt.solver.rollout import retraced, roll_out, rolled_again
+from gaitopt.solver.program import NonlinearProgram
+from gaitopt.solver.rollout import guessed_motion, retraced, rolled_again
 from gaitopt.solver.solve import free_parameters
 
 MAX_ROUNDS = 12
@@ -59,6 +60,12 @@ def design_gait(
     return design.run_exact(first) if exact_only else design.run(first)
 
 
+def design_program(problem: Problem, system: HybridSystem, first: Gait) -> NonlinearProgram:
+    """The program that IPOPT solves first in ``design_gait``."""
+    design = _Design(problem, system, None, None)
+    return design.smoothed(design.start(first)).program
+
+
 class _Design:
     """The searches of one design."""
 
@@ -70,15 +77,9 @@ class _Design:
 
     def run(self, first: Gait) -> Gait:
         """Solve the smoothed problem until its solution stays in the trust region, and then the exact one."""
-        if first.steps:
-            rolled = retraced(first)
-        else:
-            guess = self._problem.guess
-            state = np.array([guess.state[name] for name in self._dynamics.system.state_names])
-            rolled = roll_out(self._dynamics, self._problem.cycle, state, guess.durations)
-        start, iterations = rolled.on_mesh(self._free), 0
+        start, iterations = self.start(first), 0
         for _ in range(MAX_ROUNDS):
-            smoothed = self._smoothed(start)
+            smoothed = self.smoothed(start)
             result = smoothed.solve()
             iterations += result.iterations
             solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
@@ -94,13 +95,19 @@ class _Design:
             start = rolled_again(at).on_mesh(self._free)
         return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
 
+    def start(self, first: Gait) -> Solution:
+        """The motion with which a search begins."""
+        rolled = retraced(first) if first.steps else guessed_motion(self._problem, self._dynamics)
+        return rolled.on_mesh(self._free)
+
     def run_exact(self, first: Gait) -> Gait:
         """Solve the exact problem from a gait."""
         if not first.converged:
             return self._failed(first.status, first.message, first.solver, first.causes)
-        return self._optimum(retraced(first).on_mesh(self._free), 0)
+        return self._optimum(self.start(first), 0)
 
-    def _smoothed(self, start: Solution, *, elastic: bool = False) -> SmoothedProblem:
+    def smoothed(self, start: Solution, *, elastic: bool = False) -> SmoothedProblem:
+        """The smoothed problem around a motion."""
         return SmoothedProblem(
             self._problem,
             start,
@@ -115,7 +122,7 @@ class _Design:
         if not self._problem.constraints:
             return ()
         for _ in range(MAX_ROUNDS):
-            elastic = self._smoothed(start, elastic=True)
+            elastic = self.smoothed(start, elastic=True)
             result = elastic.solve()
             if result.status is not Status.CONVERGED or not elastic.hits_trust_region(result.w):
                 break

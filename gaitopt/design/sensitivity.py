@@ -315,7 +315,7 @@ class Sensitivity:
                 for candidate in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), candidate
         for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins, strict=True):
-            yield label.name, label.unit(scales), Candidate(f"impact {label.name}", value, slope)
+            yield label.name, label.size(scales), Candidate(f"impact {label.name}", value, slope)
 
 
 @built_once(maxsize=8)

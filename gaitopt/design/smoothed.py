@@ -30,13 +30,15 @@ from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import SCALARS
+from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.problem.statement import Range
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.solver.newton import Solution
-from gaitopt.solver.shooting import MultipleShooting
+from gaitopt.solver.program import NonlinearProgram
+from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
 NEAR_OPTIMUM = 1e-4
@@ -60,9 +62,14 @@ PRESSING = 1e-4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
-    """Quantities of one arc at its N Lobatto points; ``ahead`` is the swing foot's lead over the stance foot."""
+    """Quantities of one arc at its N Lobatto points; ``ahead`` is the swing foot's lead over the stance foot.
+
+    ``nodes`` are those before the points.
+    """
 
     mode: Mode
+    phase: int
+    nodes: list[int]
     weights: MX
     force: MX
     torque: MX
@@ -132,27 +139,40 @@ class SmoothedScalars:
         }
         return sum((rates[rate](s) @ s.weights.T for s in self._samples), MX(0))
 
-    def bounded(self, name: str, extremum: MX) -> MX:
-        """Rows that are nonnegative if ``extremum`` bounds the curve; the least row is zero if it is the extremum."""
-        match name:
-            case "peak_torque":
-                return vertcat(*(vec(extremum - sign * s.torque) for s in self._samples for sign in (1, -1)))
-            case "min_normal_force":
-                return vertcat(*(vec(s.force[1, :] - extremum) for s in self._samples))
-            case "foot_clearance":
-                return vertcat(*(vec(extremum - s.height) for s in self._samples))
-            case "impulse_ratio":  # of a sticking impact, also where the impact slips
-                impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
-                return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1)))
-            case "required_friction":
-                sticking = [s.force for s in self._samples if s.mode.sticks]
-                return vertcat(*(vec(extremum * f[1, :] - sign * f[0, :]) for f in sticking for sign in (1, -1)))
-        raise KeyError(name)
+    def bounded(self, name: str, extremum: MX) -> tuple[MX, tuple[Label, ...]]:
+        """Rows that are nonnegative if ``extremum`` bounds the curve, with their labels.
+
+        The least row is zero if it is the extremum.
+        """
+        if name == "impulse_ratio":  # of a sticking impact, also where the impact slips
+            cycle = self._t.mesh.cycle
+            impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
+            label = Label(name=name, mode=cycle.impact, step=len(cycle.steps) - 1, unit=SI["impulse"])
+            return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1))), (label, label)
+        unit = SI["force"] if name == "required_friction" else unit_of(name)
+        rows, labels = list[MX](), list[Label]()
+        for s in self._samples:
+            match name:
+                case "peak_torque":
+                    curves = [extremum - sign * s.torque for sign in (1, -1)]
+                case "min_normal_force":
+                    curves = [s.force[1, :] - extremum]
+                case "foot_clearance":
+                    curves = [extremum - s.height]
+                case "required_friction":
+                    curves = [extremum * s.force[1, :] - sign * s.force[0, :] for sign in (1, -1) if s.mode.sticks]
+                case _:
+                    raise KeyError(name)
+            for curve in curves:  # a column per point
+                rows.append(vec(curve))
+                at_nodes = [self._t.label(name, s.phase, node, unit=unit) for node in s.nodes]
+                labels += [label for label in at_nodes for _ in range(curve.size1())]
+        return vertcat(*rows), tuple(labels)
 
     def active_rows(self, name: str, w: Array, p: Array) -> list[int]:
         """Indices of the rows of ``bounded`` that count: of the clearance those after the legs last pass each other."""
         if name != "foot_clearance":
-            return list(range(self.bounded(name, MX(0)).numel()))
+            return list(range(len(self.bounded(name, MX(0))[1])))
         leads = Function("leads", [self._t.w, self._t.parameters], [horzcat(*(s.ahead for s in self._samples))])
         behind = np.flatnonzero(np.asarray(leads(w, p)).ravel() <= 0)
         return list(range(int(behind[-1]) + 1 if behind.size else 0, leads.size2_out(0)))
@@ -178,6 +198,8 @@ class SmoothedScalars:
             samples.append(
                 _Samples(
                     mode=arc.mode,
+                    phase=arc.phase,
+                    nodes=np.repeat(t.mesh.arc_nodes[i][:-1], n).tolist(),
                     weights=h * MX(DM(np.tile(LOBATTO_WEIGHTS, arc.intervals))).T,
                     force=force,
                     torque=torque,
@@ -190,7 +212,7 @@ class SmoothedScalars:
 
 
 class SmoothedProblem:
-    """The NLP of one design on one mesh.
+    """The NLP of one design on one mesh; ``program`` is its statement.
 
     Parameters
     ----------
@@ -212,8 +234,9 @@ class SmoothedProblem:
         should_stop: Stop = None,
     ) -> None:
         equations, p, w = start.equations, start.p, start.w.copy()
+        self._progress, self._should_stop = progress, should_stop
         w[-len(equations.free) :] = np.clip(w[-len(equations.free) :], *bounds)
-        self.equations, self._p = equations, p
+        self.equations = equations
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
         self._scalars = SmoothedScalars(equations, SMOOTHING * equations.system.weight(equations.p))
         self._radius = certified_radius(equations) if RADIUS in self.names else None
@@ -222,10 +245,10 @@ class SmoothedProblem:
         # the gait, and margins that leave room for the rounding of a cone
         margins, labels = equations.inequalities
         scales = Dynamics(equations.system, p).scales
-        least = np.array([CLEARANCE * label.unit(scales) if "cone" in label.name else 0.0 for label in labels])
-        self.blocks = [
-            Block(name="gait", expression=equations.equalities, lower=0.0, upper=0.0),
-            Block(name="margins", expression=margins, lower=least),
+        least = np.array([CLEARANCE * label.size(scales) if "cone" in label.name else 0.0 for label in labels])
+        blocks = [
+            Block(name="gait", expression=equations.equalities, lower=0.0, upper=0.0, labels=equations.equality_labels),
+            Block(name="margins", expression=margins, lower=least, labels=labels),
         ]
 
         # extrema, each on its side of the samples of a curve
@@ -234,61 +257,76 @@ class SmoothedProblem:
             if name not in EXTREMA or name == RADIUS:
                 continue
             extremum, sign = MX.sym(name), EXTREMA[name]
-            rows = self._scalars.bounded(name, extremum)[self._scalars.active_rows(name, w, p)]
+            rows, labels = self._scalars.bounded(name, extremum)
+            active = self._scalars.active_rows(name, w, p)
+            rows, labels = rows[active], tuple(labels[row] for row in active)
             function = Function("rows", [extremum, equations.w, equations.parameters], [rows])
             at_0, at_1 = (np.asarray(function(value, w, p)).ravel() for value in (0.0, 1.0))
             zeros = -at_0 / (at_1 - at_0)  # the rows are linear in the extremum
             extrema.append(float(zeros.max() if sign > 0 else zeros.min()))
             self._extrema[name] = extremum
-            self.blocks.append(Block(name=name, expression=rows, lower=0.0))
+            blocks.append(Block(name=name, expression=rows, lower=0.0, labels=labels))
             span = problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
             bound = span.minimum if sign > 0 else -span.maximum
             if np.isfinite(bound) or sign * problem.objective.get(name, 0.0) < 0:
                 # the problem would push the extremum away from its curve: it stays at its present sample
                 sample = int(np.argmin(np.asarray(function(extrema[-1], w, p))))
-                self.blocks.append(Block(name=name, expression=rows[sample], lower=0.0, upper=0.0))
+                label = (labels[sample],)
+                blocks.append(Block(name=name, expression=rows[sample], lower=0.0, upper=0.0, labels=label))
 
         # constraints of the problem
         for k, (name, span) in enumerate(problem.constraints.items()):
-            scalar = self.scalar(name)
+            scalar, label = self.scalar(name), (Label(name=name, unit=unit_of(name) or SI["one"]),)
             if elastic:
                 give = slack[k] * max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
-                self.blocks.append(Block(name=name, expression=scalar + give, lower=span.minimum))
-                self.blocks.append(Block(name=name, expression=scalar - give, upper=span.maximum))
+                blocks.append(Block(name=name, expression=scalar + give, lower=span.minimum, labels=label))
+                blocks.append(Block(name=name, expression=scalar - give, upper=span.maximum, labels=label))
             else:
-                self.blocks.append(Block(name=name, expression=scalar, lower=span.minimum, upper=span.maximum))
+                bounded = {"lower": span.minimum, "upper": span.maximum}
+                blocks.append(Block(name=name, expression=scalar, labels=label, **bounded))
 
-        self._sizes = self._set_bounds(w, bounds, np.array(extrema), slack.numel())
         unknowns, parameters = vertcat(equations.w, *self._extrema.values(), slack), equations.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])
-        objective: MX | None = None
+        objective, lower, upper, start_point, sizes = (
+            MX(0),
+            *self._bounds(w, p, bounds, np.array(extrema), slack.numel()),
+        )
         tolerance, scaling = TOLERANCE, 1.0
         limit = MAX_CONFLICT_ITERATIONS if elastic else MAX_ITERATIONS
         if elastic or problem.objective:
             weighted = (weight * self.scalar(name) for name, weight in problem.objective.items())
             objective = sum1(slack) if elastic else sum(weighted, MX(0))
-            value = float(Function("objective", [unknowns, parameters], [objective])(self._start, p))
+            value = float(Function("objective", [unknowns, parameters], [objective])(start_point, p))
             size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
             tolerance, scaling = NEAR_OPTIMUM if elastic else ROUGH, 1 / size
-        self._solver = Ipopt(
-            [Block(name="unknowns", expression=unknowns, lower=self._lower, upper=self._upper)],
-            self.blocks,
-            parameters,
-            objective,
-            options={"tol": tolerance, "max_iter": limit, "obj_scaling_factor": scaling},
-            progress=progress,
-            should_stop=should_stop,
+        self._options = {"tol": tolerance, "max_iter": limit, "obj_scaling_factor": scaling}
+        extremum_labels = [Label(name=name, unit=unit_of(name) or SI["one"]) for name in self._extrema]
+        slack_labels = [Label(name="slack", coordinate=name) for name in problem.constraints if elastic]
+        meaning = (*equations.unknown_labels, *extremum_labels, *slack_labels)
+        self.program = NonlinearProgram(
+            unknowns=(
+                Block(name="unknowns", expression=unknowns, lower=lower, upper=upper, size=sizes, labels=meaning),
+            ),
+            rows=tuple(blocks),
+            p=parameters,
+            f=objective,
+            x0=start_point,
+            p0=p,
+            problem=problem,
+            equations=equations,
+            radius=self._radius,
         )
         BUILT.watch(vars(self))
         BUILT.watch(vars(self._scalars))
 
     def solve(self) -> IpoptResult:
         """Run IPOPT from the starting motion."""
-        return self._solver.solve(self._start, self._p, self._sizes)
+        options, progress = self._options, self._progress
+        return Ipopt(self.program, options=options, progress=progress, should_stop=self._should_stop).solve()
 
     def motion(self, x: Array) -> Solution:
         """The motion among all unknowns: nodes, durations and freed parameters."""
-        return Solution(self.equations, x[: self.equations.w.numel()], self._p)
+        return Solution(self.equations, x[: self.equations.w.numel()], self.program.p0)
 
     def scalar(self, name: str) -> MX:
         """A scalar of the problem as an expression."""
@@ -298,26 +336,27 @@ class SmoothedProblem:
 
     def values(self, x: Array) -> Array:
         """Values of the problem's scalars, in the order of ``names``."""
-        return np.asarray(self._values(x, self._p)).ravel()
+        return np.asarray(self._values(x, self.program.p0)).ravel()
 
     def hits_trust_region(self, x: Array) -> bool:
         """Whether a node of a solution lies on the boundary of the trust region."""
         nodes = slice(0, self.equations.system.n_z * self.equations.n_nodes)
-        room = np.minimum(x - self._lower, self._upper - x)[nodes]
-        return bool(np.any(room < BOUNDARY * (self._upper - self._lower)[nodes]))
+        lower, upper = self.program.lbx, self.program.ubx
+        room = np.minimum(x - lower, upper - x)[nodes]
+        return bool(np.any(room < BOUNDARY * (upper - lower)[nodes]))
 
     def active_bounds(self, result: IpoptResult) -> dict[str, tuple[float, float]]:
         """Multiplier and value of the bound on which each freed parameter lies, by dotted key."""
         first, active = self.equations.w.numel() - len(self.equations.free), {}
         for k, name in enumerate(self.equations.free, start=first):
             multiplier = float(result.bound_multipliers[k])
-            active[name] = multiplier, float((self._upper if multiplier > 0 else self._lower)[k])
+            active[name] = multiplier, float((self.program.ubx if multiplier > 0 else self.program.lbx)[k])
         return active
 
     def block_multipliers(self, result: IpoptResult) -> list[tuple[Block, Array]]:
         """Every block of constraints with its multipliers."""
-        ends = np.cumsum([block.expression.numel() for block in self.blocks])
-        return list(zip(self.blocks, np.split(result.multipliers, ends[:-1]), strict=True))
+        ends = np.cumsum([block.expression.numel() for block in self.program.rows])
+        return list(zip(self.program.rows, np.split(result.multipliers, ends[:-1]), strict=True))
 
     def margin_words(self, row: int) -> str:
         """The phase or impact, and the margin, of one row of the margins."""
@@ -327,28 +366,27 @@ class SmoothedProblem:
             return f"the impact ({name})"
         return f"phase {label.phase + 1} ({self.equations.mesh.cycle.phases[label.phase]}: {name})"
 
-    def _set_bounds(self, w: Array, bounds: Array, extrema: Array, n_slack: int) -> Array:
-        """Set start, lower and upper bounds of all unknowns, and return their typical sizes."""
+    def _bounds(
+        self, w: Array, p: Array, bounds: Array, extrema: Array, n_slack: int
+    ) -> tuple[Array, Array, Array, Array]:
+        """Lower and upper bounds, start and typical sizes of all unknowns."""
         t, n = self.equations, self.equations.system.n_shape
         nodes, durations, freed = t.unpack(w)
         period, largest = durations.sum(), np.abs(nodes).max(axis=1)
-        length = abs(float(t.system.impact(t.mesh.cycle.impact)(z=nodes[:, -1], p=self._p)["z_plus"][n]))
+        length = abs(float(t.system.impact(t.mesh.cycle.impact)(z=nodes[:, -1], p=p)["z_plus"][n]))
         slip = max(largest[-1], length / period)
         states = np.array([*np.full(n, largest[:n].max()), length, *np.full(n, largest[n + 1 : -1].max()), slip])
         reach = states.copy()
         reach[n] = np.inf
         reach = np.tile(reach, t.n_nodes)
         longest, free = np.full(durations.size, LONGEST * period), np.full(extrema.size, np.inf)
-        self._start = np.concatenate([w, extrema, np.ones(n_slack)])
-        self._lower = np.concatenate(
-            [w[: nodes.size] - reach, np.zeros(durations.size), bounds[0], -free, np.zeros(n_slack)]
-        )
-        self._upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], free, np.full(n_slack, np.inf)])
+        start, none = np.concatenate([w, extrema, np.ones(n_slack)]), np.zeros(durations.size)
+        lower = np.concatenate([w[: nodes.size] - reach, none, bounds[0], -free, np.zeros(n_slack)])
+        upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], free, np.full(n_slack, np.inf)])
         extremum_sizes = np.maximum(np.abs(extrema), SMALL)
         duration_sizes = np.full(durations.size, period)
-        return np.concatenate(
-            [np.tile(states, t.n_nodes), duration_sizes, freed_sizes(freed, bounds), extremum_sizes, np.ones(n_slack)]
-        )
+        sizes = [np.tile(states, t.n_nodes), duration_sizes, freed_sizes(freed, bounds), extremum_sizes]
+        return lower, upper, start, np.concatenate([*sizes, np.ones(n_slack)])
 
 
 def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -> tuple[Cause, ...]:

@@ -71,6 +71,18 @@ UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
 }
 """Natural units: symbol and value in SI; l is the length of a leg, m the total mass, g gravity."""
+SI = {
+    "one": "1",
+    "mass": "kg",
+    "length": "m",
+    "time": "s",
+    "rate": "1/s",
+    "speed": "m/s",
+    "force": "N",
+    "impulse": "N s",
+    "torque": "N m",
+}
+"""SI units of margins by their natural unit."""
 Interval = tuple[float, float]
 ANY: Interval = (-math.inf, math.inf)
 

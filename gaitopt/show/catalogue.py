@@ -23,7 +23,9 @@ from gaitopt.show.gaits import foot_slip, force_ratio, method_comparison, phase_
 from gaitopt.show.grids import basin, front_figure, sweep
 from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
 from gaitopt.show.pages import animation_page
+from gaitopt.show.programs import jacobian_pattern
 from gaitopt.show.style import Parameter, parameter_of
+from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
@@ -149,6 +151,11 @@ def _(result: Sweep) -> Figures:
 @figures_of.register
 def _(result: Basin) -> Figures:
     return Figures(draw=lambda _: basin(result), names=("basin",), usual=("basin",))
+
+
+@figures_of.register
+def _(result: NonlinearProgram) -> Figures:
+    return Figures(draw=lambda _: jacobian_pattern(result), names=("jacobian",), usual=("jacobian",))
 
 
 @figures_of.register

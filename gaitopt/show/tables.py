@@ -4,6 +4,7 @@ Results are printed from their records, the JSON objects of the command line.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import singledispatch
 from io import StringIO
@@ -29,6 +30,7 @@ from gaitopt.runs.multistart import Optimum
 from gaitopt.runs.sweep import Sweep
 from gaitopt.search.explain import Explanation
 from gaitopt.search.find import Gaits
+from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.verify import OUTCOMES, Verification, recorded_claims
 from gaitopt.verification.walk import Walk
 
@@ -429,6 +431,17 @@ def _(result: Gait, console: Console) -> None:
         print_gait(console, result.to_record())
     else:
         console.print(f"{result.problem.name}: {result.status}: {result.message}")
+
+
+@print_result.register
+def _(result: NonlinearProgram, console: Console) -> None:
+    unknowns = Counter((label.name, label.unit) for label in result.x_labels)
+    kinds = (
+        "equation" if lower == upper else "inequality" for lower, upper in zip(result.lbg, result.ubg, strict=True)
+    )
+    rows = Counter((label.name, kind) for label, kind in zip(result.g_labels, kinds, strict=True))
+    section(console, "unknowns", ("", "unit", "count"), ((*key, str(n)) for key, n in unknowns.items()), numbers=(2,))
+    section(console, "constraints", ("", "", "count"), ((*key, str(n)) for key, n in rows.items()), numbers=(2,))
 
 
 @print_result.register

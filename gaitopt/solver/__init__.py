@@ -7,9 +7,10 @@ shooting      the equations of a cycle: equalities, margins, labels of their row
 interval      one shooting interval: Runge-Kutta step, samples, derivatives
 newton        a solution, Newton's method, integration error, refinement, derivative of the return map
 sparse        sparse matrices and their QR factors
-ipopt         nonlinear programs in blocks of unknowns and rows; IPOPT through CasADi; the program of a gait
-diagnosis     why a motion is not a gait, and why a search failed
+ipopt         nonlinear programs in blocks of unknowns and rows; IPOPT through CasADi
+diagnosis     why a motion is not a gait
 assembly      from a solution to its gait and back
+program       the nonlinear program of a gait, for IPOPT and for users; the check of a solution
 
 Other uses of the same equations:
 

@@ -1,7 +1,7 @@
 """Why a motion is not a gait: the condition that is violated most, its phase, its time and its amount.
 
 ``rejection_reason`` checks a solution of the equations: its integration error, every margin at the nodes, and the
-events between them. ``failure_causes`` explains a search without a solution.
+events between them. ``missing_event`` and ``largest_residual`` explain a search without a solution.
 """
 
 from collections.abc import Iterator
@@ -16,9 +16,7 @@ from gaitopt.gait.gait import Cause
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import PUSH, margin
-from gaitopt.solver.ipopt import Feasibility
 from gaitopt.solver.newton import Solution
-from gaitopt.solver.rollout import Rollout
 from gaitopt.solver.shooting import Label
 
 RESIDUAL_TOLERANCE = 1e-9
@@ -53,31 +51,6 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     violated = violations(refined)
     early = None if violated else _early_event(refined)
     return tuple(violated) if early is None else (early,)
-
-
-@overflow_allowed()
-def failure_causes(start: Solution, failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
-    """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
-
-    A reference that ends before the step explains more than the violations of motions beyond its end.
-
-    Parameters
-    ----------
-    start, failed : where IPOPT started, and where it ended.
-    guess : the motion from which the search began.
-    """
-    equations, missing = failed.equations, None
-    if guess.endless is not None:
-        missing = missing_event(equations.system, equations.mesh.cycle, guess.endless)
-        if missing.what == "reference":
-            return (missing,)
-    for at in (Feasibility(equations, relaxed=True).solve(start.w, failed.p), failed):
-        residual = equations.violation(at.w, at.p)
-        if np.abs(residual / at.units.equalities).max() <= RESIDUAL_TOLERANCE:
-            violated = violations(at)
-            if violated:
-                return tuple(violated)
-    return (missing or _largest_residual(failed, residual),)
 
 
 def violations(at: Solution) -> list[Cause]:
@@ -115,6 +88,26 @@ def missing_event(system: HybridSystem, cycle: Cycle, phase: int) -> Cause:
     return Cause(what=what, words=words, phase=phase, step=cycle.step_of(phase), time=end, available=end)
 
 
+def largest_residual(at: Solution) -> Cause:
+    """The equality that is violated most."""
+    residual, cycle = at.residual, at.equations.mesh.cycle
+    relative = np.abs(residual / at.units.equalities)
+    row = int(np.argmax(relative))
+    if not relative[row] < RUNAWAY:
+        return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
+    label, size = at.equations.equality_labels[row], abs(float(residual[row]))
+    if label.name == "reset":
+        words = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
+        return Cause(what="periodicity", words=words, needed=0.0, available=size)
+    assert label.phase is not None
+    place = cycle.phase_words(label.phase)
+    if label.name == "defect":
+        what, words = "motion", f"{place}: the motion does not close, off by {size:.3g} in {label.coordinate}"
+    else:
+        what, words = "event", f"{place}: the event that should end it is missed by {size:.3g}"
+    return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
+
+
 def _early_event(at: Solution) -> Cause | None:
     """An event that happens too early: the swing foot lands or a stop locks; None if there is none.
 
@@ -143,25 +136,6 @@ def _early_event(at: Solution) -> Cause | None:
                 words = f"{margin(name).lost}, about {time:.4f} s after the impact"
                 return Cause(what=name, words=words, phase=phase, step=step, time=time)
     return None
-
-
-def _largest_residual(at: Solution, residual: Array) -> Cause:
-    """The equality that is violated most."""
-    relative, cycle = np.abs(residual / at.units.equalities), at.equations.mesh.cycle
-    row = int(np.argmax(relative))
-    if not relative[row] < RUNAWAY:
-        return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
-    label, size = at.equations.equality_labels[row], abs(float(residual[row]))
-    if label.name == "reset":
-        words = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
-        return Cause(what="periodicity", words=words, needed=0.0, available=size)
-    assert label.phase is not None
-    place = cycle.phase_words(label.phase)
-    if label.name == "defect":
-        what, words = "motion", f"{place}: the motion does not close, off by {size:.3g} in {label.coordinate}"
-    else:
-        what, words = "event", f"{place}: the event that should end it is missed by {size:.3g}"
-    return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
 
 
 def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:

@@ -1,8 +1,8 @@
-"""IPOPT through CasADi, with every way it can end mapped to a status and a message; the nonlinear program of a gait.
+"""Nonlinear programs, and IPOPT through CasADi with every way it can end mapped to a status and a message.
 
     min f(w, p)      s.t.  lower <= w <= upper,  lower <= g(w, p) <= upper,      w and g divided by their typical sizes
 
-A program is stated in blocks of unknowns and rows, each an expression with its name and its bounds.
+A program is stated in blocks of unknowns and rows, each an expression with its name, bounds, sizes and labels.
 
 CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here. MUMPS, which
 solves IPOPT's linear systems, has global variables: only one thread at a time runs IPOPT.
@@ -17,14 +17,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, sum1, vec, vertcat
+from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
 
-from gaitopt.arrays import Array
+from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.building import BUILDING, Freed, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
-from gaitopt.solver.newton import Solution
-from gaitopt.solver.shooting import MultipleShooting
+from gaitopt.solver.shooting import Label
+from gaitopt.threads import cached_property
 
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
@@ -40,8 +40,6 @@ SECANTS: dict[str, Any] = {
     "limited_memory_max_history": HISTORY,
 }
 """The free directions are few: secants learn them in fewer seconds than one exact Hessian takes."""
-SHORTEST = 0.1
-"""Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
 
 ENDINGS: dict[str, tuple[Status, str]] = {
     "Solve_Succeeded": (Status.CONVERGED, "solved"),
@@ -77,12 +75,97 @@ class Block:
     name : what they are.
     expression : MX, shape (n, 1).
     lower, upper : one number for all, or ndarray, shape (n,).
+    size : typical size, likewise.
+    labels : the meaning of each entry; empty if nobody asks.
     """
 
     name: str
     expression: MX
     lower: Array | float = -np.inf
     upper: Array | float = np.inf
+    size: Array | float = 1.0
+    labels: tuple[Label, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Program(ReadOnlyArrays):
+    """A nonlinear program: min f(x, p) subject to lbx <= x <= ubx and lbg <= g(x, p) <= ubg, and where a search starts.
+
+    Attributes
+    ----------
+    unknowns, rows : blocks of x and of g. Each block of rows has its own Jacobian, so that a row that depends on all
+        unknowns does not make the Jacobians of the other rows dense.
+    p, f : MX - parameters and objective; with the objective 0 any feasible point is a solution.
+    x0, p0 : ndarrays - start, and values of the parameters.
+    """
+
+    unknowns: tuple[Block, ...]
+    rows: tuple[Block, ...]
+    p: MX
+    f: MX
+    x0: Array
+    p0: Array
+
+    @cached_property
+    @building
+    def x(self) -> MX:
+        """The unknowns, shape (n, 1): a vector of symbols."""
+        return vertcat(*(block.expression for block in self.unknowns))
+
+    @cached_property
+    @building
+    def g(self) -> MX:
+        """The constraints, shape (m, 1)."""
+        return vertcat(*(block.expression for block in self.rows))
+
+    @property
+    def lbx(self) -> Array:
+        """Lower bounds of x, shape (n,)."""
+        return _entries(self.unknowns, "lower")
+
+    @property
+    def ubx(self) -> Array:
+        """Upper bounds of x, shape (n,)."""
+        return _entries(self.unknowns, "upper")
+
+    @property
+    def lbg(self) -> Array:
+        """Lower bounds of g, shape (m,)."""
+        return _entries(self.rows, "lower")
+
+    @property
+    def ubg(self) -> Array:
+        """Upper bounds of g, shape (m,)."""
+        return _entries(self.rows, "upper")
+
+    @property
+    def x_sizes(self) -> Array:
+        """Typical sizes of the unknowns, by which gaitopt divides them, shape (n,)."""
+        return _entries(self.unknowns, "size")
+
+    @property
+    def g_sizes(self) -> Array:
+        """Typical sizes of the constraints, likewise; shape (m,)."""
+        return _entries(self.rows, "size")
+
+    @property
+    def x_labels(self) -> tuple[Label, ...]:
+        """Meaning of every entry of x."""
+        return tuple(label for block in self.unknowns for label in block.labels)
+
+    @property
+    def g_labels(self) -> tuple[Label, ...]:
+        """Meaning of every entry of g."""
+        return tuple(label for block in self.rows for label in block.labels)
+
+    def casadi(self) -> dict[str, MX]:
+        """``{"x": x, "p": p, "f": f, "g": g}``, as ``casadi.nlpsol`` takes it."""
+        return {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
+
+    def arguments(self) -> dict[str, Array]:
+        """Start, parameters and bounds, with which a solver of CasADi is called: ``solver(**nlp.arguments())``."""
+        bounds = {"lbx": self.lbx, "ubx": self.ubx, "lbg": self.lbg, "ubg": self.ubg}
+        return {"x0": self.x0, "p": self.p0, **bounds}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,9 +197,7 @@ class Ipopt:
 
     Parameters
     ----------
-    unknowns, rows : blocks of w and of g. Each block of rows has its own Jacobian, so that a row that depends on all
-        unknowns does not make the Jacobians of the other rows dense.
-    parameters, objective : MX; without an objective any feasible point is a solution.
+    program : expressions, and the numbers from which ``solve`` starts unless others are given.
     options : of IPOPT, besides the common ones.
     exact : use the exact Hessian; otherwise secants, which learn best where unknowns and rows are of the order of one.
     progress, should_stop : called at every iteration.
@@ -125,18 +206,14 @@ class Ipopt:
     @building
     def __init__(
         self,
-        unknowns: Sequence[Block],
-        rows: Sequence[Block],
-        parameters: MX,
-        objective: MX | None = None,
+        program: Program,
         *,
         options: dict[str, Any],
         exact: bool = False,
         progress: Valued = None,
         should_stop: Stop = None,
     ) -> None:
-        self._bounds_w, self._bounds_g = _bounds(unknowns), _bounds(rows)
-        w, g, f = _stacked(unknowns), _stacked(rows), MX(0) if objective is None else objective
+        w, g, f, parameters = program.x, program.g, program.f, program.p
         if exact:
             plugin_options: dict[str, Any] = {"expand": True}
             nlp = {"x": w, "p": parameters, "f": f, "g": g}
@@ -145,14 +222,14 @@ class Ipopt:
             # two functions, for the gradient of one that is both would go back through the constraints too
             value = Function("value", [w, parameters], [f])
             constraints = Function("constraints", [w, parameters], [g])
-            slopes = [jacobian(block.expression, w) for block in rows]
+            slopes = [jacobian(block.expression, w) for block in program.rows]
             slope = Function("slope", [w, parameters], [vertcat(*slopes)])
             scaled = constraints(sizes * x, parameters) / row_sizes
             scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, parameters) @ diag(sizes)
             p = vertcat(parameters, sizes, row_sizes)
             nlp = {"x": x, "p": p, "f": value(sizes * x, parameters), "g": scaled}
             plugin_options = {"jac_g": Function("jac_g", [x, p], [scaled, scaled_slope])}
-        self._exact = exact
+        self._program, self._exact = program, exact
         self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel(), progress, should_stop)
         FINISHED.free()
         solver = nlpsol(
@@ -171,25 +248,27 @@ class Ipopt:
         )
         self._solver = FINISHED.watch(solver)
 
-    def solve(self, w: Array, p: Array, sizes: Array | None = None, row_sizes: Array | None = None) -> IpoptResult:
-        """Solve from ``w`` at parameters ``p``.
+    def solve(self, program: Program | None = None) -> IpoptResult:
+        """Solve from the start of the program, or of another one with the same expressions.
 
-        ``sizes`` and ``row_sizes`` are typical sizes of unknowns and rows, one unless given; not with an exact Hessian.
+        With an exact Hessian the typical sizes of unknowns and rows are not used.
 
         Raises
         ------
         RuntimeError
             If IPOPT ends in a way that only a broken installation or a bug can cause.
         """
-        (lbx, ubx), (lbg, ubg) = self._bounds_w, self._bounds_g
-        x_unit = np.ones(lbx.size) if sizes is None else sizes
-        g_unit = np.ones(lbg.size) if row_sizes is None else row_sizes
-        lbx, ubx, lbg, ubg = lbx / x_unit, ubx / x_unit, lbg / g_unit, ubg / g_unit
+        given = self._program if program is None else program
+        x_unit, g_unit, parameters = given.x_sizes, given.g_sizes, given.p0
+        if self._exact:
+            x_unit, g_unit = np.ones(x_unit.size), np.ones(g_unit.size)
+        else:
+            parameters = np.concatenate([given.p0, x_unit, g_unit])
+        lbx, ubx, lbg, ubg = given.lbx / x_unit, given.ubx / x_unit, given.lbg / g_unit, given.ubg / g_unit
         self._watch.begin(lbg, ubg)
-        parameters = p if self._exact else np.concatenate([p, x_unit, g_unit])
         with RUNNING:
             FINISHED.free()
-            end = self._solver(x0=w / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
+            end = self._solver(x0=given.x0 / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
             stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
@@ -206,60 +285,9 @@ class Ipopt:
         )
 
 
-class Feasibility:
-    """The nonlinear program of a gait: equalities and margins, nothing to minimise.
-
-    The parameters are parameters of the program too, so that it is built once and solved for any of their values.
-
-    Parameters
-    ----------
-    equations : without free parameters.
-    progress, should_stop : called at every iteration.
-    relaxed : leaves the margins out, and lets phases have negative durations.
-    """
-
-    @building
-    def __init__(
-        self,
-        equations: MultipleShooting,
-        *,
-        progress: Valued = None,
-        should_stop: Stop = None,
-        relaxed: bool = False,
-    ) -> None:
-        self._equations, self._relaxed = equations, relaxed
-        shortest, durations = MX.sym("shortest"), equations.durations
-        unknowns = [
-            Block(name="nodes", expression=vec(equations.Z)),
-            Block(name="durations", expression=durations, lower=-np.inf if relaxed else 0.0),
-        ]
-        rows = [
-            Block(name="equalities", expression=equations.equalities, lower=0.0, upper=0.0),
-            Block(name="period", expression=sum1(durations) - shortest, lower=0.0),
-        ]
-        if not relaxed:
-            rows.append(Block(name="margins", expression=equations.inequalities[0], lower=0.0))
-        parameters, options = vertcat(equations.parameters, shortest), {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
-        self._ipopt = Ipopt(unknowns, rows, parameters, options=options, progress=progress, should_stop=should_stop)
-
-    def solve(self, start: Array, p: Array) -> Solution:
-        """Solve from ``start``, shape (n_w,), at parameters ``p``, shape (n_p,)."""
-        equations, units = self._equations, self._equations.units(p)
-        shortest = SHORTEST * equations.unpack(start).durations.sum()
-        rows = [units.equalities, units.unknowns[-1:], *([] if self._relaxed else [equations.margin_units(p)])]
-        end = self._ipopt.solve(start, np.append(p, shortest), units.unknowns, np.concatenate(rows))
-        return Solution(equations, end.w, p, status=end.status, words=end.words, iterations=end.iterations)
-
-
-def _stacked(blocks: Sequence[Block]) -> MX:
-    return vertcat(*(block.expression for block in blocks))
-
-
-def _bounds(blocks: Sequence[Block]) -> tuple[Array, Array]:
-    """Lower and upper bounds of all entries."""
-    lower = [np.broadcast_to(block.lower, block.expression.numel()) for block in blocks]
-    upper = [np.broadcast_to(block.upper, block.expression.numel()) for block in blocks]
-    return np.concatenate(lower), np.concatenate(upper)
+def _entries(blocks: Sequence[Block], name: str) -> Array:
+    """An attribute of all entries of some blocks."""
+    return np.concatenate([np.broadcast_to(getattr(block, name), block.expression.numel()) for block in blocks])
 
 
 class _Watch(Callback):

@@ -20,7 +20,7 @@ constraints, SIAM J. Optim. 11 (2001).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import itemgetter
 
@@ -34,7 +34,7 @@ from gaitopt.gait.gait import Status
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.solver.ipopt import Block, Ipopt
+from gaitopt.solver.ipopt import Block, Ipopt, Program
 from gaitopt.solver.shooting import substituted
 
 Range = tuple[float, float]
@@ -147,11 +147,16 @@ class Complementarity:
         self._p, self._period, sigma = MX.sym("p", len(dynamics.p)), MX.sym("period"), MX.sym("sigma")
         objective = self._cycle()
         self._require("products", vertcat(*self._products) - sigma, -np.inf, 0.0)
+        self._program = Program(
+            unknowns=tuple(self._unknowns),
+            rows=tuple(self._rows),
+            p=vertcat(self._p, self._period, sigma),
+            f=objective,
+            x0=np.zeros(0),  # each solution has its own
+            p0=np.zeros(0),
+        )
         self._ipopt = Ipopt(
-            self._unknowns,
-            self._rows,
-            vertcat(self._p, self._period, sigma),
-            objective,
+            self._program,
             options={"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "mu_strategy": "adaptive"},
             exact=True,
             progress=progress,
@@ -166,7 +171,8 @@ class Complementarity:
         """
         w = self._guess(starts, ends, period)
         for sigma in SIGMAS:
-            result = self._ipopt.solve(w, np.concatenate([self._dynamics.p, [period, sigma]]))
+            p0 = np.concatenate([self._dynamics.p, [period, sigma]])
+            result = self._ipopt.solve(replace(self._program, x0=w, p0=p0))
             if result.status is not Status.CONVERGED:
                 return result.status
             w = result.w

@@ -22,6 +22,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import shooting_step
 from gaitopt.solver.mesh import mesh_of
 from gaitopt.solver.newton import Solution
@@ -127,6 +128,12 @@ class Rollout:
         equations = transcribe(system, mesh, free)
         freed = [self.dynamics.parameter(key) for key in free]
         return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p)
+
+
+def guessed_motion(problem: Problem, dynamics: Dynamics) -> Rollout:
+    """The motion from a problem's guess."""
+    state = np.array([problem.guess.state[name] for name in dynamics.system.state_names])
+    return roll_out(dynamics, problem.cycle, state, problem.guess.durations)
 
 
 def retraced(gait: Gait, times: int = 1) -> Rollout:

@@ -42,7 +42,8 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import CONE, GROUND_FORCES, margin, margin_unit
-from gaitopt.model.units import Scales
+from gaitopt.model.units import SI, Scales
+from gaitopt.problem.scalars import unit_of
 from gaitopt.solver.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
 from gaitopt.solver.mesh import Mesh, MeshArc
 from gaitopt.solver.sparse import Pattern, SparseMatrix
@@ -51,25 +52,39 @@ from gaitopt.threads import cached_property
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """Meaning of one row of the equations.
+    """Meaning of one unknown, or of one row of the equations.
 
     Attributes
     ----------
-    name : of the margin, which is zero at the end of a phase and not negative elsewhere; ``defect`` or ``reset``.
-    phase, node : where it is taken; None for the impact of a step.
+    name : of an unknown: a state, ``duration``, a scalar, or the dotted key of a parameter. Of a row: ``defect`` or
+        ``reset``, a scalar, or a margin, which is zero at the end of a phase and not negative elsewhere.
+    mode : of the phase, or of the foot just after the impact; None if it belongs to the whole cycle.
+    phase, node : where it is taken, counted from 0 through all steps; None for the impact of a step.
     step : of the cycle.
     coordinate : of the state that a defect or a reset compares.
+    unit : SI unit as text; ``1`` if it has none.
     """
 
     name: str
+    mode: Mode | None = None
     phase: int | None = None
     node: int | None = None
     step: int = 0
     coordinate: str = ""
+    unit: str = ""
 
-    def unit(self, scales: Scales) -> float:
+    def size(self, scales: Scales) -> float:
         """Natural unit of the row of a margin."""
         return margin_unit(self.name, scales)
+
+    def __str__(self) -> str:
+        words = f"{self.name} of {self.coordinate}" if self.coordinate else self.name
+        words += "" if self.node is None else f" at node {self.node}"
+        if self.phase is not None:
+            words += f", phase {self.phase + 1} ({self.mode})"
+        elif self.mode is not None:
+            words += f", impact of step {self.step + 1} ({self.mode})"
+        return f"{words} [{self.unit}]"
 
 
 class NaturalUnits(NamedTuple):
@@ -174,7 +189,56 @@ class MultipleShooting:
     def margin_units(self, p: Array) -> Array:
         """Natural units of the inequalities."""
         scales = _dynamics(self.system, p.tobytes()).scales
-        return np.array([label.unit(scales) for label in self.inequalities[1]])
+        return np.array([label.size(scales) for label in self.inequalities[1]])
+
+    # ---- the meaning of unknowns and equalities
+
+    def label(self, name: str, phase: int, node: int | None = None, *, unit: str = "", coordinate: str = "") -> Label:
+        """The label of something in a phase; the unit of a margin by default."""
+        return Label(
+            name=name,
+            mode=self.mesh.cycle.phases[phase],
+            phase=phase,
+            node=node,
+            step=self.mesh.cycle.step_of(phase),
+            coordinate=coordinate,
+            unit=unit or SI[margin(name).unit],
+        )
+
+    @cached_property
+    def _states(self) -> tuple[tuple[str, str], ...]:
+        """Names of the states with their units."""
+        lengths, n = {*self.system.walker.lengths, "x", "y"}, len(self.system.state_names) // 2
+        units = ["m" if name in lengths else "rad" for name in self.system.state_names[:n]]
+        return tuple(zip(self.system.state_names, (*units, *(f"{unit}/s" for unit in units)), strict=True))
+
+    @cached_property
+    def unknown_labels(self) -> tuple[Label, ...]:
+        """Meaning of each entry of ``w``; a node between two phases belongs to the later one."""
+        phases = {node: arc.phase for arc, at in zip(self.mesh.arcs, self.mesh.arc_nodes, strict=True) for node in at}
+        return (
+            *(self.label(z, phases[node], node, unit=unit) for node in sorted(phases) for z, unit in self._states),
+            *(self.label("duration", phase, unit="s") for phase in range(self.n_phases)),
+            *(Label(name=key, unit=unit_of(key) or "1") for key in self.free),
+        )
+
+    @cached_property
+    def equality_labels(self) -> tuple[Label, ...]:
+        """Meaning of each row of the equalities."""
+        mesh, cycle = self.mesh, self.mesh.cycle
+        nodes = [(arc.phase, node) for arc, at in zip(mesh.arcs, mesh.arc_nodes, strict=True) for node in at[1:]]
+        resets = [(phase, node) for (phase, _), node in zip(cycle.resets, mesh.joints[1], strict=True)]
+        events = list[Label]()
+        for phase, ((_, name, order), node) in enumerate(
+            zip(endings(self.system, cycle), mesh.last_nodes, strict=True)
+        ):
+            unit = SI[margin(name).unit]
+            events.append(self.label(name, phase, node, unit=f"{unit}^{order + 1}" if order else unit))
+        return (
+            *(self.label("defect", *place, unit=unit, coordinate=z) for place in nodes for z, unit in self._states),
+            *events,
+            *(self.label("reset", *place, unit=unit, coordinate=z) for place in resets for z, unit in self._states),
+        )
 
     # ---- the equalities as expressions
 
@@ -193,19 +257,6 @@ class MultipleShooting:
         phase_ends, phase_starts = (self.Z[:, at] for at in self.mesh.joints)
         joined = conditions(*self._cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
         return vertcat(vec(nodes - horzcat(*ends)), joined)
-
-    @cached_property
-    def equality_labels(self) -> tuple[Label, ...]:
-        """Meaning of each row of the equalities."""
-        mesh, cycle, names = self.mesh, self.mesh.cycle, self.system.state_names
-        nodes = [(arc.phase, node) for arc, at in zip(mesh.arcs, mesh.arc_nodes, strict=True) for node in at[1:]]
-        ends = zip(endings(self.system, cycle), mesh.last_nodes, strict=True)
-        resets = zip(cycle.resets, mesh.joints[1], strict=True)
-        return (
-            *(Label(name="defect", phase=phase, node=node, coordinate=z) for phase, node in nodes for z in names),
-            *(Label(name=name, phase=phase, node=node) for phase, ((_, name, _), node) in enumerate(ends)),
-            *(Label(name="reset", phase=phase, node=node, coordinate=z) for (phase, _), node in resets for z in names),
-        )
 
     @property
     def _cycle_key(self) -> tuple[HybridSystem, Cycle, tuple[int, ...], tuple[str, ...]]:
@@ -262,7 +313,7 @@ class MultipleShooting:
                 if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
             ]
             rows.append(vec(margins)[[row + k * len(names) for row, k, _ in places]])
-            labels += [Label(name=name, phase=arc.phase, node=at[k]) for _, k, name in places]
+            labels += [self.label(name, arc.phase, at[k]) for _, k, name in places]
 
         # where a massless leg lands or takes off the ground forces are zero: their rates instead
         for i, arc, at in arcs:
@@ -272,7 +323,8 @@ class MultipleShooting:
                     _, rates = system.events(arc.mode)(start + k * h, Z[:, k], *self.constants(arc, 1))
                     for name in GROUND_FORCES:
                         rows.append(sign * rates[table.margin_names(arc.mode).index(name)])
-                        labels.append(Label(name=name, phase=arc.phase, node=at[k]))
+                        unit = f"{SI[margin(name).unit]}/s"
+                        labels.append(self.label(name, arc.phase, at[k], unit=unit))
 
         # where a slip starts from rest, the force beyond the static cone; with one coefficient the cone margin suffices
         for i, arc, at in arcs:
@@ -280,7 +332,7 @@ class MultipleShooting:
                 _, Z, start, _ = self.arc(i)
                 margins = system.margins(Mode.STICK)(start, Z[:, 0], *self.constants(arc, 1))
                 rows.append(-margins[table.margin_names(Mode.STICK).index(CONE[arc.mode.contact])])
-                labels.append(Label(name="onset", phase=arc.phase, node=at[0]))
+                labels.append(self.label("onset", arc.phase, at[0]))
 
         for row, label in self.impact_margins:
             rows.append(row)
@@ -296,8 +348,8 @@ class MultipleShooting:
             values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
             step = self.mesh.cycle.step_of(phase)
             for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
-                at_stop = Label(name=name, phase=phase, node=node)
-                margins.append((values[row], at_stop if mode.locked else Label(name=name, step=step)))
+                at_foot = Label(name=name, mode=mode, step=step, unit=SI[margin(name).unit])
+                margins.append((values[row], self.label(name, phase, node) if mode.locked else at_foot))
         return tuple(margins)
 
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:

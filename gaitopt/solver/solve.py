@@ -3,7 +3,7 @@
 guess           the motion from the guessed state along the mode sequence           ``roll_out``
 equations       F(w, p) = 0 on a mesh for that motion                               ``Rollout.on_mesh``
 Newton          from there, while its steps halve                                   ``solve_nearby``
-IPOPT           F = 0 and margins >= 0, if Newton's method finds no gait            ``Feasibility``
+IPOPT           F = 0 and margins >= 0, if Newton's method finds no gait            ``feasibility``
 refinement      down to rounding, on a mesh that is fine enough                     ``polish``, ``refine``
 check           every margin at the nodes, and no event between them                ``rejection_reason``
 """
@@ -14,17 +14,18 @@ from functools import partial
 
 import numpy as np
 
+from gaitopt.arrays import overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.solver.assembly import search_record, solved_gait
-from gaitopt.solver.diagnosis import failure_causes, missing_event, rejection_reason
-from gaitopt.solver.ipopt import Feasibility
-from gaitopt.solver.newton import Solution, polish, refine, solve_nearby
-from gaitopt.solver.rollout import Rollout, roll_out, rolled_again, transit_time
+from gaitopt.solver.assembly import search_record
+from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, largest_residual, missing_event, violations
+from gaitopt.solver.newton import Solution, solve_nearby
+from gaitopt.solver.program import checked_gait, compiled, feasibility, solved
+from gaitopt.solver.rollout import Rollout, guessed_motion, roll_out, rolled_again, transit_time
 
 MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
@@ -65,8 +66,7 @@ def solve_gait(
     if lacks_energy(problem):
         cause = Cause(what="energy", words=NO_ENERGY)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))
-    state = np.array([problem.guess.state[name] for name in system.state_names])
-    guess = roll_out(dynamics, cycle, state, problem.guess.durations)
+    guess = guessed_motion(problem, dynamics)
 
     def failed(by: Method, status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
         solver = search_record(by, iterations, began)
@@ -77,7 +77,7 @@ def solve_gait(
         if near.status is Status.INTERRUPTED:
             return failed(Method.NEWTON, near.status, near.words, near.iterations)
         if near.converged:
-            gait = _gait(problem, Method.NEWTON, near, began)
+            gait = checked_gait(problem, near, search_record(Method.NEWTON, near.iterations, began))
             if gait.converged or method is Method.NEWTON:
                 return gait
         elif method is Method.NEWTON:
@@ -87,17 +87,19 @@ def solve_gait(
         return failed(Method.NEWTON, Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
 
     def ipopt(start: Solution) -> Solution:
-        return Feasibility(start.equations, progress=progress, should_stop=should_stop).solve(start.w, start.p)
+        program = feasibility(problem, start)
+        return solved(program, compiled(program, progress=progress, should_stop=should_stop))
 
     start, solution = _search(guess, ipopt)
     if solution.status in FAILURES and problem.guess.durations is None:  # the events of the guess may come too late
+        state = guess.motions[0].states[0]
         shortened = np.array(guess.durations) * transit_time(dynamics, cycle, state) / guess.period
         start_again, retried = _search(roll_out(dynamics, cycle, state, shortened), ipopt)
         if retried.status not in FAILURES:
             start, solution = start_again, retried
     if solution.converged:
-        return _gait(problem, Method.IPOPT, solution, began)
-    causes = () if solution.status is Status.INTERRUPTED else failure_causes(start, solution, guess)
+        return checked_gait(problem, solution, search_record(Method.IPOPT, solution.iterations, began))
+    causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
     words = f"{solution.words}: {describe_causes(causes)}" if causes else solution.words
     return failed(Method.IPOPT, solution.status, words, solution.iterations, causes)
 
@@ -113,17 +115,27 @@ def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Sol
     return start, end
 
 
-def _gait(problem: Problem, method: Method, solution: Solution, began: float) -> Gait:
-    """The gait at a solution: polished, refined until its integration error is small, and checked."""
-    refined, solver = refine(polish(solution)), search_record(method, solution.iterations, began)
-    causes = rejection_reason(refined)
-    if not causes:
-        return solved_gait(problem, refined, message=solution.words, solver=solver)
-    return Gait(
-        problem=problem,
-        dynamics=Dynamics(solution.equations.system, solution.p),
-        status=Status.NOT_CONVERGED,
-        message=describe_causes(causes),
-        solver=solver,
-        causes=causes,
-    )
+@overflow_allowed()
+def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
+    """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
+
+    A reference that ends before the step explains more than the violations of motions beyond its end.
+
+    Parameters
+    ----------
+    start, failed : where IPOPT started, and where it ended.
+    guess : the motion from which the search began.
+    """
+    missing = None
+    if guess.endless is not None:
+        missing = missing_event(failed.equations.system, failed.equations.mesh.cycle, guess.endless)
+        if missing.what == "reference":
+            return (missing,)
+    begin = Solution(failed.equations, start.w, failed.p)
+    relaxed = feasibility(problem, begin, relaxed=True)
+    for at in (solved(relaxed, compiled(relaxed)), failed):
+        if at.size <= RESIDUAL_TOLERANCE:
+            violated = violations(at)
+            if violated:
+                return tuple(violated)
+    return (missing or largest_residual(failed),)

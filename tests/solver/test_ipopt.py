@@ -5,16 +5,27 @@ import pytest
 from casadi import MX, sumsqr, vertcat
 
 from gaitopt.gait.gait import Status
-from gaitopt.solver.ipopt import Block, Ipopt
+from gaitopt.solver.ipopt import Block, Ipopt, Program
 
 
-def nearest_point(**options):
+def nearest_point(p0, sizes=(1.0, 1.0), row_size=1.0, start=(0.3, 0.2)):
     """The point of x + y <= p, y >= 0 that is nearest to (2, 1)."""
     x, y, p = MX.sym("x"), MX.sym("y"), MX.sym("p")
-    unknowns = [Block(name="x", expression=x), Block(name="y", expression=y, lower=0.0)]
-    rows = [Block(name="sum", expression=x + y - p, upper=0.0)]
-    objective = sumsqr(vertcat(x, y) - np.array([2.0, 1.0]))
-    return Ipopt(unknowns, rows, p, objective, options={"tol": 1e-10}, **options)
+    return Program(
+        unknowns=(
+            Block(name="x", expression=x, size=sizes[0]),
+            Block(name="y", expression=y, lower=0.0, size=sizes[1]),
+        ),
+        rows=(Block(name="sum", expression=x + y - p, upper=0.0, size=row_size),),
+        p=p,
+        f=sumsqr(vertcat(x, y) - np.array([2.0, 1.0])),
+        x0=np.array(start),
+        p0=np.array([p0]),
+    )
+
+
+def ipopt(program, **options):
+    return Ipopt(program, options={"tol": 1e-10}, **options)
 
 
 @pytest.mark.portable
@@ -24,7 +35,7 @@ def nearest_point(**options):
     [(2.0, [1.5, 0.5], 1.0, 0.0), (0.0, [0.0, 0.0], 4.0, -2.0), (5.0, [2.0, 1.0], 0.0, 0.0)],
 )
 def test_optimum_and_multipliers_are_those_of_the_closed_form(exact, p, optimum, multiplier, of_bound):
-    end = nearest_point(exact=exact).solve(np.array([0.3, 0.2]), np.array([p]))
+    end = ipopt(nearest_point(p), exact=exact).solve()
     assert end.status is Status.CONVERGED
     np.testing.assert_allclose(end.w, optimum, rtol=0, atol=1e-6)
     np.testing.assert_allclose(end.multipliers, [multiplier], rtol=0, atol=1e-5)
@@ -33,16 +44,15 @@ def test_optimum_and_multipliers_are_those_of_the_closed_form(exact, p, optimum,
 
 
 def test_sizes_of_unknowns_and_rows_change_neither_optimum_nor_multipliers():
-    sizes = np.array([100.0, 0.01]), np.array([30.0])
-    end = nearest_point().solve(np.array([0.3, 0.2]), np.array([2.0]), *sizes)
+    end = ipopt(nearest_point(2.0, sizes=(100.0, 0.01), row_size=30.0)).solve()
     np.testing.assert_allclose(end.w, [1.5, 0.5], rtol=0, atol=1e-5)
     np.testing.assert_allclose(end.multipliers, [1.0], rtol=0, atol=1e-4)
 
 
 def test_progress_reports_the_violation_of_the_rows_and_a_request_stops_it():
     seen = []
-    watched = nearest_point(progress=lambda *report: seen.append(report), should_stop=lambda: len(seen) >= 3)
-    end = watched.solve(np.array([3.0, 2.0]), np.array([2.0]))
+    program = nearest_point(2.0, start=(3.0, 2.0))
+    end = ipopt(program, progress=lambda *report: seen.append(report), should_stop=lambda: len(seen) >= 3).solve()
     assert end.status is Status.INTERRUPTED
     assert [iteration for iteration, _ in seen] == [0, 1, 2]
     assert seen[0][1] == pytest.approx(3.0)

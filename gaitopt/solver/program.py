@@ -1,0 +1,263 @@
+"""The nonlinear program of a gait: the equations of multiple shooting with the friction complementarity.
+
+    min f(x, p)      s.t.  F(x, p) = 0,  margins(x, p) >= 0,  durations >= 0,      x = (nodes, durations, ...)
+
+The same program is solved by ``ipopt`` and handed to users by ``gaitopt.nlp``. Without unknown parameters f = 0, and F
+has as many rows as x; with some, it is the smoothed problem of ``gaitopt.design``.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from casadi import DM, MX, Function, mtimes, sum1, vec
+
+from gaitopt.arrays import Array, overflow_allowed
+from gaitopt.building import building
+from gaitopt.callbacks import Stop, Valued
+from gaitopt.display import Plotted
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.problem.problem import Problem
+from gaitopt.solver.assembly import solved_gait
+from gaitopt.solver.diagnosis import largest_residual, rejection_reason
+from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, Program
+from gaitopt.solver.newton import Solution, polish, refine
+from gaitopt.solver.shooting import Label, MultipleShooting
+from gaitopt.threads import cached_property
+
+SHORTEST = 0.1
+"""Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
+LARGEST_RESIDUAL = 1e-5
+"""Largest violation of the equalities, in natural units, of a point that Newton's method may refine to a gait: with a
+larger one, the gait might be another than the point."""
+MISSED = 1e-6
+"""A constraint of the problem that is violated by more, relative to its bound or to one, is not met."""
+EXTERNAL = "external"
+"""The method of a gait that gaitopt did not find itself."""
+TIME = "time"
+"""Name of the times of the nodes among the quantities of a point."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NonlinearProgram(Plotted, Program):
+    """The nonlinear program of a problem, in SI units, for any solver of CasADi, see ``gaitopt.nlp``::
+
+        solver = casadi.nlpsol("solver", "ipopt", nlp.casadi())
+        end = solver(**nlp.arguments())
+        gait = nlp.gait(end["x"])
+
+    ``x, p, f, g`` are expressions; ``x0, p0, lbx, ubx, lbg, ubg`` are numbers; ``x_labels`` and ``g_labels`` state the
+    name, mode, phase, node and unit of every entry. Equalities have equal bounds.
+
+    Attributes
+    ----------
+    problem : the one that is solved.
+    equations : its mesh and the equations of its gait.
+    radius : the function in Python that bounds the spectral radius of a design, if it is needed. The program must live
+        as long as a solver that calls it; it has no second derivatives, so that such a solver learns its Hessian.
+    """
+
+    problem: Problem
+    equations: MultipleShooting
+    radius: Function | None = None
+
+    def __repr__(self) -> str:
+        n, m = self.x.numel(), self.g.numel()
+        return f"<NonlinearProgram {self.problem.name}: {n} unknowns, {m} constraints, {self.equations.n_nodes} nodes>"
+
+    @property
+    def p_labels(self) -> tuple[str, ...]:
+        """Dotted keys of the parameters p; the values of those that are unknowns are ignored."""
+        return self.equations.system.parameters
+
+    @cached_property
+    def _rows(self) -> dict[str, list[int]]:
+        """Entries of x by the name in their labels."""
+        rows: dict[str, list[int]] = {}
+        for row, label in enumerate(self.x_labels):
+            rows.setdefault(label.name, []).append(row)
+        return rows
+
+    def unpack(self, w: Any) -> dict[str, Any]:
+        """The quantities of a point by name, in SI: numbers of numbers, and expressions of ``x``.
+
+        Parameters
+        ----------
+        w : shape (n,) - a point, or ``x`` itself.
+
+        Returns
+        -------
+        quantities : ``time`` since the last impact, and every state, at the nodes, shape (n_nodes,); ``duration`` of
+            the phases, (n_phases,); and of a design every freed parameter and extremum, (1,).
+        """
+        point = w if isinstance(w, MX) else self._checked(w)
+        quantities = {name: point[rows] for name, rows in self._rows.items()}
+        durations = np.vstack([np.zeros(self.equations.n_phases), np.eye(self.equations.n_phases)])
+        origin, *units = map(self.equations.mesh.node_times, durations)  # affine in the durations
+        moved = mtimes(DM(np.transpose(units) - origin[:, None]), quantities["duration"])
+        return {TIME: origin + (moved if isinstance(w, MX) else np.asarray(moved).ravel()), **quantities}
+
+    def pack(self, quantities: Mapping[str, Any]) -> Array:
+        """The point with these quantities, by the names of ``unpack``; others are those of ``x0``, times are ignored.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such quantity.
+        """
+        point = self.x0.copy()
+        for name, values in quantities.items():
+            if name != TIME:
+                if name not in self._rows:
+                    raise UnknownNameError(f"no quantity of {self.problem.name} is {name}; there are {[*self._rows]}")
+                point[self._rows[name]] = np.asarray(values, dtype=float).ravel()
+        return point
+
+    @overflow_allowed()
+    def gait(self, w: Any, p: Array | None = None) -> Gait:
+        """The gait at a solution, which Newton's method refines to rounding with the freed parameters as they are.
+
+        Parameters
+        ----------
+        w : shape (n,) - a point that satisfies the constraints to the tolerance of a solver.
+        p : shape (n_p,) - the parameters with which it was solved, if not ``p0``.
+
+        Returns
+        -------
+        gait : to be verified by ``gaitopt.verify``; its status is ``not_converged`` if the point is no gait, and its
+            message says which condition does not hold.
+
+        Raises
+        ------
+        ValueError
+            If ``w`` or ``p`` have another size.
+        """
+        values = self.p0 if p is None else np.array(p, dtype=float).ravel()
+        if values.size != self.p0.size:
+            raise ValueError(f"p has {values.size} entries instead of {self.p0.size}; p_labels names them")
+        changed = {key: float(new) for key, new, old in zip(self.p_labels, values, self.p0, strict=True) if new != old}
+        problem, point = self.problem.replace(changed) if changed else self.problem, self._checked(w)
+        at, solver = Solution(self.equations, point[: self.equations.w.numel()], values), {"method": EXTERNAL}
+        if not at.size <= LARGEST_RESIDUAL:
+            return failed_gait(problem, at, (largest_residual(at),), solver)
+        missed = self._missed(point, values)
+        if missed is not None:
+            return failed_gait(problem, at, (missed,), solver)
+        if (at.durations > 0).all() and not at.in_order:
+            words = (
+                "a switch passes a breakpoint of the control on the way from the start to this point; state "
+                f"gait.guess.durations: {[float(f'{duration:.4g}') for duration in at.durations]} and solve again"
+            )
+            return failed_gait(problem, at, (Cause(what="reference", words=words),), solver)
+        gait = checked_gait(problem, at, solver)
+        if not (gait.converged and problem.objective):
+            return gait
+        objective = sum(weight * gait.scalar(name) for name, weight in problem.objective.items())
+        return replace(gait, solver={**solver, "objective": objective})
+
+    def _missed(self, point: Array, p: Array) -> Cause | None:
+        """The bound of a constraint or of a freed parameter that is missed most; None if all are met."""
+        names = {*self.problem.constraints, *self.equations.free}
+        if not names:
+            return None
+        values = np.append(point, np.asarray(self._constraints(point, p)))
+        lower, upper = np.append(self.lbx, self.lbg), np.append(self.ubx, self.ubg)
+        outside = np.maximum(lower - values, values - upper)
+        outside[[label.name not in names for label in (*self.x_labels, *self.g_labels)]] = 0.0
+        row = int(np.argmax(outside))
+        label, bound = (*self.x_labels, *self.g_labels)[row], float(np.clip(values[row], lower[row], upper[row]))
+        if not outside[row] > MISSED * max(1.0, abs(bound)):
+            return None
+        side = "at least" if values[row] < bound else "at most"
+        words = f"{label.name} is {values[row]:.6g}, must be {side} {bound:.6g}"
+        return Cause(what=label.name, words=words, needed=bound, available=float(values[row]))
+
+    @cached_property
+    @building
+    def _constraints(self) -> Function:
+        return Function("constraints", [self.x, self.p], [self.g])
+
+    def _checked(self, w: Any) -> Array:
+        point = np.array(w, dtype=float).ravel()
+        if point.size != self.x0.size:
+            raise ValueError(f"a point has {self.x0.size} entries, not {point.size}; x_labels names them")
+        return point
+
+
+@building
+def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> NonlinearProgram:
+    """The program of a problem without unknown parameters.
+
+    Parameters
+    ----------
+    start : equations, parameters, and the motion from which a search starts.
+    relaxed : leaves the margins out, and lets phases have negative durations.
+    """
+    equations, units = start.equations, start.units
+    n, labels = equations.Z.numel(), equations.unknown_labels
+    rows = [
+        Block(
+            name="equalities", expression=equations.equalities, lower=0.0, upper=0.0, size=units.equalities,
+            labels=equations.equality_labels,
+        ),
+        Block(
+            name="period", expression=sum1(equations.durations), lower=SHORTEST * float(start.durations.sum()),
+            size=units.unknowns[-1], labels=(Label(name="period", unit="s"),),
+        ),
+    ]  # fmt: skip
+    if not relaxed:
+        margins, meaning = equations.inequalities
+        size = equations.margin_units(start.p)
+        rows.append(Block(name="margins", expression=margins, lower=0.0, size=size, labels=meaning))
+    return NonlinearProgram(
+        unknowns=(
+            Block(name="nodes", expression=vec(equations.Z), size=units.unknowns[:n], labels=labels[:n]),
+            Block(
+                name="durations", expression=equations.durations, lower=-np.inf if relaxed else 0.0,
+                size=units.unknowns[n:], labels=labels[n:],
+            ),
+        ),
+        rows=tuple(rows),
+        p=equations.parameters,
+        f=MX(0),
+        x0=start.w,
+        p0=start.p,
+        problem=problem,
+        equations=equations,
+    )  # fmt: skip
+
+
+def compiled(program: NonlinearProgram, *, progress: Valued = None, should_stop: Stop = None) -> Ipopt:
+    """IPOPT for a program without unknown parameters; it can also solve from other starts and parameters."""
+    options = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
+    return Ipopt(program, options=options, progress=progress, should_stop=should_stop)
+
+
+def solved(program: NonlinearProgram, ipopt: Ipopt) -> Solution:
+    """Where IPOPT ends."""
+    end = ipopt.solve(program)
+    return Solution(program.equations, end.w, program.p0, status=end.status, words=end.words, iterations=end.iterations)
+
+
+def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, float | str]) -> Gait:
+    """The gait at a solution: polished, refined until its integration error is small, and checked."""
+    refined = refine(polish(solution))
+    causes = rejection_reason(refined)
+    if causes:
+        return failed_gait(problem, solution, causes, solver)
+    return solved_gait(problem, refined, message=solution.words, solver=solver)
+
+
+def failed_gait(problem: Problem, at: Solution, causes: tuple[Cause, ...], solver: Mapping[str, float | str]) -> Gait:
+    """The attempt that ended where there is no gait."""
+    return Gait(
+        problem=problem,
+        dynamics=Dynamics(at.equations.system, at.p),
+        status=Status.NOT_CONVERGED,
+        message=describe_causes(causes),
+        solver=solver,
+        causes=causes,
+    )
