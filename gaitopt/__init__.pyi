@@ -33,6 +33,7 @@ from gaitopt.model.cycle import Cycle as Cycle
 from gaitopt.model.cycle import ModeSequence as ModeSequence
 from gaitopt.model.friction import ImpactLaw as ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion as equations_of_motion
+from gaitopt.model.links import Link as Link
 from gaitopt.model.modes import Mode as Mode
 from gaitopt.model.walker import Body as Body
 from gaitopt.model.walker import Mechanism as Mechanism
@@ -41,6 +42,7 @@ from gaitopt.paper.reproduction import reproduce as reproduce
 from gaitopt.problem.problem import Problem as Problem
 from gaitopt.problem.problem import load_problem as load_problem
 from gaitopt.problem.problem import parse_problem as parse_problem
+from gaitopt.problem.problem import walker_from_urdf as walker_from_urdf
 from gaitopt.problem.schema import problem_schema as problem_schema
 from gaitopt.problem.source import problem_names as problem_names
 from gaitopt.runs.basin import Basin as Basin

@@ -16,6 +16,7 @@ system        everything above as compiled CasADi functions
 dynamics      the compiled system at fixed parameters, as numbers
 buffered      calls of CasADi functions without overhead
 links         a walker as a tree of links
+urdf          robots in URDF files as walkers
 closure       the posture just after an impact, solved for
 walkers       the walkers that come with gaitopt
 """

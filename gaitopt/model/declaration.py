@@ -238,6 +238,8 @@ def _link_faults(links: Iterable[Link]) -> Iterator[str]:
         for what, value in (("name", link.name), ("joint", link.joint or "fixed")):
             if not _is_name(value):
                 yield f"links has the {what} {shown(value)}, but must have {NAME_WORDS}"
+        if link.sign not in (-1, 1):
+            yield f"sign of the link {link.name} is {shown(link.sign)}, but must be 1 or -1"
         if not _is_finite(link.zero):
             yield f"zero of the link {link.name} is {shown(link.zero)}, but must be a number"
         span: Any = (-1.0, 1.0) if link.range is None else link.range

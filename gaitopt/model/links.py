@@ -22,7 +22,7 @@ from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined
 ORIGIN = (0.0, 0.0)
 SAME = 1e-9
 """Relative difference below which numbers of two legs agree, above the digits of a file."""
-COMPARED = ("mass", "inertia", "position", "com", "tip", "zero", "rotor_inertia", "damping", "foot_radius")
+COMPARED = ("mass", "inertia", "position", "com", "tip", "rotor_inertia", "damping", "foot_radius")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +36,8 @@ class Link:
     parent : name of the link that carries it; None for the root of the tree.
     joint : name of the joint with the parent; empty for the root, and for a link that is fixed to its parent.
     position : the joint, or the origin of a fixed link, in the frame of the parent; it is the origin of this frame.
-    zero : the joint's angle is the angle of this link less that of its parent, plus this constant [rad].
+    sign : 1, or -1 for a joint whose angle counts the other way.
+    zero : the joint's angle is ``sign`` times (the angle of this link less that of its parent), plus ``zero`` [rad].
     tip : the other end of the link, to which it is drawn; the foot, if there is one.
     foot : whether the tip is a foot. The first link with a foot stands, the second one swings.
     foot_radius : radius of a round foot, whose centre is the tip [m].
@@ -54,6 +55,7 @@ class Link:
     parent: str | None = None
     joint: str = ""
     position: Any = ORIGIN
+    sign: int = 1
     zero: float = 0.0
     tip: Any = ORIGIN
     foot: bool = False
@@ -98,7 +100,9 @@ class Tree:
         by_name = {link.name: link for link in links}
         self.stance, self.swing = (link for link in links if link.foot)
         moving = (link for link in links if link.joint)
-        self.joints = {link.joint: SX(link.angle - by_name[str(link.parent)].angle + link.zero) for link in moving}
+        self.joints = {
+            link.joint: SX(link.sign * (link.angle - by_name[str(link.parent)].angle) + link.zero) for link in moving
+        }
         R = SX(self.stance.foot_radius)
         centre = foot + vertcat(R * self.stance.angle, R)
         self._entry = {self.stance.name: (_column(self.stance.tip), centre)}  # a point of each frame, and its place

@@ -289,6 +289,11 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return (*ground, Mode.FLIGHT) if cls.flies else ground
 
     @classmethod
+    def statement(cls) -> dict[str, Any]:
+        """The keys of a problem file, besides the parameters, that name this walker."""
+        return {"model": cls.model}
+
+    @classmethod
     def modes(cls) -> tuple[Mode, ...]:
         """All modes: every state of the foot with every state of the stops and switches."""
         choices = {**dict.fromkeys(cls.stops, STOP_STATES), **dict.fromkeys(cls.switches, SWITCH_STATES)}
@@ -354,6 +359,8 @@ def _pickled(walker: WalkerClass) -> tuple[Any, ...]:
     PicklingError
         If an import would not find the class.
     """
+    if "rebuilt_by" in vars(walker):  # a class that is made from the content of a file
+        return cast(tuple[Any, ...], vars(walker)["rebuilt_by"])
     module, name, model = walker.__module__, walker.__qualname__, getattr(walker, "model", "?")
     try:
         importable = attrgetter(name)(sys.modules[module])

@@ -16,6 +16,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import check_class
 from gaitopt.model.modes import Mode
 from gaitopt.model.registry import registered_walkers
+from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
@@ -273,6 +274,27 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
     return _parse(text, walkers, () if path is None else (path,))
 
 
+def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:
+    """The class of the planar robot in a URDF file, for ``walkers=[...]`` and ``check_walker``.
+
+    Parameters
+    ----------
+    path : the file.
+    feet : names of two links whose origins are the feet; the first one stands in the first step.
+
+    Raises
+    ------
+    ProblemError
+        If the file cannot be read, or its robot is not planar, no tree, or has no inertia or no point feet.
+    """
+    path, names = Path(path), (*feet,) if not isinstance(feet, str) else (feet,)
+    if len(names) != 2 or not all(isinstance(name, str) for name in names):
+        raise ProblemError(f"feet is {shown(feet)}, but must name two links: feet=('left_foot', 'right_foot')")
+    walker = walker_from_text(read_text(path, MAX_BYTES), (names[0], names[1]), path.name)
+    check_class(walker)
+    return walker
+
+
 def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
     """The problem of a record that ``Problem.resolved`` wrote, references included.
 
@@ -337,6 +359,7 @@ def _build(
     ProblemError
         With all faults, one line each.
     """
+    data = _with_robot(data, files[-1].parent if files else Path(), faults, place)
     fields = read_statement(data, {**registered_walkers(), **_by_model(walkers)}, faults)
     walker, (name, key), reference = fields["walker"], _reference_name(fields["control"]), None
     if name:
@@ -358,6 +381,28 @@ def _build(
     problem = Problem(**fields, reference=reference, path=path, text=text, place=place)
     raise_faults(impossible(problem), place)
     return problem
+
+
+def _with_robot(data: Mapping[str, Any], folder: Path, faults: list[Fault], place: Place) -> Mapping[str, Any]:
+    """The data with the content of the robot's file in place of its path, which is relative to the folder.
+
+    Raises
+    ------
+    ProblemError
+        If it cannot be read.
+    """
+    section = data.get("walker")
+    stated = section.get("urdf") if isinstance(section, Mapping) else None
+    if not isinstance(section, Mapping) or isinstance(stated, Mapping) or "urdf" not in section:
+        return data
+    try:
+        if not isinstance(stated, str) or not stated or "\0" in stated:
+            raise ProblemError(f"{shown(stated)} is no path of a URDF file")
+        robot = {"file": Path(stated).name, "text": read_text(folder / stated, MAX_BYTES)}
+    except ProblemError as error:
+        raise_faults([*faults, Fault(("walker", "urdf"), str(error))], place)
+        raise
+    return {**data, "walker": {**section, "urdf": robot}}
 
 
 def _by_model(walkers: Sequence[type[Walker]]) -> dict[str, type[Walker]]:

@@ -44,6 +44,7 @@ from gaitopt.problem.schema import (
     OpenGaitSection,
     PDSpec,
     RangeSection,
+    RobotSection,
     StepSection,
     is_angle,
     state_section,
@@ -126,6 +127,10 @@ class _StatementReader:
         if not isinstance(section, Mapping):
             self._fault(("walker",), f"{shown(section)} is not a mapping; keys: model, and the model's parameters")
             return None, None
+        if "urdf" in section:
+            robot = self._read_robot(section)
+            parameters = {key: value for key, value in section.items() if key not in RobotSection.model_fields}
+            return self._read_parameters(robot, parameters) if robot else (None, None)
         name = section.get("model")
         model = self._walkers.get(name) if isinstance(name, str) else None
         if model is None:
@@ -137,9 +142,31 @@ class _StatementReader:
             words = "has several contacts: its motions can be simulated, but its gaits cannot be solved yet"
             self._fault(path, f"{name} {words}; name a walker that stands on one foot at a time")
             return None, None
+        return self._read_parameters(model, {key: value for key, value in section.items() if key != "model"})
+
+    def _read_robot(self, section: Mapping[str, Any]) -> type[Walker] | None:
+        """The class of a robot in a URDF file, whose text is in the data."""
+        if "model" in section:
+            self._fault(("walker", "model"), "stands beside urdf: keep one of them")
+            return None
+        stated = {key: section[key] for key in RobotSection.model_fields if key in section}
+        robot = self._section(RobotSection, stated, ("walker",))
+        if robot is None:
+            return None
+        from gaitopt.model.urdf import walker_from_text
+
+        try:
+            return walker_from_text(robot.urdf.text, (robot.feet[0], robot.feet[1]), robot.urdf.file)
+        except ProblemError as error:
+            self._fault(("walker", "urdf"), str(error))
+            return None
+
+    def _read_parameters(
+        self, model: type[Walker], parameters: Mapping[str, Any]
+    ) -> tuple[type[Walker], Walker | None]:
+        """A walker with its parameters."""
         try:
             with calling(model, "reading its parameters"):
-                parameters = {key: value for key, value in section.items() if key != "model"}
                 walker = self._numbers(model, parameters, ("walker",))
             if walker is not None:
                 check_walker(walker)

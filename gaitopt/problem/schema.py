@@ -105,6 +105,22 @@ class FrictionCoefficients(Section):
         return self
 
 
+class RobotFile(Section):
+    """The name and the content of a robot's file."""
+
+    file: Annotated[str, Field(min_length=1, max_length=200, description="name of the file, for messages")]
+    text: Annotated[str, Field(description="content of the file")]
+
+
+class RobotSection(Section):
+    """A robot in a URDF file."""
+
+    urdf: Annotated[RobotFile, Field(description="URDF file of a planar robot, relative to this file")]
+    feet: Annotated[
+        tuple[str, str], Field(description="links whose origins are the feet; the first one stands in the first step")
+    ]
+
+
 class StepSection(Section):
     """The mode sequence of one step."""
 
@@ -323,7 +339,7 @@ def problem_schema() -> dict[str, Any]:
     head["properties"] |= {
         "walker": {
             "description": "the walker and its parameters",
-            "oneOf": [_walker(n, w) for n, w in walkers.items()],
+            "oneOf": [*(_walker(n, w) for n, w in walkers.items()), _robot()],
         },
         "control": {
             "description": "what the motors do",
@@ -354,6 +370,20 @@ def _walker(name: str, walker: type[Walker]) -> dict[str, Any]:
     section = _section(walker, may_be_free=tuple(walker.model_fields))
     section["properties"] = {"model": {"const": name}, **section["properties"]}
     section["required"] = ["model", *section.get("required", [])]
+    return section
+
+
+def _robot() -> dict[str, Any]:
+    from gaitopt.model.urdf import UrdfWalker  # most problems have no robot from a file
+
+    section = _section(UrdfWalker, may_be_free=tuple(UrdfWalker.model_fields))
+    robot = _section(RobotSection)["properties"]
+    robot["urdf"] = {"description": robot["urdf"]["description"], "type": "string"}
+    names = {"type": "array", "items": {"type": "string"}, "minItems": 2, "maxItems": 2}
+    robot["feet"] = {"description": robot["feet"]["description"], **names}
+    section["description"] = RobotSection.__doc__
+    section["properties"] = {**robot, **section["properties"]}
+    section["required"] = [*RobotSection.model_fields, *section.get("required", [])]
     return section
 
 

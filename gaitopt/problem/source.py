@@ -93,25 +93,33 @@ def _folder() -> Path:
     return shipped if shipped.is_dir() else Path(__file__).resolve().parents[2] / "problems"
 
 
-def read_text(path: Path) -> str:
-    """The text of a problem file, if it is a readable UTF-8 file of sensible size.
+def read_text(path: Path, limit: int = MAX_BYTES) -> str:
+    """The text of a problem file, or of a file that it names, if it is a readable UTF-8 file of sensible size.
+
+    Parameters
+    ----------
+    limit : largest size [bytes]; another one than that of problem files is for a file that a problem names.
 
     Raises
     ------
     ProblemError
         If it is missing, not a file, unreadable, too large or not UTF-8.
     """
+    is_problem = limit == MAX_BYTES
     try:
         if not path.exists():
-            raise _refusal(path, "no such file; `gaitopt list` shows the problems that have a name")
+            remedy = "; `gaitopt list` shows the problems that have a name" if is_problem else ""
+            raise _refusal(path, f"no such file{remedy}")
         if not path.is_file():  # a device could be read endlessly
-            raise _refusal(path, "is not a file; give the path of one problem file (.yaml)")
+            remedy = "; give the path of one problem file (.yaml)" if is_problem else ""
+            raise _refusal(path, f"is not a file{remedy}")
         with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+            content = file.read(limit + 1)
     except OSError as error:
         raise _refusal(path, f"cannot be read: {error.strerror}") from error
-    if len(content) > MAX_BYTES:
-        raise _refusal(path, f"is larger than {MAX_BYTES // 1024} kB: a problem file holds one gait, some 30 lines")
+    if len(content) > limit:
+        remedy = ": a problem file holds one gait, some 30 lines" if is_problem else ""
+        raise _refusal(path, f"is larger than {limit // 1024} kB{remedy}")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

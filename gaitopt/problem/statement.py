@@ -196,7 +196,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     data: dict[str, Any] = {
         "name": problem.name,
         "about": problem.about,
-        "walker": {"model": problem.walker.model, **problem.walker.model_dump(mode="json")},
+        "walker": {**problem.walker.statement(), **problem.walker.model_dump(mode="json")},
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
         "control": torques or control.model_dump(mode="json", exclude_none=True),

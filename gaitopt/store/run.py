@@ -52,6 +52,8 @@ RESULTS = Path("results")
 MANIFEST_FILE = "manifest.json"
 PROBLEM_FILE = "problem.yaml"
 RESOLVED_FILE = "resolved.json"
+ROBOT_FILE = "robot.urdf"
+"""Copy of the URDF file that the problem names; the resolved problem has its text as well."""
 PROBLEM_FILES = PROBLEM_FILE, RESOLVED_FILE
 GAIT_FILE, WALK_FILE = "gait.json", "walk.json"
 GAIT_FILES, WALK_FILES = (GAIT_FILE, "trajectory.csv"), (WALK_FILE, "walk.csv")
@@ -206,7 +208,9 @@ class Run:
             files = self.manifest().files if (self.folder / MANIFEST_FILE).exists() else {}
             self._write_manifest(Manifest.of(problem, files))
             run = Run(self.folder)
-            run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved())})
+            robot = problem.walker.statement().get("urdf")
+            named = {ROBOT_FILE: robot["text"]} if robot else {}
+            run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved()), **named})
             if self.part:
                 make_folder(self.place, parents=False)
             yield
