@@ -3,6 +3,7 @@
 import re
 import runpy
 import shlex
+import shutil
 import warnings
 from pathlib import Path
 
@@ -43,6 +44,7 @@ def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch,
 @pytest.mark.parametrize("program", blocks("python", PAGES[1:]))
 def test_library_calls_that_are_shown_work(program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "docs" / "examples" / "rabbit.urdf", tmp_path)
     exec(compile(program, "docs", "exec"), {})  # noqa: S102 - our own pages
 
 

@@ -103,9 +103,10 @@ def test_the_schema_refuses_what_a_file_may_not_say(change):
 
 
 def test_every_parameter_of_every_walker_is_described():
-    walkers = problem_schema()["properties"]["walker"]["oneOf"]
+    *walkers, robot = problem_schema()["properties"]["walker"]["oneOf"]
+    assert robot["required"] == ["urdf", "feet"]
     assert [walker["properties"]["model"]["const"] for walker in walkers] == list(registered_walkers())
-    for walker in walkers:
+    for walker in (*walkers, robot):
         assert all(entry["description"] for key, entry in walker["properties"].items() if key != "model")
 
 
