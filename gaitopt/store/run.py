@@ -208,9 +208,10 @@ class Run:
             files = self.manifest().files if (self.folder / MANIFEST_FILE).exists() else {}
             self._write_manifest(Manifest.of(problem, files))
             run = Run(self.folder)
-            robot = problem.walker.statement().get("urdf")
+            resolved = problem.resolved()
+            robot = resolved.get("walker", {}).get("urdf")
             named = {ROBOT_FILE: robot["text"]} if robot else {}
-            run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(problem.resolved()), **named})
+            run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(resolved), **named})
             if self.part:
                 make_folder(self.place, parents=False)
             yield
