@@ -1,6 +1,6 @@
 """From a problem to its hybrid system and its gait.
 
-The reference of a PD law is a gait of its own file, which is solved first. ``solve_sequence`` chooses between
+The reference of a control law may be a gait of its own file, which is solved first. ``solve_sequence`` chooses between
 ``solver`` and ``design``.
 """
 
@@ -15,22 +15,21 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.control import (
+from gaitopt.model.control import Control
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.reference import (
     BeyondEnd,
-    BezierTracking,
-    ConstantTorque,
-    Control,
-    NoControl,
+    BezierCurve,
+    CurveReference,
+    GaitReference,
     Piece,
-    ProportionalDerivative,
     Reference,
+    Target,
     continued,
     control_points,
 )
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion
@@ -55,20 +54,16 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
 
     Parameters
     ----------
-    should_stop : polled while the reference of a PD law is solved.
+    should_stop : polled while the reference of a control law is solved.
 
     Raises
     ------
     SolveError
-        If the reference of a PD law is not a gait.
+        If the reference of a control law is not a gait.
     """
-    spec, control = problem.control, list[object]([problem.control.type])
-    if isinstance(spec, ConstantTorqueSpec):
-        control += spec.torques
-    elif isinstance(spec, PDSpec):
-        source = _reference(problem)
-        control += [spec.reference.model_dump_json(), source.digest, type(source.walker)]
-    key = (type(problem.walker), problem.impact_law, problem.friction_law, *control)
+    control, source = problem.control.structure, _source(problem)
+    tracked = () if source is None else (source.digest, type(source.walker))
+    key = (type(problem.walker), problem.impact_law, problem.friction_law, *control, *tracked)
     return _shared_system(_Structure(key=key, problem=problem, should_stop=should_stop))
 
 
@@ -98,7 +93,7 @@ def solve_sequence(
     Raises
     ------
     SolveError
-        If the reference of a PD law is not a gait.
+        If the reference of a control law is not a gait.
     """
     system = build_system(problem, should_stop=should_stop) if start is None else start.system
     began = time.perf_counter()
@@ -188,12 +183,9 @@ def _shared_system(structure: _Structure) -> HybridSystem:
 
 def _control(problem: Problem, should_stop: Stop) -> Control:
     """The control law of a problem; the gait that it tracks is solved first."""
-    spec, walker = problem.control, problem.walker
-    if isinstance(spec, ConstantTorqueSpec):
-        return ConstantTorque(torques=dict(spec.torques))
-    if not isinstance(spec, PDSpec):
-        return NoControl()
-    source = _reference(problem)
+    source, walker = _source(problem), problem.walker
+    if source is None:
+        return problem.control
     if source.walker.shape != walker.shape:
         raise ProblemError(
             f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
@@ -202,27 +194,34 @@ def _control(problem: Problem, should_stop: Stop) -> Control:
     gait = solve_sequence(source, should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
-    if not isinstance(spec.reference, CurveReference):
-        return ProportionalDerivative(kp=spec.kp, kd=spec.kd, reference=gait_reference(gait, spec.reference.beyond_end))
-    curve = spec.reference.curve
+    bound = {name: _bound(target, gait) for name, target in problem.control.targets.items()}
+    return problem.control.model_copy(update=bound)
+
+
+def _bound(target: Target, gait: Gait) -> Target:
+    """A target that is ready for use, from the gait that it names."""
+    if isinstance(target, GaitReference):
+        return gait_reference(gait, target.beyond_end)
+    if not isinstance(target, CurveReference):
+        return target
+    curve, tracked = target.curve, gait.system.walker.tracked
     if curve.points:
-        points = {name: curve.points[name] for name in walker.tracked}
+        points = {name: curve.points[name] for name in tracked}
     else:  # the curves closest to the joint angles of the gait, within their bound
         phases = np.linspace(0, 1, FITTED_POINTS)
         angles, _ = gait_reference(gait, BeyondEnd.HOLD)(phases * gait.period)
         fitted = np.clip(control_points(phases, angles, curve.degree), -curve.within, curve.within)
-        points = {name: tuple(map(float, row)) for name, row in zip(walker.tracked, fitted, strict=True)}
-    return BezierTracking(
-        kp=spec.kp,
-        kd=spec.kd,
+        points = {name: tuple(map(float, row)) for name, row in zip(tracked, fitted, strict=True)}
+    return BezierCurve(
         points=points,
         duration=curve.duration or gait.period,
-        beyond_end=BeyondEnd(spec.reference.beyond_end),
+        beyond_end=BeyondEnd(target.beyond_end),
         within=curve.within,
     )
 
 
-def _reference(problem: Problem) -> Problem:
-    if problem.reference is None:
+def _source(problem: Problem) -> Problem | None:
+    """The problem whose gait the control law needs; None if it needs none."""
+    if problem.control.source[0] and problem.reference is None:
         raise ProblemError(f"{problem.name}: control.reference names no problem")
     return problem.reference

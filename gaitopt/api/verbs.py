@@ -31,6 +31,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait, Method, method_of
+from gaitopt.model.control import Control
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.search import solve as single
@@ -561,12 +562,14 @@ def prove(
     return proof
 
 
-def check_proof(path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> "Proof":
+def check_proof(
+    path: str | Path, *, walkers: Sequence[type[Walker]] = (), controls: Sequence[type[Control]] = ()
+) -> "Proof":
     """Verify the certificate of a proof again, without any search.
 
     Parameters
     ----------
-    walkers : classes of walkers that the certificate may name besides those that are registered.
+    walkers, controls : classes that the certificate may name besides those that are registered.
 
     Raises
     ------
@@ -588,7 +591,7 @@ def check_proof(path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> "P
     except (OSError, ValueError) as error:
         raise StorageError(f"cannot read {file}: {reason(error)}") from error
     try:
-        return check(parse_certificate(content), walkers=walkers)
+        return check(parse_certificate(content), walkers=walkers, controls=controls)
     except StorageError as error:
         raise StorageError(f"{file} is no certificate of a proof: {error}") from error
 

@@ -3,13 +3,16 @@
 walker        the definition of a walker: parameters, mechanism, class attributes
 declaration   checks of a walker's class and of the results of its methods
 checks        consistency of a walker where its feet swap roles
-registry      walkers by name, from this package and from plugins
+registry      walkers and control laws by name, from this package and from plugins
 units         natural units, ranges of numbers, types of parameters
 modes         states of the foot, the joint stops and the switches
 cycle         mode sequences of a step and of a cycle
 friction      coefficients of friction, and the tangential law of impacts
 transitions   the table of modes: margins, events, resets and next modes
-control       control laws and their references
+control       the definition of a control law: parameters, torques; laws without a reference
+reference     motions that joints follow
+tracking      PD control
+contract      checks of a law's class, and of the torques that it gives
 lagrangian    equations of motion
 contact       motion with a sticking, slipping or lifted foot; impacts
 system        everything above as compiled CasADi functions

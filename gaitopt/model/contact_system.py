@@ -23,6 +23,7 @@ class ContactExpressions(Expressions):
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
+        self._torques: dict[tuple[str, Mode | None], SX] = {}
         self._states: dict[Mode, ContactMotion] = {}
         self._collisions: dict[tuple[Mode, tuple[str, ...]], ContactImpact] = {}
         self.transitions = ContactTransitions(walker)
@@ -41,17 +42,28 @@ class ContactExpressions(Expressions):
     def state(self, mode: Mode) -> ContactMotion:
         """Accelerations and contact forces in a mode."""
         if mode not in self._states:
-            result = contact_motion(
-                self.eom,
-                mode,
-                static=self._static,
-                kinetic=self._kinetic,
-                viscous=self._viscous,
-                springs=self.eom.force_of(self.potential_of(mode)),
-                torque=self.torque,
-            )
-            self._states[mode] = BUILT.watch(result)
+            self._states[mode] = BUILT.watch(self._driven(mode, self.torque(mode)))
         return self._states[mode]
+
+    def _driven(self, mode: Mode, torque: SX) -> ContactMotion:
+        """Accelerations and contact forces in a mode under given torques."""
+        return contact_motion(
+            self.eom,
+            mode,
+            static=self._static,
+            kinetic=self._kinetic,
+            viscous=self._viscous,
+            springs=self.eom.force_of(self.potential_of(mode)),
+            torque=torque,
+        )
+
+    def _held(self, mode: Mode) -> Mode:
+        """The mode in which all contacts on the ground stick."""
+        return mode.with_states(dict.fromkeys(mode.touching, str(Mode.STICK)))
+
+    def _rate(self, mode: Mode, torque: SX, slip: SX | None = None) -> SX:
+        """dz/dt in a mode under given torques."""
+        return self._driven(mode, torque).dz
 
     def collision(self, mode: Mode, landing: tuple[str, ...]) -> ContactImpact:
         """The impact after which the contacts are in a mode; ``landing`` are the massless contacts that land."""

@@ -1,185 +1,109 @@
-"""Control laws: joint torques u(t, q, dq), with t the time since the last impact.
+"""Control laws: joint torques u(t, q, dq, s, p), with t the time since the last impact.
 
-    u = -kp (theta - theta_r(t)) - kd (dtheta - dtheta_r(t))              Gamus & Or (2013), section V, gait III
+A law is a frozen pydantic model, and what a problem file says under ``control`` is the law. Its numbers are parameters,
+entries of the vector p of the system: they can be set, freed, swept and continued. Everything else is structure.
 
 A law is smooth between its breakpoints, which are fixed times since the impact. On each segment between two breakpoints
 it reads ``segment data`` r, so that one compiled function serves all segments.
-
-A ``Reference`` theta_r consists of Chebyshev series, one piece per segment. Pieces meet at breakpoints, where the curve
-may have a kink or, with ``off``, the control ends. The last piece applies up to ``horizon``.
-
-``BezierTracking`` has Bezier curves whose control points c_k are parameters that can be set, freed or continued,
-
-    theta_r(t) = sum_k c_k B_k(s),    B_k(s) = C(n, k) s^k (1 - s)^(n - k),    s = t / duration,    t < duration
-
-Such a curve stays within the range of its control points. It starts at the first and ends at the last one, and its rate
-at the end, n (c_n - c_(n-1)) / duration, determines its continuation.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
-from math import comb
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from types import SimpleNamespace
+from typing import Annotated, Any, ClassVar, TypeAlias, get_args, get_origin
 
 import numpy as np
-from casadi import SX, horzsplit, reshape, vertcat, vertsplit
-from numpy.polynomial import chebyshev
+from casadi import SX, vertcat
+from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic.fields import FieldInfo
 
 from gaitopt.arrays import Array
+from gaitopt.model.lagrangian import EquationsOfMotion
+from gaitopt.model.reference import Path, Target
+from gaitopt.model.units import Finite, Positive, Within, symmetric
+from gaitopt.model.walker import PluginClass, WalkerType
 
-BLOCK = 6
-"""Terms of a series that are summed directly: about the root of their number, which is 33 for a phase of walking."""
+OWN_PACKAGE = "gaitopt."
+SectionType: TypeAlias = type[BaseModel]
+TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
 
 
-class BeyondEnd(StrEnum):
-    """Continuation of a reference after its end."""
+class Fixed:
+    """Annotation of a number that is structure rather than a parameter: ``Annotated[Positive, Fixed]``.
 
-    FLOW = "flow"
-    LINEAR = "linear"
-    HOLD = "hold"
-    OFF = "off"
+    A number on which ``breakpoints``, ``horizon`` or ``data`` depend has to be fixed.
+    """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
-    """A smooth piece of the curve.
+class Instant:
+    """What a control law knows at an instant, in CasADi symbols.
 
     Attributes
     ----------
-    start, end : time since impact [s]; ``end`` scales the series and does not have to be reached.
-    angles : ndarray, shape (n_u, degree + 1) - Chebyshev coefficients of the angles [rad].
-    rates : ndarray, shape (n_u, degree + 1) - of their rates [rad/s].
-    active : False where the control is switched off.
+    t : SX - time since the last impact [s].
+    q, dq : coordinates and rates by name: the shape, x and y [rad, m, rad/s, m/s]. On the ground y = dy = 0.
+    s, ds : phase variables of the walker and their rates by name; every shape coordinate is one too.
+    p : parameters of the law by name; those of a mapping by key, ``p.limits.hip``, and of a list as a column.
+    r : SX, shape (n_r,) - segment data.
+    robot : equations of motion of the walker: M, B, G, E, W_swing, mechanism, ``parameters`` by name.
     """
 
-    start: float
-    end: float
-    angles: Array
-    rates: Array
-    active: bool = True
+    t: SX
+    q: SimpleNamespace
+    dq: SimpleNamespace
+    s: SimpleNamespace
+    ds: SimpleNamespace
+    p: SimpleNamespace
+    r: SX
+    robot: EquationsOfMotion
+    _accelerations: Callable[[bool], tuple[SX, SX]] = field(repr=False)
 
-    def __call__(self, t: float) -> tuple[Array, Array]:
-        """Angles [rad] and rates [rad/s] at a time since impact [s], shape (n_u,) each."""
-        s = 2 * (t - self.start) / (self.end - self.start) - 1
-        angles, rates = (np.asarray(chebyshev.chebval(s, table.T)) for table in (self.angles, self.rates))
-        return angles, rates
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reference:
-    """Pieces in order of time; they are defined up to ``horizon``, a time since impact [s]."""
-
-    pieces: tuple[Piece, ...]
-    horizon: float = np.inf
-
-    @property
-    def degree(self) -> int:
-        """Largest degree of all series."""
-        return max(len(table.T) for piece in self.pieces for table in (piece.angles, piece.rates)) - 1
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times since impact at which one piece ends and the next begins [s]."""
-        return tuple(piece.start for piece in self.pieces[1:])
-
-    def data(self, segment: int) -> Array:
-        """The numbers of one piece in the layout that ``evaluate`` reads."""
-        piece, width = self.pieces[segment], self.degree + 1
-        series = [np.pad(row, (0, width - row.size)) for table in (piece.angles, piece.rates) for row in table]
-        return np.concatenate([[piece.start, piece.end, float(piece.active)], *series])
-
-    def __call__(self, times: Sequence[float] | Array) -> tuple[Array, Array]:
-        """Angles [rad] and rates [rad/s] at times since impact [s]; both of shape (n_u, n)."""
-        t = np.asarray(times, dtype=float)
-        index = np.searchsorted(self.breakpoints, t, side="right")
-        columns = [self.pieces[k](time) for k, time in zip(index, t, strict=True)]
-        angles, rates = zip(*columns, strict=True)
-        return np.column_stack(angles), np.column_stack(rates)
-
-
-def evaluate(data: SX, t: SX, n_tracked: int, degree: int, weights: tuple[SX, SX]) -> tuple[SX, SX]:
-    """Weighted sum of angle and rate of every joint, and whether the control acts, from ``Reference.data``.
-
-    The series of angle and rate are added before they are evaluated, which halves their number.
-    """
-    s = 2 * (t - data[0]) / (data[1] - data[0]) - 1
-    angles, rates = (reshape(rows, degree + 1, n_tracked) for rows in vertsplit(data[3:], (degree + 1) * n_tracked))
-    powers = _chebyshev(s)
-    sums = horzsplit(weights[0] * angles + weights[1] * rates)
-    return vertcat(*(_sum(vertsplit(c), powers) for c in sums)), data[2]
-
-
-def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Reference:
-    """The reference of ``pieces`` up to the time ``end``, then ``linear``, ``hold`` or ``off``.
-
-    ``flow`` needs the equations of motion of the walker that moves so; see ``gaitopt.systems``.
-    """
-    last = pieces[-1]
-    angles, rates = last(end)
-    if beyond_end is not BeyondEnd.LINEAR:
-        rates = np.zeros_like(rates)
-    # on [end, end + 1] the series variable is s = 2 (t - end) - 1, so that angle = (angle + rate/2) + rate/2 s
-    tail = Piece(
-        start=end,
-        end=end + 1.0,
-        angles=np.column_stack([angles + rates / 2, rates / 2]),
-        rates=rates[:, None],
-        active=beyond_end is not BeyondEnd.OFF,
-    )
-    return Reference(pieces=(*pieces, tail))
-
-
-def _chebyshev(s: SX) -> list[SX]:
-    """T_0, ..., T_BLOCK at ``s``, by T_2k = 2 T_k^2 - 1 and T_2k+1 = 2 T_k T_k+1 - T_1."""
-    values = [SX(1), s]
-    for k in range(2, BLOCK + 1):
-        values.append(2 * values[k // 2] * values[(k + 1) // 2] - values[k % 2])
-    return values
-
-
-def _sum(c: list[SX], T: list[SX]) -> SX:
-    """Chebyshev series sum_k c_k T_k from T_0, ..., T_m: blocks of m terms, and Clenshaw's recurrence over T_jm.
-
-    With T_jm+k = 2 T_jm T_k - T_jm-k the series is sum_j q_j T_jm, where q_j is a sum over T_0, ..., T_m-1 and T_jm is
-    T_j(T_m). This takes one product of variables per block instead of one per term, and such products dominate the cost
-    of a Taylor series of the motion.
-    """
-    m, c = len(T) - 1, list(c)
-    for n in reversed(range(m + 1, len(c))):
-        if n % m:
-            c[n - 2 * (n % m)] -= c[n]
-            c[n] = 2 * c[n]
-    blocks = [sum(a * b for a, b in zip(c[j : j + m], T, strict=False)) for j in range(0, len(c), m)]
-    b1, b2 = SX(0), SX(0)
-    for q in reversed(blocks[1:]):
-        b1, b2 = q + 2 * T[m] * b1 - b2, b1
-    return blocks[0] + T[m] * b1 - b2
-
-
-class Control(ABC):
-    """Base of the control laws."""
-
-    @property
-    @abstractmethod
-    def parameters(self) -> Mapping[str, float]:
-        """Values of the scalars that can be set, freed or continued, by their name in the problem file."""
-
-    @property
-    def unknowns(self) -> Mapping[str, tuple[float, float]]:
-        """Bounds of the parameters that a design determines rather than the problem file."""
-        return {}
-
-    @abstractmethod
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        """Torques u of shape (n_u,) [N m].
+    def accelerations(self, actual: bool = False) -> tuple[SX, SX]:
+        """Shape accelerations as a function of the torques u, ddq = drift + response u.
 
         Parameters
         ----------
-        t : SX - time since the last impact [s].
-        angles, rates : SX, shape (n_u,) - tracked shape coordinates [rad] and rates [rad/s].
-        p : SX - the law's scalars, in the order of ``parameters``.
-        r : SX - segment data.
+        actual : in the mode of the phase; by default the stance foot is held, even if it slips.
+
+        Returns
+        -------
+        drift : SX, shape (n_shape,) [rad/s^2]
+        response : SX, shape (n_shape, n_u) [rad/(s^2 N m)]
+        """
+        return self._accelerations(actual)
+
+
+class Control(BaseModel, ABC, metaclass=PluginClass):
+    """Base of the control laws; derive from it, declare the parameters as fields, and define ``torques``.
+
+    A field of type float is a parameter, and so is every entry of a mapping from names to floats. All other fields are
+    structure: problems that differ in them have systems of their own.
+
+    Class attributes
+    ----------------
+    type : the name used in problem files.
+    version : enters the digest of a problem if the law is from another package; change it with the law's equations.
+    jumps : whether the torques may jump at breakpoints; otherwise they must be continuous there.
+    restarts : whether the law's clock restarts at every impact.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    type: ClassVar[str]
+    version: ClassVar[str] = "1"
+    jumps: ClassVar[bool] = False
+    restarts: ClassVar[bool] = True
+
+    @abstractmethod
+    def torques(self, now: Instant) -> Mapping[str, Any]:
+        """Torques by actuator name [N m]; a motor that is left out is off.
+
+        Parameters
+        ----------
+        now : time, coordinates, phase variables and parameters in CasADi symbols.
         """
 
     @property
@@ -192,151 +116,171 @@ class Control(ABC):
         """Time since impact up to which the law is defined [s]."""
         return np.inf
 
+    @property
+    def period(self) -> float | None:
+        """Period of a clock of the law's own [s]; None if there is none."""
+        return None
+
     def data(self, segment: int) -> Array:
         """Segment data r, of the same length in all segments."""
         return np.zeros(0)
 
+    def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
+        """What is wrong with the law for a walker: keys below ``control``, and a message for each."""
+        for name, target in self.targets.items():
+            yield from (((name, *path), message) for path, message in target.faults(walker))
 
-@dataclass(frozen=True, slots=True)
-class NoControl(Control):
-    """A passive walker: all torques are zero."""
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """No scalars."""
-        return {}
-
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        """Zero."""
-        return SX.zeros(angles.numel())
-
-
-@dataclass(frozen=True, slots=True)
-class ConstantTorque(Control):
-    """Constant torques by actuator name, in the order of the walker's actuators [N m]."""
-
-    torques: Mapping[str, float]
+    @classmethod
+    def section(cls, walker: WalkerType) -> SectionType:
+        """The keys that a problem file may give for a walker; by default those of the class."""
+        return cls
 
     @property
-    def parameters(self) -> Mapping[str, float]:
-        """The torques by actuator name."""
-        return self.torques
-
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        """The parameters."""
-        return p
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProportionalDerivative(Control):
-    """PD tracking of a reference whose clock restarts at every impact."""
-
-    kp: float
-    kd: float
-    reference: Reference
+    def targets(self) -> dict[str, Target]:
+        """References among the fields, by name."""
+        return {name: value for name, value in self if isinstance(value, Target)}
 
     @property
-    def parameters(self) -> Mapping[str, float]:
-        """The gains kp [N m/rad] and kd [N m s/rad]."""
-        return {"kp": self.kp, "kd": self.kd}
+    def parameters(self) -> dict[str, float]:
+        """Values of the scalars that can be set, freed or continued, by their key below ``control``."""
+        values = dict[str, float]()
+        for name, value in sorted(self, key=lambda item: item[0] == "limits"):
+            if isinstance(value, Target):
+                values |= {f"{name}.{key}": number for key, number in value.parameters.items()}
+            elif is_parameter(type(self).model_fields.get(name)):
+                values |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, Mapping) else {name: value}
+        return values
 
     @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times at which pieces of the reference meet."""
-        return self.reference.breakpoints
+    def structure(self) -> tuple[object, ...]:
+        """Key of the systems that can share the law's expressions: all but the values of the parameters."""
+        numbers = {name for name in dict(self) if is_parameter(type(self).model_fields.get(name))}
+        targets = self.targets
+        fixed = self.model_dump_json(exclude=numbers | {*targets})
+        return (type(self), tuple(self.parameters), fixed, *(target.structure for target in targets.values()))
 
     @property
-    def horizon(self) -> float:
-        """End of the reference."""
-        return self.reference.horizon
+    def source(self) -> tuple[str, Path]:
+        """Name or path of the problem whose gait the law needs, and the path of its key; empty if there is none."""
+        for name, target in self.targets.items():
+            source, path = target.source
+            if source:
+                return source, ("control", name, *path)
+        return "", ()
 
-    def data(self, segment: int) -> Array:
-        """The numbers of the piece of the reference in this segment."""
-        return self.reference.data(segment)
+    @property
+    def record(self) -> dict[str, Any]:
+        """JSON data that are read as the same law: its type, the version of another package's law, and its keys."""
+        law = type(self)
+        version = {} if law.__module__.startswith(OWN_PACKAGE) else {"version": law.version}
+        keys = self.model_dump(mode="json", exclude_none=True, exclude=None if self.limits else {"limits"})
+        return {"type": law.type, **version, **keys}
 
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        """Feedback on the error of each tracked joint."""
-        target, active = evaluate(r, t, angles.numel(), self.reference.degree, (p[0], p[1]))
-        return -active * (p[0] * angles + p[1] * rates - target)
+    def unknowns(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
+        """Bounds of the parameters that a design determines rather than the problem file."""
+        targets = self.targets.items()
+        return {f"{name}.{key}": span for name, target in targets for key, span in target.unknowns(walker).items()}
+
+    def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
+        """Dotted keys and values that make known parameters, by dotted key, the guess of the law's unknowns."""
+        changes = dict[str, object]()
+        for name, target in self.targets.items():
+            above = f"control.{name}."
+            known = {key.removeprefix(above): value for key, value in values.items() if key.startswith(above)}
+            changes |= {f"{above}{key}": value for key, value in target.guesses(known, walker).items()}
+        return changes
+
+    limits: Annotated[
+        dict[str, Positive],
+        Field(description="largest torque of a motor, which u approaches as L tanh(u / L) [N m], by actuator"),
+        Within(unit="torque", possible=(0, 1000)),
+    ] = {}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BezierTracking(Control):
-    """PD tracking of one Bezier curve per joint, whose clock restarts at every impact.
+def is_parameter(info: FieldInfo | None) -> bool:
+    """Whether a field holds parameters: a float, or a mapping from names to floats; None is a key without a field."""
+    if info is None:
+        return True
+    if Fixed in info.metadata:
+        return False
+    value = get_args(info.annotation)[-1] if _is_mapping(info) else info.annotation
+    return value is float or (get_origin(value) is Annotated and get_args(value)[0] is float)
 
-    Attributes
+
+def _is_mapping(info: FieldInfo) -> bool:
+    origin = get_origin(info.annotation)
+    return isinstance(origin, type) and issubclass(origin, Mapping)
+
+
+def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
+    """Symbols of a law's parameters as nested namespaces; a level whose keys are numbers is a column.
+
+    Parameters
     ----------
-    kp, kd : gains [N m/rad], [N m s/rad].
-    points : control points of the curve of each tracked joint [rad], the same number for all joints.
-    duration : of the curves [s]; the step may end earlier or later.
-    beyond_end : continuation after ``duration``: ``linear``, ``hold`` or ``off``.
-    within : bound of the modulus of control points that are unknowns [rad].
+    symbols : SX - in the order of ``law.parameters``.
     """
 
-    kp: float
-    kd: float
-    points: Mapping[str, tuple[float, ...]]
-    duration: float
-    beyond_end: BeyondEnd
-    within: float
+    def nested(entries: Mapping[str, Any]) -> Any:
+        if entries and all(key.isdigit() for key in entries):
+            return vertcat(*entries.values())
+        return SimpleNamespace(**{key: nested(v) if isinstance(v, Mapping) else v for key, v in entries.items()})
 
-    @property
-    def degree(self) -> int:
-        """Degree n of the curves."""
-        return len(next(iter(self.points.values()))) - 1
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The gains, and the control points as ``reference.JOINT.K``."""
-        points = {f"reference.{name}.{k}": c for name, row in self.points.items() for k, c in enumerate(row)}
-        return {"kp": self.kp, "kd": self.kd, **points}
-
-    @property
-    def unknowns(self) -> Mapping[str, tuple[float, float]]:
-        """Bounds of the control points."""
-        return {name: (-self.within, self.within) for name in self.parameters if name.startswith("reference.")}
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """The end of the curves."""
-        return (self.duration,)
-
-    def data(self, segment: int) -> Array:
-        """Weights of the curve and of its continuation: (1, 0), then (0, 1)."""
-        return np.array([1.0, 0.0] if segment == 0 else [0.0, 1.0])
-
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        """Feedback on the error of each tracked joint."""
-        points = reshape(p[2:], self.degree + 1, len(self.points))
-
-        def feedback(target_angles: SX, target_rates: SX) -> SX:
-            return -p[0] * (angles - target_angles) - p[1] * (rates - target_rates)
-
-        within = r[0] * feedback(*self._curve(points, t / self.duration))
-        if self.beyond_end is BeyondEnd.OFF:
-            return within
-        end, rate = self._curve(points, SX(1))
-        if self.beyond_end is BeyondEnd.HOLD:
-            return within + r[1] * feedback(end, SX.zeros(rate.numel()))
-        return within + r[1] * feedback(end + rate * (t - self.duration), rate)
-
-    def _curve(self, points: SX, s: SX) -> tuple[SX, SX]:
-        """Angles and rates of the curves at the phase ``s``."""
-        slopes = self.degree / self.duration * (points[1:, :] - points[:-1, :])
-        return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
+    tree: dict[str, Any] = {name: {} for name, value in law if isinstance(value, Mapping | Target)}
+    for k, key in enumerate(law.parameters):
+        level, parts = tree, key.split(".")
+        for part in parts[:-1]:
+            level = level.setdefault(part, {})
+        level[parts[-1]] = symbols[k]
+    return SimpleNamespace(**{name: nested(v) if isinstance(v, Mapping) else v for name, v in tree.items()})
 
 
-def control_points(phases: Array, angles: Array, degree: int) -> Array:
-    """Control points (n, degree + 1) of the Bezier curves that fit ``angles`` (n, m) at ``phases`` (m,) best."""
-    k = np.arange(degree + 1)
-    basis = np.array([comb(degree, j) for j in k]) * phases[:, None] ** k * (1 - phases[:, None]) ** (degree - k)
-    return np.asarray(np.linalg.lstsq(basis, angles.T, rcond=None)[0].T, dtype=float)
+@lru_cache(maxsize=64)
+def _torques(walker: WalkerType) -> SectionType:
+    """The keys of constant torques for a walker."""
+    limits = Control.model_fields["limits"]
+    fields: dict[str, Any] = {
+        name: (Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE], ...)
+        for name in walker.actuators
+    }
+    fields["limits"] = (limits.annotation, limits)
+    config = ConfigDict(frozen=True, extra="forbid")
+    return create_model("Torques", __config__=config, __doc__=ConstantTorque.__doc__, **fields)
 
 
-def _bernstein(degree: int, s: SX) -> SX:
-    """B_k(s) for all k; powers are products, because the power of a symbol has no derivative at 0."""
-    rising, falling = [SX(1)], [SX(1)]
-    for _ in range(degree):
-        rising.append(rising[-1] * s)
-        falling.append(falling[-1] * (1 - s))
-    return vertcat(*(comb(degree, k) * rising[k] * falling[degree - k] for k in range(degree + 1)))
+class _NoKeys(BaseModel):
+    """No torques: a passive walker."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class NoControl(Control):
+    """No torques: a passive walker."""
+
+    type = "none"
+
+    @classmethod
+    def section(cls, walker: WalkerType) -> SectionType:
+        """No keys."""
+        return _NoKeys
+
+    def torques(self, now: Instant) -> Mapping[str, SX]:
+        """No motor acts."""
+        return {}
+
+
+class ConstantTorque(Control):
+    """Constant torques by the walker's actuator names [N m]."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", validate_default=True)
+    __pydantic_extra__: dict[str, Finite]
+
+    type = "constant_torque"
+
+    @classmethod
+    def section(cls, walker: WalkerType) -> SectionType:
+        """One key per actuator."""
+        return _torques(walker)
+
+    def torques(self, now: Instant) -> Mapping[str, SX]:
+        """The parameters."""
+        return {name: value for name, value in vars(now.p).items() if name != "limits"}

@@ -18,6 +18,7 @@ from weakref import WeakSet
 
 import numpy as np
 from casadi import DM, SX, Function, depends_on, jacobian, symvar, vertcat
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from gaitopt.errors import ProblemError
@@ -29,7 +30,19 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 """Names of coordinates, actuators, stops and switches, which occur in keys, columns and compiled functions."""
 NAME_WORDS = "a name of ASCII letters and digits, with single underscores between them"
 FOOT_COORDINATES = ("x", "y")
-RESERVED = ("mode", "contact", "impact", "model", "type", "touchdown", "upright", "clearance", "painleve")
+RESERVED = (
+    "mode",
+    "contact",
+    "impact",
+    "model",
+    "type",
+    "version",
+    "limits",
+    "touchdown",
+    "upright",
+    "clearance",
+    "painleve",
+)
 """Words with another meaning where the names of stops, switches and actuators occur."""
 DERIVED = (
     "contact_names",
@@ -49,7 +62,7 @@ OVERRIDABLE = ("mechanism", "links", "after_impact", "rates_after_impact", "land
 ATTRIBUTES = tuple(Walker.__annotations__)
 LISTS = (
     "shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked",
-    "contacts", "massless_contacts", "landing_contacts",
+    "phases", "contacts", "massless_contacts", "landing_contacts",
 )  # fmt: skip
 """Class attributes that are tuples of names."""
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
@@ -81,7 +94,7 @@ def check_class(walker: object) -> None:
 
 
 @contextmanager
-def calling(walker: type[Walker], what: str) -> Iterator[None]:
+def calling(walker: type[BaseModel], what: str) -> Iterator[None]:
     """Turn any exception of a class into one sentence.
 
     Raises
@@ -126,7 +139,7 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
     reason = next(_container_faults(walker, stated), None)
     if reason is not None:
         raise ProblemError(f"{walker.__name__}: {reason}")
-    read = _Reader(walker, q, p)
+    read = Reader(walker, q, p)
     stops = {name: read.scalar(f"Mechanism.stops[{name!r}]", gap, "shape") for name, gap in stated.stops.items()}
     for name, gap in stops.items():
         if depends_on(jacobian(gap, read.shape), read.shape):
@@ -149,7 +162,10 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         if walker.contacts and SX(stated.relabel).is_empty()
         else read.vector("Mechanism.relabel", stated.relabel, len(walker.shape), "shape"),
         stops=stops,
-        switches={name: _checked_switch(read, name, margin) for name, margin in stated.switches.items()},
+        switches={name: _checked_switch(walker, read, name, margin) for name, margin in stated.switches.items()},
+        phases={
+            name: read.scalar(f"Mechanism.phases[{name!r}]", phase, "shape") for name, phase in stated.phases.items()
+        },
         motors=tuple(read.scalar(f"Mechanism.motors[{k}]", angle, "shape") for k, angle in enumerate(stated.motors)),
         potential=read.scalar("Mechanism.potential", stated.potential, "shape"),
         potential_while={
@@ -165,7 +181,7 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         ),
         push=None if stated.push is None else read.vector("Mechanism.push", stated.push, 2, "shape"),
         length=None if stated.length is None else read.scalar("Mechanism.length", stated.length, "parameters"),
-        contacts={name: _checked_contact(read, name, contact) for name, contact in stated.contacts.items()},
+        contacts={name: _checked_contact(walker, read, name, contact) for name, contact in stated.contacts.items()},
     )
     if vertcat(q.x, q.y).is_valid_input():  # symbols rather than a given position of the foot
         if not (walker.contacts or depends_on(mechanism.touchdown, _symbols(_entries(q).values()))):
@@ -198,7 +214,7 @@ def state_tree(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> 
         reason = next(chain(_link_faults(stated), _tree_faults(stated)), None)
     if reason is not None:
         raise ProblemError(f"{walker.__name__}: {reason}")
-    read, links = _Reader(walker, q, p), []
+    read, links = Reader(walker, q, p), []
     for link in stated:
         of = f"of the link {link.name}"
         points: dict[str, Any] = {
@@ -283,11 +299,11 @@ def state_after_impact(walker: type[Walker], free: SimpleNamespace, p: SimpleNam
     ProblemError
         If one of the two methods raises, or does not return one expression per shape coordinate.
     """
-    read, results = _Reader(walker, free, p), []
+    read, results = Reader(walker, free, p), []
     for name in ("after_impact", "rates_after_impact"):
         with calling(walker, name):
             stated = getattr(walker, name)(free, p)
-        results.append(_read_shape(read, name, stated))
+        results.append(_read_shape(walker, read, name, stated))
     return results[0], results[1]
 
 
@@ -304,8 +320,8 @@ def state_landing(walker: type[Walker], q: SimpleNamespace, dq: SimpleNamespace,
     if not (_is_list(stated, object) and len(stated) == 2):
         words = "two tuples: the shape coordinates and their rates"
         raise ProblemError(f"{walker.__name__}: landing returns {shown(stated)}, but must return {words}")
-    read = _Reader(walker, SimpleNamespace(**_entries(q), **_entries(dq, "d")), p)
-    return _read_shape(read, "landing", stated[0]), _read_shape(read, "landing", stated[1])
+    read = Reader(walker, SimpleNamespace(**_entries(q), **_entries(dq, "d")), p)
+    return _read_shape(walker, read, "landing", stated[0]), _read_shape(walker, read, "landing", stated[1])
 
 
 def state_picture(
@@ -318,7 +334,7 @@ def state_picture(
     ProblemError
         If one of the two methods raises, or does not return these.
     """
-    read = _Reader(walker, q, p)
+    read = Reader(walker, q, p)
     tree = state_tree(walker, q, p) if has_links(walker) else None
     with calling(walker, "outline"):
         lines = tree.lines() if tree and is_default(walker, "outline") else walker.outline(q, p)
@@ -334,11 +350,11 @@ def state_picture(
     return drawn, read.vector("contact", point, 2, "all")
 
 
-class _Reader:
-    """Reads the results of a walker's methods, whose arguments are coordinates ``q`` and parameters ``p`` by name."""
+class Reader:
+    """Reads the results of a class's methods, whose arguments are coordinates ``q`` and parameters ``p`` by name."""
 
-    def __init__(self, walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> None:
-        self.walker = walker
+    def __init__(self, walker: type[BaseModel], q: SimpleNamespace, p: SimpleNamespace) -> None:
+        self._class = walker
         entries, parameters = _entries(q), _entries(p)
         self.symbols = _symbols([*entries.values(), *parameters.values()])
         foot = {name: entries.pop(name) for name in FOOT_COORDINATES if name in entries}
@@ -358,12 +374,12 @@ class _Reader:
 
     def vector(self, what: str, value: Any, size: int, of: str) -> SX:
         """A column of expressions, which depend on the arguments ``of``: a key of ``_forbidden``."""
-        name = self.walker.__name__
+        name = self._class.__name__
         form = "one number or expression" if size == 1 else f"a column of {size}, vertcat(...)"
         strange = isinstance(value, bool) or (isinstance(value, np.ndarray) and value.dtype.kind not in "iuf")
         if strange or not isinstance(value, KINDS):
             raise ProblemError(f"{name}: {what} is {shown(value)}, but must be {form} of CasADi's type SX")
-        with calling(self.walker, f"reading {what}"):
+        with calling(self._class, f"reading {what}"):
             expression = SX(value)
         if expression.shape != (size, 1):
             rows, columns = expression.shape
@@ -378,9 +394,8 @@ class _Reader:
         return expression
 
 
-def _read_shape(read: _Reader, method: str, stated: object) -> SX:
+def _read_shape(walker: type[Walker], read: Reader, method: str, stated: object) -> SX:
     """One expression per shape coordinate, as a column."""
-    walker = read.walker
     if not isinstance(stated, tuple | list):
         words = "a tuple of one expression per shape coordinate"
         raise ProblemError(f"{walker.__name__}: {method} returns {shown(stated)}, but must return {words}")
@@ -392,28 +407,28 @@ def _read_shape(read: _Reader, method: str, stated: object) -> SX:
 
 
 def _checked_switch(
-    read: _Reader, name: str, margin: Callable[[SimpleNamespace], SX]
+    walker: type[Walker], read: Reader, name: str, margin: Callable[[SimpleNamespace], SX]
 ) -> Callable[[SimpleNamespace], SX]:
     """The margin of a switch, checked wherever it is evaluated."""
-    walker, what = read.walker, f"Mechanism.switches[{name!r}]"
+    what = f"Mechanism.switches[{name!r}]"
 
     def checked(rates: SimpleNamespace) -> SX:
         with calling(walker, what):
             value = margin(rates)
         symbols = vertcat(read.symbols, _symbols(_entries(rates).values()))
-        return _Reader(walker, SimpleNamespace(symbols=symbols), SimpleNamespace()).scalar(what, value, "all")
+        return Reader(walker, SimpleNamespace(symbols=symbols), SimpleNamespace()).scalar(what, value, "all")
 
     checked(SimpleNamespace(**{rate: SX.sym(rate) for rate in (*walker.shape, *FOOT_COORDINATES)}))
     return checked
 
 
-def _checked_contact(read: _Reader, name: str, contact: Contact) -> Contact:
+def _checked_contact(walker: type[Walker], read: Reader, name: str, contact: Contact) -> Contact:
     """A contact point with its expressions checked."""
     what = f"Mechanism.contacts[{name!r}]"
     for key in contact.places:
-        if key not in read.walker.shape:
+        if key not in walker.shape:
             words = f"{what}.places names {shown(key)}, which is no shape coordinate"
-            raise ProblemError(f"{read.walker.__name__}: {words}")
+            raise ProblemError(f"{walker.__name__}: {words}")
     return Contact(
         position=read.vector(f"{what}.position", contact.position, 2, "all"),
         counts=read.scalar(f"{what}.counts", contact.counts, "height"),
@@ -429,7 +444,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         if not _is_list(value, kind):
             words = "angles" if kind is object else f"{kind.__name__}(...)"
             yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {words}"
-    for name in ("stops", "switches", "potential_while", "contacts"):
+    for name in ("stops", "switches", "phases", "potential_while", "contacts"):
         value = getattr(mechanism, name)
         if not isinstance(value, Mapping):
             yield f"Mechanism.{name} is {shown(value)}, but must be a mapping from names to expressions"
@@ -439,7 +454,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
     if walker.pushes is (mechanism.push is None):
         yield f"pushes is {walker.pushes}, which Mechanism.push contradicts"
-    for name in ("stops", "switches", "contacts"):
+    for name in ("stops", "switches", "phases", "contacts"):
         names, declared = (*getattr(mechanism, name),), getattr(walker, name)
         if names != declared:
             yield f"Mechanism.{name} has {', '.join(map(str, names)) or 'none'}, but {name} are {declared}"
@@ -536,8 +551,13 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
             yield f"{', '.join(sorted(foreign))} is no shape coordinate, but {part} names it"
     if {*walker.open_in_impact} - {*walker.stops}:
         yield f"open_in_impact names {', '.join(sorted({*walker.open_in_impact} - {*walker.stops}))}, which is no stop"
-    if len(walker.tracked) != len(walker.actuators):
+    if walker.tracked and len(walker.tracked) != len(walker.actuators):
         yield f"tracked has {len(walker.tracked)} entries, but actuators has {len(walker.actuators)}"
+    if "clock" in walker.phases:
+        yield "phases names clock, which means the time since the impact: rename it"
+    taken = {*walker.phases} & {*names}
+    if taken:
+        yield f"phases names {', '.join(sorted(taken))}, which is a coordinate or a rate: rename it"
     devices = (*walker.stops, *walker.switches)
     if set(walker.stops) & set(walker.switches):
         yield f"{', '.join(sorted(set(walker.stops) & set(walker.switches)))} is named by both stops and switches"

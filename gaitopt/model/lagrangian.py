@@ -35,6 +35,7 @@ class EquationsOfMotion:
     B, G : SX, shape (n_q,) - velocity terms with dampers, and gravity with the springs that act in all modes.
     switches : SX by name - margins of the switches.
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
+    moment : SX, shape (2, n_q) - Jacobian of the first moment of mass, sum m r.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
     energy : SX - kinetic plus potential energy [J].
     dissipation : SX - power that the dampers dissipate [W].
@@ -53,6 +54,7 @@ class EquationsOfMotion:
     B: SX
     G: SX
     E: SX
+    moment: SX
     W_swing: SX
     switches: Mapping[str, SX]
     energy: SX
@@ -65,6 +67,20 @@ class EquationsOfMotion:
     def state(self, shape: SX, x: SX, y: SX | float = 0.0) -> SX:
         """Coordinates, or their rates, in the order of the state."""
         return vertcat(shape, y, x) if "y" in self.walker.coordinates() else vertcat(shape, x)
+
+    @property
+    def parameters(self) -> SimpleNamespace:
+        """The walker's parameters by name."""
+        return parameter_namespace(self.walker, self.p)
+
+    def gravity_force(self, gravity: SX) -> SX:
+        """Gradient of the potential energy of the weight under another acceleration of gravity, shape (n_q,).
+
+        Parameters
+        ----------
+        gravity : SX, shape (2,) - along x and y [m/s^2]; ``mechanism.gravity`` is the walker's own.
+        """
+        return -self.moment.T @ gravity
 
     def force_of(self, potential: SX) -> SX:
         """Gradient of a potential energy, shape (n_q,)."""
@@ -123,6 +139,9 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         B=grounded(B),
         G=grounded(gradient(potential, q)),
         E=grounded(jacobian(angles, q).T),
+        moment=grounded(
+            sum((body.mass * jacobian(body.position, q) for body in mechanism.bodies), SX.zeros(2, q.numel()))
+        ),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
         switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
         energy=grounded(kinetic + potential),
@@ -156,6 +175,7 @@ def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
         upright=function(SX(mechanism.upright)),
         relabel=function(SX(mechanism.relabel)),
         stops={name: function(SX(gap)) for name, gap in mechanism.stops.items()},
+        phases={name: function(SX(phase)) for name, phase in mechanism.phases.items()},
         potential_while={state: function(SX(energy)) for state, energy in mechanism.potential_while.items()},
         push=None if mechanism.push is None else function(mechanism.push),
     )

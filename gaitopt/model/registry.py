@@ -1,35 +1,82 @@
-"""Walkers by name, from this package and from plugins: the entry-point group ``gaitopt.walkers``."""
+"""Walkers and control laws by name, from this package and from plugins.
+
+The entry-point groups of plugins are ``gaitopt.walkers`` and ``gaitopt.controls``.
+"""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from itertools import groupby
+from typing import Any
 
 from gaitopt.errors import GaitoptWarning, ProblemError
+from gaitopt.model.contract import check_law
+from gaitopt.model.control import Control
 from gaitopt.model.declaration import check_class, raised
 from gaitopt.model.walker import Walker
 
 ENTRY_POINT_GROUP = "gaitopt.walkers"
-OWN_PACKAGE = "gaitopt.model.walkers."
+CONTROL_GROUP = "gaitopt.controls"
+OWN_PACKAGE = "gaitopt.model."
+OWN_CONTROLS = {
+    "none": "gaitopt.model.control:NoControl",
+    "constant_torque": "gaitopt.model.control:ConstantTorque",
+    "pd": "gaitopt.model.tracking:ProportionalDerivative",
+}
+"""Control laws of this package, in the order in which they are listed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """A kind of plugins: its entry-point group, its own classes, its name in messages and how its name is stated."""
+
+    group: str
+    own: tuple[EntryPoint, ...]
+    words: str
+    attribute: str
+    check: Callable[[object], None]
+
+
+WALKERS = Kind(group=ENTRY_POINT_GROUP, own=(), words="walker", attribute="model", check=check_class)
+CONTROLS = Kind(
+    group=CONTROL_GROUP,
+    own=tuple(EntryPoint(name, value, CONTROL_GROUP) for name, value in OWN_CONTROLS.items()),
+    words="control law",
+    attribute="type",
+    check=check_law,
+)
 
 
 def registered_walkers() -> Mapping[str, type[Walker]]:
     """The walkers that a problem file may name, by name."""
-    return _plugins()[0]
+    return _plugins(WALKERS)[0]
+
+
+def registered_controls() -> Mapping[str, type[Control]]:
+    """The control laws that a problem file may name, by name."""
+    return _plugins(CONTROLS)[0]
 
 
 def refused_walkers() -> Mapping[str, str]:
     """Messages about registered walkers that cannot be used, by name."""
-    return _plugins()[1]
+    return _plugins(WALKERS)[1]
 
 
-@lru_cache(maxsize=1)
-def _plugins() -> tuple[dict[str, type[Walker]], dict[str, str]]:
-    """Walkers by name, and messages about those that cannot be used; the first call warns of these."""
-    walkers: dict[str, type[Walker]] = {}
+def refused_controls() -> Mapping[str, str]:
+    """Messages about registered control laws that cannot be used, by name."""
+    return _plugins(CONTROLS)[1]
+
+
+@lru_cache(maxsize=2)
+def _plugins(kind: Kind) -> tuple[dict[str, Any], dict[str, str]]:
+    """Classes by name, and messages about those that cannot be used; the first call warns of these."""
+    classes: dict[str, Any] = {}
     refused: dict[str, str] = {}
-    points = sorted(entry_points(group=ENTRY_POINT_GROUP), key=lambda point: (point.name, point.value))
+    order = {point.name: k for k, point in enumerate(kind.own)}
+    found = [*kind.own, *entry_points(group=kind.group)]
+    points = sorted(found, key=lambda point: (order.get(point.name, len(order)), point.name, point.value))
     for name, alike in groupby(points, key=lambda point: point.name):
         values = {point.value: point for point in alike}
         ours = [point for value, point in values.items() if value.startswith(OWN_PACKAGE)]
@@ -38,33 +85,34 @@ def _plugins() -> tuple[dict[str, type[Walker]], dict[str, str]]:
             continue
         point = (ours or [*values.values()])[0]
         try:
-            walkers[name] = _load(point)
+            classes[name] = _load(kind, point)
         except ProblemError as error:
             refused[name] = str(error)
         for other in values.keys() - {point.value}:
-            refused[f"{name} of {other}"] = "gaitopt has a walker of this name: choose another one"
+            refused[f"{name} of {other}"] = f"gaitopt has a {kind.words} of this name: choose another one"
     if refused:
-        reasons = "; ".join(f"walker {name}: {why}" for name, why in refused.items())
+        reasons = "; ".join(f"{kind.words} {name}: {why}" for name, why in refused.items())
         warnings.warn(f"not available: {reasons}", GaitoptWarning, stacklevel=2)
-    return walkers, refused
+    return classes, refused
 
 
-def _load(point: EntryPoint) -> type[Walker]:
+def _load(kind: Kind, point: EntryPoint) -> Any:
     """The class of an entry point.
 
     Raises
     ------
     ProblemError
-        If it cannot be imported, is no well-formed class of a walker, or has another name.
+        If it cannot be imported, is no well-formed class of its kind, or has another name.
     """
     try:
-        walker = point.load()
+        loaded = point.load()
     except (Exception, SystemExit) as error:  # the import of another package's module may raise anything
         raise ProblemError(f"the plugin {point.value} cannot be imported: {raised(error)}") from error
     try:
-        check_class(walker)
+        kind.check(loaded)
     except ProblemError as error:
         raise ProblemError(f"the plugin {point.value}: {error}") from error
-    if walker.model != point.name:
-        raise ProblemError(f"the plugin {point.value} calls its model {walker.model!r}, unlike its entry point")
-    return walker
+    stated = getattr(loaded, kind.attribute)
+    if stated != point.name:
+        raise ProblemError(f"the plugin {point.value} calls its {kind.attribute} {stated!r}, unlike its entry point")
+    return loaded

@@ -18,14 +18,15 @@ from types import SimpleNamespace
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
+from casadi import SX, Function, cse, horzcat, jacobian, jtimes, substitute, vec, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
-from gaitopt.model.control import Control
-from gaitopt.model.declaration import state_after_impact
+from gaitopt.model.contract import torques
+from gaitopt.model.control import Control, Instant, parameter_names
+from gaitopt.model.declaration import FOOT_COORDINATES, state_after_impact
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import FOOT, Mode
@@ -53,23 +54,69 @@ class Expressions:
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[Mode, Impact] = {}
+        self._torques: dict[tuple[str, Mode | None], SX] = {}
 
         self.transitions = transitions(walker, friction)
         self._static, self._kinetic, self._viscous = friction.coefficients(coefficients)
         BUILT.watch(vars(self))
 
-    @cached_property
-    def torque(self) -> SX:
-        """Actuator torques, shape (n_u,)."""
-        indices = [self.walker.shape.index(name) for name in self.walker.tracked]
-        angles, rates = self.eom.q[indices], self.eom.dq[indices]
-        return BUILT.watch(self._control.torque(self.t, angles, rates, self._scalars, self.r))
+    def torque(self, mode: Mode, slip: SX | None = None) -> SX:
+        """Actuator torques in a mode, shape (n_u,); most laws do not depend on it.
+
+        Parameters
+        ----------
+        slip : an unknown sign of the slip in place of that of the mode.
+        """
+        held = self._held(mode)
+        for key in (("any", None), ("held", held), *((("actual", mode),) if slip is None else ())):
+            if key in self._torques:
+                return self._torques[key]
+        uses = "any"
+
+        def accelerations(actual: bool) -> tuple[SX, SX]:
+            nonlocal uses
+            uses = "actual" if actual or uses == "actual" else "held"
+            u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
+            dz = self._rate(mode, u, slip) if actual else self._rate(held, u)
+            ddq = dz[first : first + len(self.walker.shape)]
+            return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
+
+        torque = BUILT.watch(torques(self._control, self._instant(accelerations)))
+        if uses != "actual" or slip is None:
+            self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
+        return torque
+
+    def _held(self, mode: Mode) -> Mode:
+        """The mode in which the foot sticks instead."""
+        return mode.with_contact(Mode.STICK)
+
+    def _rate(self, mode: Mode, torque: SX, slip: SX | None = None) -> SX:
+        """dz/dt in a mode under given torques, with an unknown sign of the slip if there is one."""
+        return self._moving(_slip(mode) if slip is None else slip, mode, torque).dz
+
+    def _instant(self, accelerations: Callable[[bool], tuple[SX, SX]]) -> Instant:
+        """What the control law knows, in symbols."""
+        names, n = (*self.walker.shape, *FOOT_COORDINATES), len(self.walker.shape)
+        q, dq = ({name: values[k] for k, name in enumerate(names)} for values in (self.eom.q, self.eom.dq))
+        phases = self.eom.mechanism.phases
+        rates = {name: jtimes(phase, self.eom.q[:n], self.eom.dq[:n]) for name, phase in phases.items()}
+        shape, shape_rates = ({name: values[name] for name in self.walker.shape} for values in (q, dq))
+        return Instant(
+            t=self.t,
+            q=SimpleNamespace(**q),
+            dq=SimpleNamespace(**dq),
+            s=SimpleNamespace(**shape, **phases),
+            ds=SimpleNamespace(**shape_rates, **rates),
+            p=parameter_names(self._control, self._scalars),
+            r=self.r,
+            robot=self.eom,
+            _accelerations=accelerations,
+        )
 
     def motion(self, mode: Mode) -> Motion:
         """Accelerations and contact force in a mode."""
         if mode not in self._motions:
-            held = self.slipping(_slip(mode), mode) if mode.touching else flight(self.eom, **self._acting(mode))
-            self._motions[mode] = BUILT.watch(held)
+            self._motions[mode] = BUILT.watch(self._moving(_slip(mode), mode, self.torque(mode)))
         return self._motions[mode]
 
     def rate(self, mode: Mode) -> SX:
@@ -80,15 +127,17 @@ class Expressions:
         """(f_t, f_n) of all contacts, one after the other [N]."""
         return self.motion(mode).force
 
-    def slipping(self, slip: SX | None, mode: Mode) -> Motion:
-        """Motion with a sign of the slip, which may be an unknown between -1 and 1; None holds the foot."""
-        drag = SX(self._viscous) * self.eom.z[-1]
-        return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, **self._acting(mode))
+    def slipping(self, slip: SX, mode: Mode) -> Motion:
+        """Motion with a sign of the slip that may be an unknown between -1 and 1."""
+        return self._moving(slip, mode, self.torque(mode, slip))
 
-    def _acting(self, mode: Mode) -> dict[str, SX]:
-        """Springs, torques and locked stops of a mode."""
-        springs = self.eom.force_of(self.potential_of(mode))
-        return {"springs": springs, "torque": self.torque, "locked": self._locked(mode.locked)}
+    def _moving(self, slip: SX | None, mode: Mode, torque: SX) -> Motion:
+        """Motion under given torques with the springs and locked stops of a mode; ``slip`` None holds the foot."""
+        springs, locked = self.eom.force_of(self.potential_of(mode)), self._locked(mode.locked)
+        if not mode.touching:
+            return flight(self.eom, springs=springs, torque=torque, locked=locked)
+        drag = SX(self._viscous) * self.eom.z[-1]
+        return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, springs=springs, torque=torque, locked=locked)
 
     def potential_of(self, mode: Mode) -> SX:
         """Potential energy that acts only in this mode and some others."""
@@ -300,7 +349,7 @@ class HybridSystem:
 
         The forces (f_t, f_n) of all contacts follow each other. The loss is the power that the dampers dissipate.
         """
-        eom, torque = self._eom, self._symbols.torque
+        eom, torque = self._eom, self._symbols.torque(mode)
         motor_rates = eom.E.T @ eom.dq
         return {
             "force": self._symbols.forces(mode),

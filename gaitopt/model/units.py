@@ -201,6 +201,9 @@ NonNegative = Annotated[Number, Field(ge=0)]
 """A finite number, zero allowed."""
 Angle = Annotated[Number, BeforeValidator(parse_angle)]
 """A finite angle [rad]; texts such as ``1 deg`` are converted."""
+Duration = Annotated[Finite, Field(ge=SMALLEST)]
+"""A time [s]."""
+DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
 Stiffness = Annotated[NonNegative, Within(unit="stiffness", possible=(0, 1e6), usual=(0, 1e4))]
 """Stiffness of a spring along a line [N/m]."""
 TurningStiffness = Annotated[NonNegative, Within(unit="torque", possible=(0, 1e6), usual=(0, 1e3))]

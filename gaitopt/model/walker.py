@@ -18,7 +18,7 @@ from itertools import product
 from operator import attrgetter
 from pickle import PicklingError
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 from casadi import SX, norm_2, vertcat
@@ -95,6 +95,7 @@ class Mechanism:
         [rad], or a length divided by that of a leg.
     switches : margins of the switches by name, dimensionless, positive while off; functions of the rates, which are
         given by name (``dq.theta``).
+    phases : phase variables by name, functions of the shape and the parameters alone.
     motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
     potential : SX - potential energy besides gravity, of springs for instance [J].
     potential_while : potential energy that acts only in a state: ``contact`` (the foot is on the ground), or that of a
@@ -115,6 +116,7 @@ class Mechanism:
     relabel: SX = field(default_factory=lambda: SX(0, 1))
     stops: Mapping[str, SX] = field(default_factory=dict)
     switches: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
+    phases: Mapping[str, SX] = field(default_factory=dict)
     motors: tuple[SX, ...] = ()
     potential: Any = field(default_factory=lambda: SX(0))
     potential_while: Mapping[str, SX] = field(default_factory=dict)
@@ -150,8 +152,12 @@ else:
     ModelMetaclass = type(BaseModel)  # pydantic has no public name for it
 
 
-class WalkerClass(ModelMetaclass):
-    """The class of walker classes: pickles name a walker by the module and the name of its class."""
+class PluginClass(ModelMetaclass):
+    """The class of the classes of walkers and control laws: pickles hold the names of such a class and its module."""
+
+
+class WalkerClass(PluginClass):
+    """The class of walker classes."""
 
     @property
     def section(cls) -> tuple[str, ...]:
@@ -192,7 +198,9 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     lengths : the shape coordinates that are lengths [m] rather than angles [rad].
     pushes : whether the walker pushes off with its stance foot just before the swing foot lands.
     actuators : names of the actuators.
-    tracked : for each actuator the shape coordinate whose error drives it under a PD law.
+    tracked : for each actuator the shape coordinate whose error drives it under a PD law; may be left out.
+    phases : names of the phase variables, functions of the shape that grow along a step; each shape coordinate is one
+        under its own name.
     largest_angle : largest size of the shape coordinates in walking [rad].
     contacts : names of the contact points, if the walker has several; (x, y) is then a base point of the author's.
     massless_contacts : those at the end of massless parts, which have coordinates of their own (``Contact.places``).
@@ -218,6 +226,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     pushes: ClassVar[bool] = False
     actuators: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
+    phases: ClassVar[tuple[str, ...]] = ()
     largest_angle: ClassVar[float] = math.pi
     contacts: ClassVar[tuple[str, ...]] = ()
     massless_contacts: ClassVar[tuple[str, ...]] = ()
@@ -351,31 +360,37 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return (*cls.section, *(f"d{name}" for name in rates), *(("dx",) if slipping else ()))
 
 
-def _pickled(walker: WalkerClass) -> tuple[Any, ...]:
-    """Reduce a walker's class to its names; cloudpickle, which Dask uses, sends classes without a module by value.
+WalkerType: TypeAlias = type[Walker]
+"""A class of walkers; in the body of a control law, ``type`` is the law's name."""
+
+
+def _pickled(plugin: PluginClass) -> tuple[Any, ...]:
+    """Reduce a class to its names; cloudpickle, which Dask uses, sends classes without a module by value.
 
     Raises
     ------
     PicklingError
         If an import would not find the class.
     """
-    if "rebuilt_by" in vars(walker):  # a class that is made from the content of a file
-        return cast(tuple[Any, ...], vars(walker)["rebuilt_by"])
-    module, name, model = walker.__module__, walker.__qualname__, getattr(walker, "model", "?")
+    if "rebuilt_by" in vars(plugin):  # a class that is made from the content of a file
+        return cast(tuple[Any, ...], vars(plugin)["rebuilt_by"])
+    module, name = plugin.__module__, plugin.__qualname__
+    is_walker = issubclass(plugin, Walker)
+    words = f"walker {getattr(plugin, 'model', '?')}" if is_walker else f"control law {getattr(plugin, 'type', '?')}"
     try:
         importable = attrgetter(name)(sys.modules[module])
     except (KeyError, AttributeError):
         importable = None
-    if importable is not walker:
+    if importable is not plugin:
         raise PicklingError(
-            f"walker {model}: another process cannot import its class {name} from the module {module}; "
+            f"{words}: another process cannot import its class {name} from the module {module}; "
             "define the class at the top level of a module, under its own name"
         )
-    return _imported, (module, name, model)
+    return _imported, (module, name, words)
 
 
-def _imported(module: str, name: str, model: str) -> Any:
-    """The class of a walker.
+def _imported(module: str, name: str, words: str) -> Any:
+    """The class of a walker or a control law, which ``words`` name.
 
     Raises
     ------
@@ -385,10 +400,12 @@ def _imported(module: str, name: str, model: str) -> Any:
     try:
         return attrgetter(name)(import_module(module))
     except (ImportError, AttributeError) as error:
+        owner = words.rpartition(" ")[0]
         raise UnknownNameError(
-            f"walker {model}: its class {name} cannot be imported from the module {module} in this process ({error}); "
-            "install the package of the walker there"
+            f"{words}: its class {name} cannot be imported from the module {module} in this process ({error}); "
+            f"install the package of the {owner} there"
         ) from error
 
 
+copyreg.pickle(PluginClass, _pickled)
 copyreg.pickle(WalkerClass, _pickled)

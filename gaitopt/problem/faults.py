@@ -10,7 +10,8 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from types import UnionType
+from typing import Annotated, Any, Protocol, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -178,9 +179,13 @@ def nearest_keys(key: str, known: Sequence[str]) -> str:
 def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
     """The message for an error that pydantic reports, in the terms of the problem file."""
     kind, value, limits = item["type"], item.get("input"), item.get("ctx", {})
-    field = model.model_fields.get(str(item["loc"][0])) if item["loc"] else None
+    model, field = _innermost(model, item["loc"])
     description = "" if field is None else field.description or ""
     meaning = f" {description}" if description.startswith("[") else description and f" ({description})"
+    if kind in ("model_type", "model_attributes_type"):
+        inner = nested_models(field) if field else [model]
+        keys = ", ".join(dict.fromkeys(key for part in inner for key in part.model_fields))
+        return f"{shown(value)} is not a mapping; keys: {keys}"
     if kind == "missing":
         return f"is missing{meaning}"
     if kind == "extra_forbidden":
@@ -208,6 +213,29 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
             allowed = f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
         return f"{shown(value)} must be {allowed}{meaning}"
     return f"{shown(value)} {_REQUIREMENTS.get(kind, item['msg']).format(**limits)}{meaning}"
+
+
+def _innermost(model: type[BaseModel], keys: Sequence[str | int]) -> tuple[type[BaseModel], FieldInfo | None]:
+    """The model to which the last key of a path belongs, through models in models, and the field of that key."""
+    field = None
+    for k, key in enumerate(keys):
+        field = model.model_fields.get(str(key))
+        inner = nested_models(field) if field else []
+        if not inner or k + 1 == len(keys):
+            break
+        model = next((part for part in inner if str(keys[k + 1]) in part.model_fields), inner[0])
+    return model, field
+
+
+def nested_models(field: Any) -> list[type[BaseModel]]:
+    """The models one of which is the value of a field, or of a type in it."""
+    annotation: Any = field.annotation if isinstance(field, FieldInfo) else field
+    parts = get_args(annotation)
+    if get_origin(annotation) is Annotated:
+        return nested_models(parts[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [model for part in parts for model in nested_models(part)]
+    return [annotation] if isinstance(annotation, type) and not parts and issubclass(annotation, BaseModel) else []
 
 
 def _limits(field: FieldInfo | None, name: str) -> list[float]:

@@ -24,21 +24,14 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.units import Scales, Within, symmetric
+from gaitopt.model.units import DURATION, Scales, Within, symmetric
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
 from gaitopt.problem.schema import (
-    DURATION,
-    ConstantTorqueSpec,
-    CurveReference,
-    CurveSpec,
     FrictionCoefficients,
     HeadSection,
-    NoControlSpec,
-    PDSpec,
     state_section,
-    torques_section,
 )
 from gaitopt.problem.statement import ProblemStatement
 
@@ -101,7 +94,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
 def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
     walker = problem.walker
-    if walker.flies or problem.free or not isinstance(problem.control, NoControlSpec):
+    if walker.flies or problem.free or not isinstance(problem.control, NoControl):
         return False
     downhill = _geometry_at_guess(problem)[2][0]
     slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
@@ -118,8 +111,8 @@ def natural_units(walker: Walker) -> Scales:
 
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
     """All numbers with a range in natural units, or one that depends on the walker."""
-    walker, control = problem.walker, problem.control
-    torques, state = torques_section(type(walker)), state_section(type(walker))
+    walker, state = problem.walker, state_section(type(problem.walker))
+    control = problem.control.section(type(walker))
     yield from _section_spans((), HeadSection, {"friction": problem.friction})
     if not isinstance(problem.friction, float):
         yield from _section_spans(("friction",), FrictionCoefficients, vars(problem.friction))
@@ -128,28 +121,34 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
         yield from _section_spans(STATE, state, problem.start.state)
         for k, duration in enumerate(problem.start.durations or ()):
             yield ("gait", "guess", "durations", k), duration, duration, DURATION
-    if isinstance(control, ConstantTorqueSpec):
-        yield from _section_spans(("control",), torques, control.torques)
-    if isinstance(control, PDSpec):
-        yield from _section_spans(("control",), PDSpec, vars(control))
-        if isinstance(control.reference, CurveReference):
-            yield from _section_spans(("control", "reference", "curve"), CurveSpec, vars(control.reference.curve))
-    sections = {"walker": type(walker), "control": PDSpec if isinstance(control, PDSpec) else torques}
+    yield from _section_spans(("control",), control, dict(problem.control))
+    sections = {"walker": type(walker), "control": control}
     for key, unknown in problem.free.items():
-        group, _, name = key.rpartition(".")
-        ranges = _ranges(sections[group]).get(name, ()) if group in sections else ()
+        group, *names = key.split(".")
+        ranges = _ranges(sections[group]).get(names[0], ()) if group in sections else ()
         for k, bound in enumerate((unknown.lower, unknown.upper)):
-            yield from (((group, name, "free", k), bound, bound, within) for within in ranges)
+            place: Key = (group, *names, "free", k)
+            yield from ((place, bound, bound, within) for within in ranges)
     for name, span in problem.constraints.items():
         for within in _scalar_range(name, problem):
             yield ("constraints", name), span.minimum, span.maximum, within
 
 
 def _section_spans(path: Key, section: type[BaseModel], values: Mapping[str, Any]) -> Iterator[Span]:
-    for name, ranges in _ranges(section).items():
-        value = values.get(name)
-        if isinstance(value, int | float):
-            yield from (((*path, name), value, value, within) for within in ranges)
+    for name, value in values.items():
+        numbers: dict[Key, float] = {(name, *key): number for key, number in _numbers(value)}
+        ranges = _ranges(section).get(name, ())
+        yield from (((*path, *key), number, number, within) for key, number in numbers.items() for within in ranges)
+        if isinstance(value, BaseModel):
+            yield from _section_spans((*path, name), type(value), dict(value))
+
+
+def _numbers(value: object) -> list[tuple[Key, float]]:
+    """A number, or the numbers of a mapping by key."""
+    entries: dict[Key, object] = {(): value}
+    if isinstance(value, Mapping):
+        entries = {(str(key),): entry for key, entry in value.items()}
+    return [(key, entry) for key, entry in entries.items() if isinstance(entry, int | float)]
 
 
 @lru_cache(maxsize=64)

@@ -7,21 +7,21 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import check_class
 from gaitopt.model.modes import Mode
-from gaitopt.model.registry import registered_walkers
+from gaitopt.model.registry import CONTROLS, WALKERS, Kind, registered_controls, registered_walkers
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
-from gaitopt.problem.reading import read_statement
-from gaitopt.problem.schema import ControlSpec, CurveReference, PDSpec
+from gaitopt.problem.reading import Known, read_statement
 from gaitopt.problem.source import find_problem, parse_source, read_text
 from gaitopt.problem.statement import (
     ProblemStatement,
@@ -33,6 +33,8 @@ from gaitopt.problem.statement import (
     reference_keys,
 )
 
+Walkers: TypeAlias = Sequence[type[Walker]]
+Controls: TypeAlias = Sequence[type[Control]]
 FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem: the file's values of the parameters that were changed."""
 
@@ -109,9 +111,9 @@ class Problem(ProblemStatement):
         data = problem_data(self)
         place = override(data, overrides, faults, label)
         raise_faults(faults, place)
-        known = {} if self.reference is None else {_reference_name(self.control)[0]: self.reference}
+        known = {} if self.reference is None else {self.control.source[0]: self.reference}
         files = () if self.path is None else (self.path,)
-        changed = _build(data, place, faults, (type(self.walker),), files, text=self.text, known=known)
+        changed = _build(data, place, faults, self._classes, files, text=self.text, known=known)
         file = self if self.file is None else self.file
         same = changed.reference == file.reference and all(
             getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
@@ -142,14 +144,7 @@ class Problem(ProblemStatement):
         changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
         if same_phases:
             changes["gait.guess.durations"] = [phase["duration"] for phase in gait["phases"]]
-        if isinstance(self.control, PDSpec) and isinstance(self.control.reference, CurveReference):
-            curve, tracked = self.control.reference.curve, self.walker.tracked
-            keys = {name: [f"control.reference.{name}.{k}" for k in range(curve.degree + 1)] for name in tracked}
-            if all(key in values for row in keys.values() for key in row):
-                changes["control.reference.curve.points"] = {
-                    name: [float(np.clip(values[key], -curve.within, curve.within)) for key in row]
-                    for name, row in keys.items()
-                }
+        changes |= self.control.guesses(values, type(self.walker))
         return self.replace(changes | self.free_guesses(values))
 
     def with_gait(self, gait: Mapping[str, Any]) -> "Problem":
@@ -204,8 +199,14 @@ class Problem(ProblemStatement):
         faults: list[Fault] = []
         data = problem_data(self)
         place = override(data, {key: value}, faults)
-        read_statement(data, {self.walker.model: type(self.walker)}, faults)
+        read_statement(data, self._classes, faults)
         return next((fault.message for fault in faults if fault.path == place.keys[key]), None)
+
+    @property
+    def _classes(self) -> Known:
+        """The classes of its walker and its control law."""
+        walker, control = type(self.walker), type(self.control)
+        return Known(walkers={walker.model: walker}, controls={control.type: control})
 
     def resolved(self) -> dict[str, Any]:
         """The whole problem in SI as JSON data; a reference contains the other problem in place of its name.
@@ -245,13 +246,13 @@ def _phase_numbers(cycle: Cycle) -> list[int]:
     return [len(step.phases) for step in cycle.steps]
 
 
-def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
+def load_problem(name_or_path: str | Path, *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
     """Load a problem by name or path.
 
     Parameters
     ----------
     name_or_path : a name out of ``problem_names()``, or the path of a .yaml file.
-    walkers : classes that the file may name in addition to the registered ones.
+    walkers, controls : classes that the file may name in addition to the registered ones.
 
     Raises
     ------
@@ -260,10 +261,10 @@ def load_problem(name_or_path: str | Path, *, walkers: Sequence[type[Walker]] = 
     ProblemError
         If the file or its content is wrong: one line ``file:line:column key: ...`` per fault.
     """
-    return _load(name_or_path, walkers, ())
+    return _load(name_or_path, passed_classes(walkers, controls), ())
 
 
-def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type[Walker]] = ()) -> Problem:
+def parse_problem(text: str, path: Path | None = None, *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
     """The problem stated by a YAML text; ``path`` names it in messages, and references are relative to it.
 
     Raises
@@ -271,7 +272,7 @@ def parse_problem(text: str, path: Path | None = None, *, walkers: Sequence[type
     ProblemError
         As ``load_problem``.
     """
-    return _parse(text, walkers, () if path is None else (path,))
+    return _parse(text, passed_classes(walkers, controls), () if path is None else (path,))
 
 
 def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:
@@ -295,7 +296,7 @@ def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:
     return walker
 
 
-def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Problem:
+def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
     """The problem of a record that ``Problem.resolved`` wrote, references included.
 
     Raises
@@ -309,22 +310,22 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Sequence[type[Walker]
     known: dict[str, Problem] = {}
     for section, key in reference_keys(data):
         if isinstance(section, dict) and isinstance(section[key], Mapping):
-            reference = restore_problem(section[key], walkers=walkers)
+            reference = restore_problem(section[key], walkers=walkers, controls=controls)
             known, section[key] = {reference.name: reference}, reference.name
-    problem = _build(data, place, [], walkers, (), known=known)
+    problem = _build(data, place, [], passed_classes(walkers, controls), (), known=known)
     return problem if before is None else replace(problem, file=problem.replace(before).from_guess())
 
 
-def _load(name_or_path: str | Path, walkers: Sequence[type[Walker]], files: Sequence[Path]) -> Problem:
+def _load(name_or_path: str | Path, classes: Known, files: Sequence[Path]) -> Problem:
     """Load a problem; ``files`` is the chain of files that refer to it, the nearest one last."""
     path = find_problem(name_or_path, files[-1].parent if files else None)
     text = read_text(path)
     if path.resolve() in [file.resolve() for file in files]:
         raise ProblemError(f"circular reference: {' -> '.join(file.stem for file in (*files, path))}")
-    return _parse(text, walkers, (*files, path))
+    return _parse(text, classes, (*files, path))
 
 
-def _parse(text: str, walkers: Sequence[type[Walker]], files: Sequence[Path]) -> Problem:
+def _parse(text: str, classes: Known, files: Sequence[Path]) -> Problem:
     name = str(files[-1]) if files else "problem"
     source = parse_source(text, name)
     place = FilePlace(name, source.marks)
@@ -332,14 +333,14 @@ def _parse(text: str, walkers: Sequence[type[Walker]], files: Sequence[Path]) ->
     if not isinstance(source.data, Mapping):
         faults.append(Fault((), "the file is not a mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
-    return _build(source.data, place, faults, walkers, files, text=text)
+    return _build(source.data, place, faults, classes, files, text=text)
 
 
 def _build(
     data: Mapping[str, Any],
     place: Place,
     faults: list[Fault],
-    walkers: Sequence[type[Walker]],
+    classes: Known,
     files: Sequence[Path],
     *,
     text: str = "",
@@ -350,7 +351,7 @@ def _build(
     Parameters
     ----------
     faults : of the text of the file.
-    walkers : classes that the data may name in addition to the registered ones.
+    classes : those that the data may name in addition to the registered ones.
     files : the file of the problem at the end, after the files that refer to it; empty if there is none.
     known : references by name, which are not loaded.
 
@@ -360,11 +361,15 @@ def _build(
         With all faults, one line each.
     """
     data = _with_robot(data, files[-1].parent if files else Path(), faults, place)
-    fields = read_statement(data, {**registered_walkers(), **_by_model(walkers)}, faults)
-    walker, (name, key), reference = fields["walker"], _reference_name(fields["control"]), None
+    every = Known(
+        walkers={**registered_walkers(), **classes.walkers}, controls={**registered_controls(), **classes.controls}
+    )
+    fields = read_statement(data, every, faults)
+    walker, control, reference = fields["walker"], fields["control"], None
+    name, key = control.source if control else ("", ())
     if name:
         try:
-            reference = (known or {}).get(name) or _load(name, walkers, files)
+            reference = (known or {}).get(name) or _load(name, classes, files)
         except (UnknownNameError, ProblemError) as error:
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and walker:
@@ -405,32 +410,31 @@ def _with_robot(data: Mapping[str, Any], folder: Path, faults: list[Fault], plac
     return {**data, "walker": {**section, "urdf": robot}}
 
 
-def _by_model(walkers: Sequence[type[Walker]]) -> dict[str, type[Walker]]:
-    """Classes that a caller passes, by the names of their models.
+def passed_classes(walkers: Walkers, controls: Controls) -> Known:
+    """Classes that a caller passes, by the names that problem files use.
 
     Raises
     ------
     ProblemError
-        If they are not in a list or tuple, one is no well-formed class of a walker, or two have one name.
+        If they are not in a list or tuple, one is no well-formed class, or two have one name.
     """
-    if not isinstance(walkers, list | tuple):
-        raise ProblemError(f"walkers is {shown(walkers)}, but must be a list of classes: walkers=[MyWalker]")
-    named: dict[str, type[Walker]] = {}
-    for walker in walkers:
+    return Known(walkers=_named(WALKERS, "walkers", walkers), controls=_named(CONTROLS, "controls", controls))
+
+
+def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
+    if not isinstance(classes, list | tuple):
+        example = f"{argument}=[My{argument.capitalize().removesuffix('s')}]"
+        raise ProblemError(f"{argument} is {shown(classes)}, but must be a list of classes: {example}")
+    named: dict[str, Any] = {}
+    for passed in classes:
         try:
-            check_class(walker)
+            kind.check(passed)
         except ProblemError as error:
-            raise ProblemError(f"walkers: {error}") from error
-        if named.setdefault(walker.model, walker) is not walker:
-            both = f"{named[walker.model].__name__} and {walker.__name__}"
-            raise ProblemError(f"walkers: {both} are both called {walker.model!r}: give each model a name of its own")
+            raise ProblemError(f"{argument}: {error}") from error
+        name = getattr(passed, kind.attribute)
+        if named.setdefault(name, passed) is not passed:
+            both = f"{named[name].__name__} and {passed.__name__}"
+            raise ProblemError(
+                f"{argument}: {both} are both called {name!r}: give each {kind.attribute} a name of its own"
+            )
     return named
-
-
-def _reference_name(control: ControlSpec | None) -> tuple[str, Key]:
-    """Name or path of the other problem in a control, and the key that gives it; empty if there is none."""
-    if not isinstance(control, PDSpec):
-        return "", ()
-    if isinstance(control.reference, CurveReference):
-        return control.reference.curve.start, ("control", "reference", "curve", "start")
-    return control.reference.gait, ("control", "reference", "gait")

@@ -8,6 +8,7 @@ values in the file must agree with it.
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,11 +16,11 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import check_walker, section_posture
-from gaitopt.model.control import BeyondEnd
+from gaitopt.model.control import Control, NoControl
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default
 from gaitopt.model.modes import Mode
-from gaitopt.model.registry import refused_walkers
+from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.transitions import transitions
 from gaitopt.model.units import SMALLEST, Angle, Number
 from gaitopt.model.walker import Walker
@@ -29,32 +30,23 @@ from gaitopt.problem.schema import (
     OPEN,
     SECTION_KEYS,
     AngleRangeSection,
-    ConstantTorqueSpec,
-    ControlSpec,
-    CurveReference,
-    CurveSpec,
     CycleSection,
     FreeSection,
     FrictionCoefficients,
-    GaitReference,
     GaitSection,
     GuessSection,
     HeadSection,
-    NoControlSpec,
     OpenGaitSection,
-    PDSpec,
     RangeSection,
     RobotSection,
     StepSection,
     is_angle,
     state_section,
-    torques_section,
 )
 from gaitopt.problem.statement import Free, Guess, OpenSequence, Range
 
 Model = TypeVar("Model", bound=BaseModel)
 
-CONTROLS = ("none", "constant_torque", "pd")
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
 """Placeholder for an unknown whose mapping has faults; objectives and constraints may still use its name."""
 UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
@@ -62,9 +54,17 @@ SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""
 
 
-def read_statement(data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> dict[str, Any]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """Classes of walkers and control laws by the names that problem files use."""
+
+    walkers: Mapping[str, type[Walker]]
+    controls: Mapping[str, type[Control]]
+
+
+def read_statement(data: Mapping[str, Any], known: Known, faults: list[Fault]) -> dict[str, Any]:
     """The fields of a problem statement from its data; they are meaningful only if no fault was added."""
-    return _StatementReader(data, walkers, faults).fields()
+    return _StatementReader(data, known, faults).fields()
 
 
 class _StatementReader:
@@ -73,12 +73,12 @@ class _StatementReader:
     What has faults or is not read yet is None.
     """
 
-    def __init__(self, data: Mapping[str, Any], walkers: Mapping[str, type[Walker]], faults: list[Fault]) -> None:
-        self._data, self._walkers, self._faults = data, walkers, faults
+    def __init__(self, data: Mapping[str, Any], known: Known, faults: list[Fault]) -> None:
+        self._data, self._known, self._faults = data, known, faults
         self._free: dict[str, Free] = {}
         self._model: type[Walker] | None = None
         self._walker: Walker | None = None
-        self._control: ControlSpec | None = None
+        self._control: Control | None = None
         self._modes: Cycle | OpenSequence | None = None
 
     def fields(self) -> dict[str, Any]:
@@ -132,11 +132,11 @@ class _StatementReader:
             parameters = {key: value for key, value in section.items() if key not in RobotSection.model_fields}
             return self._read_parameters(robot, parameters) if robot else (None, None)
         name = section.get("model")
-        model = self._walkers.get(name) if isinstance(name, str) else None
+        model = self._known.walkers.get(name) if isinstance(name, str) else None
         if model is None:
             wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
             reason = refused_walkers().get(name) if isinstance(name, str) else None
-            self._fault(path, reason or f"{wrong}{near_miss(name, tuple(self._walkers))}")
+            self._fault(path, reason or f"{wrong}{near_miss(name, tuple(self._known.walkers))}")
             return None, None
         if model.contacts:
             words = "has several contacts: its motions can be simulated, but its gaits cannot be solved yet"
@@ -175,55 +175,35 @@ class _StatementReader:
             return model, None
         return model, walker
 
-    def _read_control(self) -> ControlSpec | None:
-        data, path = self._data.get("control", {"type": "none"}), ("control", "type")
+    def _read_control(self) -> Control | None:
+        data, path, known = self._data.get("control", {"type": "none"}), ("control", "type"), self._known.controls
         if not isinstance(data, Mapping) or "type" not in data:
-            self._fault(path, f"is missing; allowed: {', '.join(CONTROLS)}")
+            self._fault(path, f"is missing; allowed: {', '.join(known)}")
             return None
         kind, model = data["type"], self._model
-        if kind not in CONTROLS:
-            self._fault(path, f"no control law is called {shown(kind)}{near_miss(kind, CONTROLS)}")
+        law = known.get(kind) if isinstance(kind, str) else None
+        if law is None:
+            reason = refused_controls().get(kind) if isinstance(kind, str) else None
+            self._fault(path, reason or f"no control law is called {shown(kind)}{near_miss(kind, tuple(known))}")
             return None
-        if kind == "none":
-            return self._section(NoControlSpec, data, ("control",))
-        if model is not None and not model.actuators:
+        if law is not NoControl and model is not None and not model.actuators:
             self._fault(path, f"{model.model} has no actuators, so {kind} cannot act; allowed: none")
             return None
-        if kind == "constant_torque":
-            torques = None if model is None else self._numbers(torques_section(model), data, ("control",))
-            return None if torques is None else ConstantTorqueSpec(torques=torques.model_dump(exclude={"type"}))
-        data = dict(data)
-        if "reference" in data:
-            # a placeholder where the reference has faults, to check the other keys
-            data["reference"] = self._read_reference(data["reference"]) or GaitReference.model_construct(
-                gait="", beyond_end=BeyondEnd.HOLD
-            )
-        return self._numbers(PDSpec, data, ("control",))
-
-    def _read_reference(self, data: object) -> GaitReference | CurveReference | None:
-        path = ("control", "reference")
-        if not isinstance(data, Mapping) or "curve" not in data:
-            return self._section(GaitReference, data, path)
-        curve = self._section(CurveSpec, data["curve"], (*path, "curve"))
-        if curve is not None and curve.points is not None and self._model is not None:
-            self._check_points(curve.points, curve, self._model.tracked)
-        placeholder = curve or CurveSpec.model_construct(degree=1, start="")
-        return self._section(CurveReference, {**data, "curve": placeholder}, path)
-
-    def _check_points(self, points: Mapping[str, Sequence[float]], curve: CurveSpec, tracked: Sequence[str]) -> None:
-        """Control points must be those of the tracked joints, degree + 1 for each, within the bound."""
-        path: Key = ("control", "reference", "curve", "points")
-        if set(points) != set(tracked):
-            given = ", ".join(points) or "no joint"
-            self._fault(path, f"are given for {given}; the tracked joints are {', '.join(tracked)}")
-            return
-        for name, values in points.items():
-            if len(values) != curve.degree + 1:
-                number = f"a curve of degree {curve.degree} has {curve.degree + 1}"
-                self._fault((*path, name), f"{len(values)} control points, but {number}")
-            for k, value in enumerate(values):
-                if abs(value) > curve.within:
-                    self._fault((*path, name, k), f"{value:g} is outside of within = {curve.within:g}")
+        version = data.get("version", law.version)
+        if version != law.version:
+            self._fault(("control", "version"), f"{shown(version)} is not the version of {kind} here, {law.version!r}")
+        keys = {key: value for key, value in data.items() if key not in ("type", "version")}
+        try:
+            with calling(law, "reading its keys"):
+                section = self._numbers(law if model is None else law.section(model), keys, ("control",))
+                if section is None or model is None:
+                    return None
+                control = section if isinstance(section, law) else law(**dict(section))
+                self._faults += [Fault(("control", *place), message) for place, message in control.faults(model)]
+        except ProblemError as error:
+            self._fault(("control",), str(error))
+            return None
+        return control
 
     def _numbers(self, model: type[Model], data: Mapping[str, Any], path: Key) -> Model | None:
         """A section in which numbers may be free; a freed number has its guess."""
@@ -371,7 +351,7 @@ class _StatementReader:
         if name not in names:
             return f"is no scalar of a gait and no freed parameter{near_miss(name, names)}"
         sources = {PUSH} if model.pushes else set()
-        sources |= set() if isinstance(self._control, NoControlSpec) else {MOTORS}
+        sources |= set() if isinstance(self._control, NoControl) else {MOTORS}
         if name in SCALARS and SCALARS[name].needs and not sources.intersection(SCALARS[name].needs):
             return "depends on the motors, and this walker is passive: give it a control, or choose another scalar"
         if name == "required_friction" and isinstance(self._modes, Cycle) and Mode.STICK not in self._modes.phases:
@@ -449,8 +429,8 @@ class _StatementReader:
     def _check_unknowns(self, objective: Mapping[str, float], constraints: Mapping[str, Range]) -> None:
         """Check that the number of unknowns, coefficients of a free curve included, suits objective and constraints."""
         unknowns = len(self._free)
-        if isinstance(self._control, PDSpec) and isinstance(self._control.reference, CurveReference) and self._model:
-            unknowns += (self._control.reference.curve.degree + 1) * len(self._model.tracked)
+        if self._control and self._model:
+            unknowns += len(self._control.unknowns(self._model))
         if unknowns and isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
             remedy = "give numbers in place of free parameters, or a gait of one step"
             self._fault(("gait", "steps"), f"a design cannot have several steps: {remedy}")

@@ -6,20 +6,20 @@ that depend on the walker (its state, its torques) are made from the walker's ow
 
 from collections.abc import Mapping
 from functools import lru_cache
-from math import pi
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
-from gaitopt.model.control import BeyondEnd
+from gaitopt.model.control import NoControl, is_parameter
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
-from gaitopt.model.registry import registered_walkers
+from gaitopt.model.registry import registered_controls, registered_walkers
 from gaitopt.model.units import (
     ANGLE_UNITS,
-    SMALLEST,
+    DURATION,
     Angle,
+    Duration,
     Finite,
     NonNegative,
     Number,
@@ -28,12 +28,8 @@ from gaitopt.model.units import (
     symmetric,
 )
 from gaitopt.model.walker import Walker
+from gaitopt.problem.faults import nested_models
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS
-
-Name = Annotated[str, Field(min_length=1, max_length=1000)]
-"""Name or path of another problem."""
-DURATION = Within(unit="time", possible=(0, 1000), usual=(0, 50))
-Duration = Annotated[Finite, Field(ge=SMALLEST)]
 
 
 class Section(BaseModel):
@@ -209,109 +205,6 @@ def state_section(walker: type[Walker]) -> type[Section]:
     return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
 
 
-TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
-
-
-class GaitReference(Section):
-    """The angles of another gait, over the time since the impact."""
-
-    gait: Annotated[Name, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
-    beyond_end: Annotated[
-        BeyondEnd,
-        Field(
-            description="after the reference's end: its motion flows on (flow), its last rate is kept (linear), "
-            "its last angle is held (hold), or there is no torque (off)"
-        ),
-    ]
-
-
-class CurveSpec(Section):
-    """A smooth curve per tracked joint whose coefficients are unknowns."""
-
-    degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
-    start: Annotated[Name, Field(description="problem whose gait gives the first guess: a name, or a path")]
-    within: Annotated[
-        Angle,
-        Field(
-            ge=SMALLEST,
-            le=pi,
-            description="bound of the curves' angles on both sides of zero [rad], kept by construction",
-        ),
-        Within(usual=(0.01, pi)),
-    ] = 0.6
-    duration: Annotated[
-        Duration | None,
-        Field(description="of the curves [s]; the period of the start's gait if left out"),
-        Within(unit="time", possible=DURATION.possible, usual=(0.1, DURATION.usual[1])),
-    ] = None
-    points: Annotated[
-        dict[str, tuple[Angle, ...]] | None,
-        Field(
-            description="first guess of the degree + 1 Bezier control points of each tracked joint [rad]; "
-            "those that come closest to the start's angles if left out"
-        ),
-    ] = None
-
-
-class CurveReference(Section):
-    """A reference curve that a design finds."""
-
-    curve: CurveSpec
-    beyond_end: Annotated[
-        Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
-        Field(
-            description="after the curve's end: its last rate is kept (linear), its last angle is held (hold), "
-            "or there is no torque (off); a curve has no motion of its own that could flow on"
-        ),
-    ]
-
-
-class NoControlSpec(Section):
-    """A passive walker."""
-
-    type: Literal["none"] = Field("none", description="no torques")
-
-
-class ConstantTorqueSpec(Section):
-    """Constant torques by the walker's actuator names [N m]."""
-
-    type: Literal["constant_torque"] = "constant_torque"
-    torques: Mapping[str, Finite]
-
-
-class PDSpec(Section):
-    """PD tracking of a reference whose clock restarts at every impact.
-
-    u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
-    """
-
-    type: Literal["pd"] = Field("pd", description="PD tracking of a reference")
-    kp: Annotated[
-        Finite,
-        Field(ge=0, description="gain on the angle [N m/rad]"),
-        Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
-    ]
-    kd: Annotated[
-        Finite,
-        Field(ge=0, description="gain on the rate [N m s/rad]"),
-        Within(unit="damping", possible=(0, 100), usual=(0, 10)),
-    ]
-    reference: Annotated[GaitReference | CurveReference, Field(description="motion that the joints track")]
-
-
-ControlSpec = NoControlSpec | ConstantTorqueSpec | PDSpec
-
-
-@lru_cache
-def torques_section(walker: type[Walker]) -> type[Section]:
-    """Constant torques of a walker: one key per actuator."""
-    torque = {
-        name: Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE] for name in walker.actuators
-    }
-    kind = Annotated[Literal["constant_torque"], Field(description="constant torques [N m]")]
-    return section_model("TorquesSection", {"type": kind, **torque})
-
-
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 ANGLE_TEXT = {
     "type": "string",
@@ -388,19 +281,19 @@ def _robot() -> dict[str, Any]:
 
 
 def _controls(walkers: Any) -> list[dict[str, Any]]:
-    reference = {"oneOf": [_section(GaitReference), _section(CurveReference)]}
-    reference["oneOf"][1]["properties"]["curve"] = _section(CurveSpec)
-    gains = _section(PDSpec, may_be_free=("kp", "kd"))
-    gains["properties"]["reference"] = reference
-    torques = [torques_section(walker) for walker in walkers if walker.actuators]
-    laws = [
-        _section(NoControlSpec),
-        *(_section(model, may_be_free=tuple(model.model_fields)) for model in torques),
-        gains,
-    ]
-    for law in laws:
-        law["required"] = sorted({*law.get("required", []), "type"})
-    return [law for k, law in enumerate(laws) if law not in laws[:k]]
+    laws = list[dict[str, Any]]()
+    for name, law in registered_controls().items():
+        sections: dict[type[BaseModel], None] = dict.fromkeys(
+            law.section(walker) for walker in walkers if walker.actuators or law is NoControl
+        )
+        for section in sections:
+            numbers = tuple(key for key, entry in section.model_fields.items() if is_parameter(entry))
+            stated = _section(section, may_be_free=numbers)
+            words = (law.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+            stated["properties"] = {"type": {"const": name, "description": words}, **stated["properties"]}
+            stated["required"] = sorted({*stated.get("required", []), "type"})
+            laws += [] if stated in laws else [stated]
+    return laws
 
 
 def _gait(walkers: Any) -> dict[str, Any]:
@@ -423,6 +316,10 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         ranges = [str(part) for part in entry_field.metadata if isinstance(part, Within)]
         if ranges:
             entry["description"] = "; ".join([entry.get("description", ""), *ranges])
+        if nested := nested_models(entry_field):
+            sections = [_section(part) for part in nested]
+            schema["properties"][key] = sections[0] if len(sections) == 1 else {"oneOf": sections}
+            continue
         number = entry.get("type") == "number" or {"type": "number"} in entry.get("anyOf", [])
         if not number or not (is_angle(entry_field) or key in may_be_free):
             continue

@@ -14,19 +14,13 @@ from typing import Any
 
 from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
+from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.friction import COULOMB, STATIC_KINETIC, Friction, ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
-from gaitopt.problem.schema import (
-    OPEN,
-    ConstantTorqueSpec,
-    ControlSpec,
-    CurveReference,
-    FrictionCoefficients,
-    PDSpec,
-)
+from gaitopt.problem.schema import OPEN, FrictionCoefficients
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +88,7 @@ class ProblemStatement(Tabulated):
     walker: Walker
     friction: float | FrictionCoefficients
     impact_law: ImpactLaw = ImpactLaw.COULOMB
-    control: ControlSpec
+    control: Control
     modes: Cycle | OpenSequence
     start: Guess | None
     free: Mapping[str, Free] = field(default_factory=dict)
@@ -112,8 +106,7 @@ class ProblemStatement(Tabulated):
     @property
     def is_design(self) -> bool:
         """Whether some of its numbers, or the control points of a reference, are unknowns."""
-        reference = self.control.reference if isinstance(self.control, PDSpec) else None
-        return bool(self.free) or isinstance(reference, CurveReference)
+        return bool(self.free) or bool(self.control.unknowns(type(self.walker)))
 
     @property
     def cycle(self) -> Cycle:
@@ -145,8 +138,7 @@ class ProblemStatement(Tabulated):
     def parameters(self) -> dict[str, float]:
         """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
         walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
-        scalars = self.control.model_dump(exclude={"type", "reference"})
-        control = {f"control.{key}": value for key, value in scalars.get("torques", scalars).items()}
+        control = {f"control.{key}": value for key, value in self.control.parameters.items()}
         numbers = self.friction_data
         friction = (
             {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
@@ -180,7 +172,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
 
     The guessed state has only its section coordinates, so that the others follow when these change.
     """
-    control, modes, start = problem.control, problem.modes, problem.start
+    modes, start = problem.modes, problem.start
     if isinstance(modes, OpenSequence):
         gait: dict[str, Any] = {"phases": OPEN}
         gait |= {} if modes.impact is None else {"impact": str(modes.impact)}
@@ -192,19 +184,21 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         names = (*problem.walker.section_names(slipping=slipping), "x")
         gait["guess"] = {"state": {name: start.state[name] for name in names}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
-    torques = {"type": control.type, **control.torques} if isinstance(control, ConstantTorqueSpec) else None
     data: dict[str, Any] = {
         "name": problem.name,
         "about": problem.about,
         "walker": {**problem.walker.statement(), **problem.walker.model_dump(mode="json")},
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
-        "control": torques or control.model_dump(mode="json", exclude_none=True),
+        "control": problem.control.record,
         "gait": gait,
     }
     for key, free in problem.free.items():
-        group, _, name = key.rpartition(".")
-        (data[group] if group else data)[name] = {"free": [free.lower, free.upper], "guess": free.guess}
+        *above, name = key.split(".")
+        section = data
+        for part in above:
+            section = section[part]
+        section[name] = {"free": [free.lower, free.upper], "guess": free.guess}
     if problem.objective:
         data["objective"] = dict(problem.objective)
     if problem.constraints:

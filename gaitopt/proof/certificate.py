@@ -21,26 +21,25 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from gaitopt.errors import StorageError
 from gaitopt.model.closure import is_linear
-from gaitopt.model.control import (
-    BeyondEnd,
-    BezierTracking,
-    ConstantTorque,
-    Control,
-    NoControl,
-    Piece,
-    ProportionalDerivative,
-    Reference,
-    continued,
-)
+from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import is_default
 from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.reference import (
+    BeyondEnd,
+    BezierCurve,
+    CurveReference,
+    GaitReference,
+    Piece,
+    Reference,
+    Target,
+    continued,
+)
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem, restore_problem
-from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, PDSpec
 from gaitopt.problem.statement import digest_of, reference_keys
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
@@ -78,7 +77,7 @@ class _Record(BaseModel):
 
 
 class PieceRecord(_Record):
-    """A piece of a tracked motion; see ``gaitopt.model.control.Piece``."""
+    """A piece of a tracked motion; see ``gaitopt.model.reference.Piece``."""
 
     start: Real
     end: Real
@@ -192,7 +191,9 @@ def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
         raise StorageError(f"{place}: {first['msg']}") from error
 
 
-def certified_problem(record: CertificateRecord, walkers: Sequence[type[Walker]] = ()) -> Problem:
+def certified_problem(
+    record: CertificateRecord, walkers: Sequence[type[Walker]] = (), controls: Sequence[type[Control]] = ()
+) -> Problem:
     """The problem of a certificate.
 
     Raises
@@ -201,7 +202,7 @@ def certified_problem(record: CertificateRecord, walkers: Sequence[type[Walker]]
         If it is no problem, names a file instead of holding the problem that it tracks, or has another name.
     """
     _refuse_named_reference(record.resolved)
-    problem = restore_problem(record.resolved, walkers=walkers)
+    problem = restore_problem(record.resolved, walkers=walkers, controls=controls)
     if problem.is_open:
         raise ValueError("the mode sequence of its problem is open")
     if problem.name != record.problem:
@@ -225,29 +226,34 @@ def certified_control(problem: Problem, reference: MotionRecord | CurveRecord | 
     ValueError
         If the law needs other data, or the data contradict the problem.
     """
-    spec = problem.control
-    if not isinstance(spec, PDSpec):
+    law = problem.control
+    if not law.source[0]:
         if reference is not None:
-            raise ValueError(f"the control of its problem is {spec.type}, which has no reference")
-        return ConstantTorque(torques=dict(spec.torques)) if isinstance(spec, ConstantTorqueSpec) else NoControl()
-    if isinstance(spec.reference, CurveReference):
+            raise ValueError(f"the control of its problem is {law.type}, which has no reference")
+        return law
+    bound = {name: _certified_target(problem, target, reference) for name, target in law.targets.items()}
+    return law.model_copy(update=bound)
+
+
+def _certified_target(problem: Problem, target: Target, reference: MotionRecord | CurveRecord | None) -> Target:
+    """A target completed by the reference data of a certificate; raises as ``certified_control``."""
+    if isinstance(target, CurveReference):
         if not isinstance(reference, CurveRecord):
             raise ValueError("its problem tracks a designed curve, but it does not state the duration of one")
-        curve = spec.reference.curve
+        curve = target.curve
         if curve.duration not in (None, reference.duration):
             raise ValueError(f"its curve takes {reference.duration!r} s, that of its problem {curve.duration!r} s")
-        return BezierTracking(
-            kp=spec.kp,
-            kd=spec.kd,
+        return BezierCurve(
             points=dict.fromkeys(problem.walker.tracked, (0.0,) * (curve.degree + 1)),
             duration=reference.duration,
-            beyond_end=BeyondEnd(spec.reference.beyond_end),
+            beyond_end=BeyondEnd(target.beyond_end),
             within=curve.within,
         )
+    if not isinstance(target, GaitReference):
+        return target
     if not isinstance(reference, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, but it does not hold one")
-    motion = _tracked_motion(reference, len(problem.walker.tracked), spec.reference.beyond_end)
-    return ProportionalDerivative(kp=spec.kp, kd=spec.kd, reference=motion)
+    return _tracked_motion(reference, len(problem.walker.tracked), target.beyond_end)
 
 
 def _tracked_motion(record: MotionRecord, joints: int, beyond_end: BeyondEnd) -> Reference:
@@ -350,12 +356,14 @@ class Statement:
         return Orbit(self.system, self.p, self.varied, middle_and_half, self.cycle, self.arcs, self.record.order)
 
 
-def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]] = ()) -> Statement:
+def restore_statement(
+    record: CertificateRecord, walkers: Sequence[type[Walker]] = (), controls: Sequence[type[Control]] = ()
+) -> Statement:
     """The statement of a certificate.
 
     Parameters
     ----------
-    walkers : walkers that the problem may name besides those that are registered.
+    walkers, controls : classes that the problem may name besides those that are registered.
 
     Raises
     ------
@@ -364,7 +372,7 @@ def restore_statement(record: CertificateRecord, walkers: Sequence[type[Walker]]
     NotProved
         If the claims do not cover the walker or one of its modes.
     """
-    problem = certified_problem(record, walkers)
+    problem = certified_problem(record, walkers, controls)
     control = certified_control(problem, record.reference)
     system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
     refuse_uncovered_walkers(problem, system)
@@ -418,19 +426,22 @@ def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedB
 
 def _hypotheses(problem: Problem, system: HybridSystem, record: CertificateRecord) -> Hypotheses:
     """The printed statement, rebuilt from the problem and the certificate's data."""
-    spec, designed = problem.control, [*problem.free, *(f"control.{name}" for name in system.control.unknowns)]
-    control, curve = str(spec.type), None
+    law = problem.control
+    designed = [*problem.free, *(f"control.{name}" for name in system.control.unknowns(system.walker))]
+    control, curve = str(law.type), None
     scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
     not_proved = [scuffing]
-    if isinstance(spec, PDSpec) and isinstance(spec.reference, CurveReference):
-        points = {key: text for key, text in record.parameters.items() if key.startswith("control.reference.")}
-        curve = digest_of({"duration": system.control.breakpoints[0], "points": points})
-        control = f"PD tracking of the Bezier curve with this SHA-256, beyond its end: {spec.reference.beyond_end}"
-    elif isinstance(spec, PDSpec) and record.reference is not None:
-        curve = digest_of(record.reference.model_dump(mode="json"))
-        control = f"PD tracking of the curve with this SHA-256, beyond its end: {spec.reference.beyond_end}"
-        source = "another gait" if problem.reference is None else problem.reference.name
-        not_proved.append(f"whether that curve is the motion of {source}, which the problem names")
+    for name, target in law.targets.items():
+        if isinstance(target, CurveReference):
+            above = f"control.{name}."
+            points = {key: text for key, text in record.parameters.items() if key.startswith(above)}
+            curve = digest_of({"duration": system.control.breakpoints[0], "points": points})
+            control = f"PD tracking of the Bezier curve with this SHA-256, beyond its end: {target.beyond_end}"
+        elif isinstance(target, GaitReference) and record.reference is not None:
+            curve = digest_of(record.reference.model_dump(mode="json"))
+            control = f"PD tracking of the curve with this SHA-256, beyond its end: {target.beyond_end}"
+            source = "another gait" if problem.reference is None else problem.reference.name
+            not_proved.append(f"whether that curve is the motion of {source}, which the problem names")
     if problem.objective or problem.constraints:
         not_proved.append("whether the problem's constraints are met, and its objective is least")
     return {
@@ -479,7 +490,7 @@ def _check_parameters(problem: Problem, system: HybridSystem, texts: dict[str, s
         different = ", ".join(sorted(set(texts) ^ set(system.parameters))[:5])
         raise ValueError(f"its parameters are not those of its problem: {different[:200]}")
     known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
-    free = {*problem.free, *(f"control.{name}" for name in system.control.unknowns)}
+    free = {*problem.free, *(f"control.{name}" for name in system.control.unknowns(system.walker))}
     for key in system.parameters:
         value, double = ball(texts[key]), arb(float(known[key]))
         ends = [end.strip() for end in texts[key].split(INTERVAL)]

@@ -19,6 +19,7 @@ from typing import Any
 
 from flint import acb, arb, arb_mat
 
+from gaitopt.model.control import Control
 from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
 from gaitopt.model.walker import Walker
 from gaitopt.proof.arithmetic import NotProved, at, decimal_bounds, precision
@@ -181,13 +182,18 @@ class Proof:
         }
 
 
-def check(certificate: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = ()) -> Proof:
+def check(
+    certificate: Mapping[str, Any],
+    *,
+    walkers: Sequence[type[Walker]] = (),
+    controls: Sequence[type[Control]] = (),
+) -> Proof:
     """Verify a certificate.
 
     Parameters
     ----------
     certificate : the JSON object that ``gaitopt prove`` has written.
-    walkers : walkers that the problem may name besides those that are registered.
+    walkers, controls : classes that the problem may name besides those that are registered.
 
     Raises
     ------
@@ -197,7 +203,7 @@ def check(certificate: Mapping[str, Any], *, walkers: Sequence[type[Walker]] = (
     with precision():
         statement: Statement | None = None
         try:
-            statement = restore_statement(read_certificate(certificate), walkers)
+            statement = restore_statement(read_certificate(certificate), walkers, controls)
             records = statement.record.boxes
             if not records:
                 raise ValueError("it has no boxes: nothing is proved")

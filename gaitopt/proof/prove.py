@@ -20,7 +20,8 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.control import BezierTracking, Control, ProportionalDerivative
+from gaitopt.model.control import Control
+from gaitopt.model.reference import BezierCurve, Reference
 from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.problem.problem import Problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
@@ -139,7 +140,11 @@ def _prove(
             problems = [gait.problem]  # their walkers need not be registered
             while problems[-1].reference is not None:
                 problems.append(problems[-1].reference)
-            statement = restore_statement(record, list(dict.fromkeys(type(problem.walker) for problem in problems)))
+            statement = restore_statement(
+                record,
+                list(dict.fromkeys(type(problem.walker) for problem in problems)),
+                list(dict.fromkeys(type(problem.control) for problem in problems)),
+            )
         except (ValueError, StorageError) as error:  # of an interval: everything else is that of the gait
             raise ProblemError(f"{gait.problem.name}: {error}") from error
         try:
@@ -206,21 +211,21 @@ def exact_texts(problem: Problem, values: Mapping[str, float]) -> dict[str, str]
 
 def reference_record(control: Control) -> dict[str, Any] | None:
     """The data of a control law that its problem does not contain; None if there are none."""
-    if isinstance(control, BezierTracking):
-        return {"duration": control.duration}
-    if isinstance(control, ProportionalDerivative):
-        pieces = [
-            {
-                "start": piece.start,
-                "end": piece.end,
-                "angles": piece.angles.tolist(),
-                "rates": piece.rates.tolist(),
-                "active": piece.active,
-            }
-            for piece in control.reference.pieces
-        ]
-        horizon = control.reference.horizon
-        return {"pieces": pieces, "horizon": None if np.isinf(horizon) else horizon}
+    for target in control.targets.values():
+        if isinstance(target, BezierCurve):
+            return {"duration": target.duration}
+        if isinstance(target, Reference):
+            pieces = [
+                {
+                    "start": piece.start,
+                    "end": piece.end,
+                    "angles": piece.angles.tolist(),
+                    "rates": piece.rates.tolist(),
+                    "active": piece.active,
+                }
+                for piece in target.pieces
+            ]
+            return {"pieces": pieces, "horizon": None if np.isinf(target.horizon) else target.horizon}
     return None
 
 

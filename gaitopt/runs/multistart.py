@@ -7,13 +7,12 @@ curve at random. The starts depend on the seed alone, not on how many processes 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from itertools import islice
+from itertools import groupby, islice
 from typing import Any, cast
 
 import numpy as np
 
 from gaitopt.gait.records import SolvedRecord, is_gait
-from gaitopt.model.control import BezierTracking
 from gaitopt.problem.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
@@ -126,7 +125,8 @@ class StartsPlan(Plan[list[Optimum]]):
         problem, spread = self.problem, self.spread
         yield problem
         control = build_system(problem).control
-        curves = control.points if isinstance(control, BezierTracking) else {}
+        spans, values = control.unknowns(type(problem.walker)), control.parameters
+        rows = [list(row) for _, row in groupby(spans, key=lambda name: name.rpartition(".")[0])]
         names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
         sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
         for number in range(1, self.starts):
@@ -137,10 +137,12 @@ class StartsPlan(Plan[list[Optimum]]):
             }
             guesses = {key: problem.free[key].guess + spread * size * rng.uniform(-1, 1) for key, size in sizes.items()}
             changes |= problem.free_guesses(guesses)
-            for name, points in curves.items():
-                row = np.array(points) + spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
-                within = control.unknowns[f"reference.{name}.0"]
-                changes[f"control.reference.curve.points.{name}"] = np.clip(row, *within).tolist()
+            moved = dict[str, float]()
+            for row in rows:
+                points = np.array([values[name] for name in row])
+                points += spread * np.ptp(points) * rng.uniform(-1, 1, len(points))
+                moved |= {f"control.{name}": np.clip(c, *spans[name]) for name, c in zip(row, points, strict=True)}
+            changes |= problem.control.guesses(moved, type(problem.walker))
             yield problem.replace(changes)
 
 

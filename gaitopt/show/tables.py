@@ -22,7 +22,6 @@ from gaitopt.model.cycle import Cycle, mode_words
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
-from gaitopt.problem.schema import PDSpec
 from gaitopt.problem.statement import OpenSequence
 from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front
@@ -154,11 +153,12 @@ def print_problem(console: Console, problem: Problem) -> None:
     contact = [(key, number(v), unit_of(key)) for key, v in parameters if key.partition(".")[0] == "friction"]
     contact += [("impact_law", str(problem.impact_law), ""), ("control", problem.control.type, "")]
     for key, value in parameters:
-        group, _, name = key.rpartition(".")
+        group, _, name = key.partition(".")
         if group == "control":
             contact.append((name, number(value), unit_of(key) or "N m"))
-    if isinstance(problem.control, PDSpec) and problem.reference is not None:
-        contact.append(("reference", problem.reference.name, f"beyond its end: {problem.control.reference.beyond_end}"))
+    if problem.reference is not None:
+        ends = {str(getattr(target, "beyond_end", "")) for target in problem.control.targets.values()} - {""}
+        contact.append(("reference", problem.reference.name, f"beyond its end: {', '.join(ends)}" if ends else ""))
     section(console, "contact and control", ("key", "value", "unit"), contact, numbers=(1,))
     if isinstance(problem.modes, OpenSequence):
         title = "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps"

@@ -37,7 +37,7 @@ FARTHER = "the methods auto and ipopt search farther"
 def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
     """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
     bounds = {key: (free.lower, free.upper) for key, free in problem.free.items()}
-    return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns.items()}
+    return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns(system.walker).items()}
 
 
 def solve_gait(

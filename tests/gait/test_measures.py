@@ -66,7 +66,7 @@ def wheel_step() -> tuple[RimlessWheel, HybridSystem, Array, Step]:
 @cache
 def compass_step() -> tuple[HybridSystem, Array, Step]:
     """A driven compass: it slips for a while, then sticks; nothing says that it is a gait."""
-    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": TORQUES[0], "hip": TORQUES[1]}))
+    system = HybridSystem(CompassBiped, ConstantTorque(ankle=TORQUES[0], hip=TORQUES[1]))
     p = np.array([1.6, 4.0, 0.8, 2.0, 9.8, np.radians(1), 0.14, *TORQUES])
     first = arc(system, p, Mode.SLIP_FORWARD, np.array([-0.148, -0.148, 0, 0.73, -0.5, 0.0]), SLIPPING)
     held = first.states[-1] * [1, 1, 1, 1, 1, 0]

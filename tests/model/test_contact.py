@@ -159,7 +159,7 @@ def test_energy_changes_by_the_work_of_friction_alone(case: Case, mode: Mode) ->
 @pytest.mark.parametrize("mode", MODES)
 def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
     case, torque = CASES["compass_biped"], np.array([1.3, -0.7])
-    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": torque[0], "hip": torque[1]}))
+    system = HybridSystem(CompassBiped, ConstantTorque(ankle=torque[0], hip=torque[1]))
     p = np.append(case.p, torque)
     for z in case.states():
         z = state_for(mode, z)

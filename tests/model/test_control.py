@@ -2,20 +2,13 @@
 
 import numpy as np
 import pytest
-from casadi import SX, Function
 from oracles import CASES, numbers
 
-from gaitopt.model.control import (
-    BeyondEnd,
-    ConstantTorque,
-    Control,
-    NoControl,
-    Piece,
-    ProportionalDerivative,
-    continued,
-)
+from gaitopt.model.control import ConstantTorque, Control, NoControl
 from gaitopt.model.modes import Mode
+from gaitopt.model.reference import BeyondEnd, Piece, continued
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
 KP, KD = 12.0, 3.0
@@ -32,11 +25,10 @@ def law(beyond_end: BeyondEnd) -> ProportionalDerivative:
 
 def torque(control: Control, t: float, segment: int = 0) -> np.ndarray:
     """Torques of a law at ``STATE``."""
-    angles, rates = SX.sym("angles", 2), SX.sym("rates", 2)
-    p, r, time = SX.sym("p", len(control.parameters)), SX.sym("r", control.data(0).size), SX.sym("t")
-    function = Function("torque", [time, angles, rates, p, r], [control.torque(time, angles, rates, p, r)])
-    values = function(t, STATE[:2], STATE[3:5], list(control.parameters.values()), control.data(segment))
-    return np.asarray(values).ravel()
+    system = HybridSystem(CompassBiped, control)
+    p = [*CASES["compass_biped"].p, *control.parameters.values()]
+    _, u, *_ = numbers(system.observation(Mode.STICK)(t, STATE, p, control.data(segment)))
+    return u
 
 
 def test_passive_walker_has_no_torque_and_no_parameters() -> None:
@@ -45,7 +37,7 @@ def test_passive_walker_has_no_torque_and_no_parameters() -> None:
 
 
 def test_constant_torques_are_the_parameters_by_actuator() -> None:
-    control = ConstantTorque({"ankle": 1.65, "hip": 0.54})
+    control = ConstantTorque(ankle=1.65, hip=0.54)
     assert control.parameters == {"ankle": 1.65, "hip": 0.54}
     np.testing.assert_array_equal(torque(control, 0.1), [1.65, 0.54])
 
@@ -87,7 +79,7 @@ def test_gains_and_torques_are_parameters_of_the_system() -> None:
 def test_ankle_turns_the_stance_leg_and_hip_spreads_both_legs_against_the_ground() -> None:
     """Q_theta1 = ankle + hip and Q_theta2 = hip: read from the change of M ddq when the foot sticks."""
     case = CASES["compass_biped"]
-    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 0.0, "hip": 0.0}))
+    system = HybridSystem(CompassBiped, ConstantTorque(ankle=0.0, hip=0.0))
     q, _ = case.coordinates(STATE)
     M = case.oracle.M(q)[:2, :2]
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from oracles import CASES, Case, differences, directional, numbers
 
-from gaitopt.model.control import BeyondEnd, Piece, ProportionalDerivative, continued
 from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.reference import BeyondEnd, Piece, continued
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
 Array = np.ndarray

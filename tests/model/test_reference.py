@@ -5,7 +5,7 @@ import pytest
 from casadi import SX, Function
 from numpy.polynomial import chebyshev
 
-from gaitopt.model.control import BeyondEnd, Piece, Reference, continued, evaluate
+from gaitopt.model.reference import BeyondEnd, Piece, Reference, continued, evaluate
 
 END = 0.8
 

@@ -32,7 +32,8 @@ def plugins(monkeypatch):
         for name, value in objects.items():
             if value is not None:
                 setattr(module, name, value)
-        monkeypatch.setattr(registry, "entry_points", lambda group: [*OWN, *points])
+        every = {registry.ENTRY_POINT_GROUP: [*OWN, *points]}
+        monkeypatch.setattr(registry, "entry_points", lambda group: every.get(group, []))
         registry._plugins.cache_clear()
 
     yield register
@@ -69,7 +70,9 @@ def test_a_plugin_that_ends_the_process_at_import_is_named(plugins, monkeypatch,
     monkeypatch.syspath_prepend(tmp_path)
     plugins()
     point = EntryPoint("leaving", "leaving_walkers:Leaving", registry.ENTRY_POINT_GROUP)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [*OWN, point])
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: [*OWN, point] if group == registry.ENTRY_POINT_GROUP else []
+    )
     with pytest.warns(GaitoptWarning, match="plugin leaving_walkers:Leaving cannot be imported: SystemExit: 3"):
         assert list(registered_walkers()) == ["compass_biped", "rimless_wheel"]
 
@@ -82,7 +85,11 @@ def test_a_name_that_is_registered_twice_is_refused_and_never_replaces_one_of_ou
     group = registry.ENTRY_POINT_GROUP
     twins = [EntryPoint("twin", f"{module}:twin", group) for module in ("other_walkers", "second")]
     ours = EntryPoint("compass_biped", "other_walkers:twin", group)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [*OWN, *OWN, *twins, ours])
+    monkeypatch.setattr(
+        registry,
+        "entry_points",
+        lambda group: [*OWN, *OWN, *twins, ours] if group == registry.ENTRY_POINT_GROUP else [],
+    )
     with pytest.warns(GaitoptWarning) as caught:
         assert registered_walkers()["compass_biped"] is CompassBiped
     assert list(registered_walkers()) == ["compass_biped", "rimless_wheel"]

@@ -11,13 +11,14 @@ import pytest
 from pydantic import Field
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.model.control import BeyondEnd
+from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
+from gaitopt.model.reference import BeyondEnd, CurveReference, GaitReference
+from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import NonNegative
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
-from gaitopt.problem.schema import ConstantTorqueSpec, CurveReference, GaitReference, NoControlSpec, PDSpec
 from gaitopt.problem.source import problem_names
 from gaitopt.problem.statement import Free, Range
 
@@ -104,10 +105,10 @@ def test_parameters_come_in_the_order_walker_friction_control():
 
 
 def test_controls_are_distinguished_by_their_type():
-    assert load_problem("compass-passive-a").control == NoControlSpec()
-    assert load_problem("compass-torque-stick").control == ConstantTorqueSpec(torques={"ankle": 1.65, "hip": 0.54})
+    assert load_problem("compass-passive-a").control == NoControl()
+    assert load_problem("compass-torque-stick").control == ConstantTorque(ankle=1.65, hip=0.54)
     tracked = GaitReference(gait="compass-passive-b", beyond_end=BeyondEnd.FLOW)
-    assert load_problem("compass-pd-impact-slip").control == PDSpec(kp=15, kd=15, reference=tracked)
+    assert load_problem("compass-pd-impact-slip").control == ProportionalDerivative(kp=15, kd=15, reference=tracked)
 
 
 def test_a_curve_may_be_the_reference_and_is_an_unknown():
@@ -156,7 +157,7 @@ def test_a_freed_parameter_can_be_fixed_and_its_guess_changed():
     assert problem.replace({"control.ankle.guess": 1.0}).parameters["control.ankle"] == 1.0
     fixed = problem.replace({"control.ankle": 0.3})
     assert list(fixed.free) == ["walker.slope"]
-    assert fixed.control.torques["ankle"] == 0.3
+    assert fixed.control.parameters["ankle"] == 0.3
 
 
 def test_a_constraint_whose_name_has_dots_can_be_overridden():

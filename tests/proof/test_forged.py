@@ -21,9 +21,11 @@ from flint import arb, ctx  # noqa: E402
 
 from gaitopt import load_problem, prove, solve  # noqa: E402
 from gaitopt.errors import StorageError  # noqa: E402
-from gaitopt.model.control import BeyondEnd, NoControl, ProportionalDerivative, Reference, continued  # noqa: E402
+from gaitopt.model.control import NoControl  # noqa: E402
 from gaitopt.model.modes import Mode  # noqa: E402
+from gaitopt.model.reference import BeyondEnd, Reference, continued  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
+from gaitopt.model.tracking import ProportionalDerivative  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel  # noqa: E402
 from gaitopt.proof.arithmetic import PRECISION, NotProved, Refuted  # noqa: E402

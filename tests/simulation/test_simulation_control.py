@@ -1,19 +1,19 @@
 """The simulator under control laws: breakpoints, horizons, and torques that graze the friction cone."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
-from casadi import SX, exp, vertcat
+from casadi import SX, exp
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
-from gaitopt.model.control import Control, Piece, ProportionalDerivative, Reference
+from gaitopt.model.control import Control, Instant
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.reference import Piece, Reference
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.simulator import Simulator
@@ -25,9 +25,11 @@ START = np.array([-0.1478, -0.1478, 0, 0.7328, -0.5007, 0])
 COMPASS = (1.6, 4, 0.8, 2, 9.8, np.radians(1))
 
 
-@dataclass(frozen=True)
 class Staircase(Control):
     """Torques that are constant between breakpoints."""
+
+    type = "staircase"
+    jumps = True
 
     times: tuple[float, ...]
     levels: tuple[tuple[float, float], ...]
@@ -36,35 +38,31 @@ class Staircase(Control):
     def breakpoints(self) -> tuple[float, ...]:
         return self.times
 
-    @property
-    def parameters(self) -> dict[str, float]:
-        return {}
-
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        return r
+    def torques(self, now: Instant) -> dict[str, SX]:
+        return {"ankle": now.r[0], "hip": now.r[1]}
 
     def data(self, segment: int) -> Array:
         return np.array(self.levels[segment])
 
 
-@dataclass(frozen=True)
 class Pulse(Control):
     """A smooth pulse of the ankle torque."""
 
+    type = "pulse"
+
     time: float
     width: float
+    amplitude: float
 
-    @property
-    def parameters(self) -> dict[str, float]:
-        return {"amplitude": 0.0}
-
-    def torque(self, t: SX, angles: SX, rates: SX, p: SX, r: SX) -> SX:
-        return vertcat(p[0] * exp(-(((t - self.time) / self.width) ** 2)), 0)
+    def torques(self, now: Instant) -> dict[str, SX]:
+        return {"ankle": now.p.amplitude * exp(-(((now.t - now.p.time) / now.p.width) ** 2))}
 
 
 def staircase(breakpoints: tuple[float, ...], *levels: tuple[float, float], friction: float = 0.3) -> Simulator:
     return Simulator(
-        Dynamics(HybridSystem(CompassBiped, Staircase(breakpoints, levels)), np.array([*COMPASS, friction]))
+        Dynamics(
+            HybridSystem(CompassBiped, Staircase(times=breakpoints, levels=levels)), np.array([*COMPASS, friction])
+        )
     )
 
 
@@ -77,7 +75,7 @@ def test_arcs_end_exactly_at_the_breakpoints_of_the_control() -> None:
 def test_a_breakpoint_is_passed_as_by_two_separate_integrations() -> None:
     simulator = staircase((0.3,), (0.3, 0.1), (-0.2, 0.05))
     step = simulator.run(START).steps[0]
-    system = HybridSystem(CompassBiped, Staircase((), ((0, 0),)))
+    system = HybridSystem(CompassBiped, Staircase(times=(), levels=((0, 0),)))
     p, state, ends = np.array([*COMPASS, 0.3]), START, [0, 0.3, step.period]
     for torque, start, end in zip([(0.3, 0.1), (-0.2, 0.05)], ends, ends[1:], strict=False):
         flow = system.flow(Mode.STICK)
@@ -148,7 +146,8 @@ def test_a_reference_that_ends_before_touchdown_ends_the_motion() -> None:
 
 
 def pulsed(friction: float) -> tuple[HybridSystem, Array]:
-    return HybridSystem(CompassBiped, Pulse(0.5, 0.1)), np.array([*COMPASS, friction, 15.0])
+    law = Pulse(time=0.5, width=0.1, amplitude=15.0)
+    return HybridSystem(CompassBiped, law), np.array([*COMPASS, friction, *law.parameters.values()])
 
 
 def test_a_slip_between_two_roots_of_the_cone_margin_shrinks_with_the_root_of_its_depth() -> None:

@@ -222,7 +222,7 @@ def test_with_less_friction_it_slips_forward_sticks_and_slips_backward() -> None
 
 
 def test_constant_torques_carry_the_compass_over_level_ground() -> None:
-    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 1.65, "hip": 0.54}))
+    system = HybridSystem(CompassBiped, ConstantTorque(ankle=1.65, hip=0.54))
     p = np.array([1.6, 4, 0.8, 2, 9.8, 0.0, 0.25, 1.65, 0.54])
     simulator = Simulator(Dynamics(system, p))
     settled = simulator.run(COMPASS_START, 150)
@@ -298,7 +298,7 @@ def energy_defect(system: HybridSystem, p: Array, arc: Arc) -> float:
 
 
 def test_energy_changes_by_the_work_of_motors_and_friction() -> None:
-    system = HybridSystem(CompassBiped, ConstantTorque({"ankle": 1.65, "hip": 0.54}))
+    system = HybridSystem(CompassBiped, ConstantTorque(ankle=1.65, hip=0.54))
     p = np.array([1.6, 4, 0.8, 2, 9.8, 0.0, 0.14, 1.65, 0.54])
     trajectory = Simulator(Dynamics(system, p)).run(COMPASS_START, 3, dense=True)
     assert {mode for step in trajectory.steps for mode in modes(step)} == set(CONTACTS)

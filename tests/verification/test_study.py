@@ -11,7 +11,7 @@ from named import named
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.control import BeyondEnd
+from gaitopt.model.reference import BeyondEnd
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.systems import build_system, gait_reference

@@ -1,0 +1,66 @@
+"""PD control: each motor pulls a joint towards a reference.
+
+u = -kp (theta - theta_r(t)) - kd (dtheta - dtheta_r(t))              Gamus & Or (2013), section V, gait III
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, ClassVar
+
+from casadi import SX, vertcat, vertsplit
+from pydantic import Field
+
+from gaitopt.arrays import Array
+from gaitopt.model.control import Control, Instant
+from gaitopt.model.reference import Followed, Path
+from gaitopt.model.units import Finite, Within
+from gaitopt.model.walker import WalkerType
+
+
+class ProportionalDerivative(Control):
+    """PD tracking of a reference whose clock restarts at every impact.
+
+    u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
+    """
+
+    type = "pd"
+    jumps: ClassVar[bool] = True
+
+    kp: Annotated[
+        Finite,
+        Field(ge=0, description="gain on the angle [N m/rad]"),
+        Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
+    ]
+    kd: Annotated[
+        Finite,
+        Field(ge=0, description="gain on the rate [N m s/rad]"),
+        Within(unit="damping", possible=(0, 100), usual=(0, 10)),
+    ]
+    reference: Annotated[Followed, Field(description="motion that the joints track")]
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which pieces of the reference meet."""
+        return self.reference.breakpoints
+
+    @property
+    def horizon(self) -> float:
+        """End of the reference."""
+        return self.reference.horizon
+
+    def data(self, segment: int) -> Array:
+        """The numbers of the piece of the reference in this segment."""
+        return self.reference.data(segment)
+
+    def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
+        """As for every law; and each motor needs a joint."""
+        yield from super().faults(walker)
+        if len(walker.tracked) != len(walker.actuators):
+            yield ("type",), f"{walker.model} does not say which joint each motor tracks: it has no `tracked`"
+
+    def torques(self, now: Instant) -> Mapping[str, SX]:
+        """Feedback on the error of each tracked joint."""
+        kp, kd, walker = now.p.kp, now.p.kd, now.robot.walker
+        angles, rates = (vertcat(*(getattr(names, joint) for joint in walker.tracked)) for names in (now.q, now.dq))
+        target, active = self.reference.weighted(now, now.p.reference, walker.tracked, (kp, kd))
+        u = -active * (kp * angles + kd * rates - target)
+        return dict(zip(walker.actuators, vertsplit(u), strict=True))
