@@ -7,7 +7,9 @@ import shutil
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+from oracles import compass_oracle
 
 from gaitopt import load_problem, simulate, solve, verify
 from gaitopt.cli import options
@@ -63,6 +65,22 @@ def test_the_pushes_of_the_readme_die_out(monkeypatch, tmp_path):
     (line,) = [shlex.split(command) for command in COMMANDS if command.startswith("gaitopt simulate")]
     record = simulate(load_problem(line[2]), options.state([line[4]]), int(line[6])).to_record()
     assert record["status"] == "completed"
+
+
+def test_the_energy_of_virtual_passive_walking_grows_with_the_position_of_the_mass():
+    (program,) = (program for program in blocks("python") if "class VirtualPassive" in program)
+    names = {}
+    exec(compile(program, "docs", "exec"), names)  # noqa: S102
+    gait, oracle = names["gait"], compass_oracle(**dict(names["problem"].walker))
+    (arc,) = gait.arcs
+    at_rest = np.zeros((len(arc.states), 2))  # the stance foot, at the origin
+    shape, rates = (np.hstack([arc.states[:, columns], at_rest]) for columns in ([0, 1], [3, 4]))
+    mass = sum(m.mass for m in oracle.masses)
+    place = [sum(m.mass * m.point.position(q)[0] for m in oracle.masses) / mass for q in shape]
+    energy = [oracle.energy(q, dq) for q, dq in zip(shape, rates, strict=True)]
+    growth = mass * 9.81 * np.tan(np.radians(2)) * (np.array(place) - place[0])
+    assert growth[-1] > 1
+    assert np.array(energy) - energy[0] == pytest.approx(growth, abs=1e-8)
 
 
 @pytest.mark.portable

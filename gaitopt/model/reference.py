@@ -100,6 +100,10 @@ class Target:
         """What is wrong with the target for a walker, by key."""
         yield from ()
 
+    def joints(self, walker: "WalkerType") -> tuple[str, ...]:
+        """The joints that follow the motion."""
+        return walker.tracked
+
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
     ) -> tuple[SX, SX]:
@@ -422,16 +426,66 @@ class CurveReference(BaseModel, Target):
                     yield (*path, name, k), f"{value:g} is outside of within = {self.curve.within:g}"
 
 
+class ConstantReference(BaseModel, Target):
+    """Constant angles: set-points."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    constant: Annotated[
+        dict[str, Angle],
+        Field(
+            min_length=1, description="angle of each tracked joint [rad]; the motor of a joint that is left out is off"
+        ),
+    ]
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The angles as ``constant.JOINT``."""
+        return {f"constant.{joint}": angle for joint, angle in self.constant.items()}
+
+    @property
+    def structure(self) -> object:
+        """The joints."""
+        return ("constant", *self.constant)
+
+    def joints(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that have an angle."""
+        return tuple(joint for joint in walker.tracked if joint in self.constant)
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Joints that the walker does not track, and angles that it never reaches."""
+        for joint, angle in self.constant.items():
+            if joint not in walker.tracked:
+                words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
+                yield ("constant", joint), f"is no tracked joint of {walker.model}; {words}"
+            elif joint not in walker.lengths and abs(angle) > walker.largest_angle:
+                words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+                yield ("constant", joint), f"{angle:g} is impossible: {words}"
+
+    def weighted(
+        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
+    ) -> tuple[SX, SX]:
+        """The angles; their rates are zero."""
+        return weights[0] * vertcat(*(getattr(p.constant, joint) for joint in joints)), SX(1)
+
+
 def _read(value: Any, handler: ValidatorFunctionWrapHandler) -> Target:
     """The target that a file describes, by its keys; a target itself is taken as it is."""
     if isinstance(value, Target):
         return value
-    model = CurveReference if isinstance(value, Mapping) and "curve" in value else GaitReference
-    return model.model_validate(value)
+    kinds: dict[str, type[Target]] = {"curve": CurveReference, "constant": ConstantReference}
+    given = value if isinstance(value, Mapping) else {}
+    kind: Any = next((kind for key, kind in kinds.items() if key in given), GaitReference)
+    validated: Target = kind.model_validate(value)
+    return validated
 
 
 Followed = Annotated[
-    GaitReference | CurveReference | SkipJsonSchema[InstanceOf[Reference]] | SkipJsonSchema[InstanceOf[BezierCurve]],
+    GaitReference
+    | CurveReference
+    | ConstantReference
+    | SkipJsonSchema[InstanceOf[Reference]]
+    | SkipJsonSchema[InstanceOf[BezierCurve]],
     WrapValidator(_read),
 ]
 """Type of the key ``reference``: what a file may say, or a motion that is ready for use."""

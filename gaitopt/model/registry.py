@@ -24,6 +24,7 @@ OWN_CONTROLS = {
     "none": "gaitopt.model.control:NoControl",
     "constant_torque": "gaitopt.model.control:ConstantTorque",
     "pd": "gaitopt.model.tracking:ProportionalDerivative",
+    "controlled_symmetry": "gaitopt.model.controlled_symmetry:ControlledSymmetry",
 }
 """Control laws of this package, in the order in which they are listed."""
 

@@ -60,7 +60,8 @@ class ProportionalDerivative(Control):
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """Feedback on the error of each tracked joint."""
         kp, kd, walker = now.p.kp, now.p.kd, now.robot.walker
-        angles, rates = (vertcat(*(getattr(names, joint) for joint in walker.tracked)) for names in (now.q, now.dq))
-        target, active = self.reference.weighted(now, now.p.reference, walker.tracked, (kp, kd))
+        joints, motor = self.reference.joints(walker), dict(zip(walker.tracked, walker.actuators, strict=True))
+        angles, rates = (vertcat(*(getattr(names, joint) for joint in joints)) for names in (now.q, now.dq))
+        target, active = self.reference.weighted(now, now.p.reference, joints, (kp, kd))
         u = -active * (kp * angles + kd * rates - target)
-        return dict(zip(walker.actuators, vertsplit(u), strict=True))
+        return {motor[joint]: torque for joint, torque in zip(joints, vertsplit(u), strict=True)}

@@ -24,7 +24,7 @@ HINTS: Mapping[str, str] = {
     "knee": "a knee is a joint stop: kneed_walker has one, and its phases state it, {mode: stick, knee: free}",
     "roll|round|arc": "round_feet_compass has feet that roll: they stick where they touch the ground",
     "spring|stiff|damp": "torso_walker and telescopic_compass have springs and dampers, or a class of your own",
-    "torso|trunk": "torso_walker has a torso",
+    "torso|trunk": "torso_walker has a torso, and driven_torso a motor between it and each leg",
     "telescop|retract": "telescopic_compass has telescopic legs",
     "push": "push_off_compass pushes off with its stance foot",
     "hop|jump|fly|airborne|running": "hopper and slip_runner leave the ground, in phases called flight",

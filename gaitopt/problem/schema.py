@@ -6,7 +6,7 @@ that depend on the walker (its state, its torques) are made from the walker's ow
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
@@ -320,6 +320,9 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
             sections = [_section(part) for part in nested]
             schema["properties"][key] = sections[0] if len(sections) == 1 else {"oneOf": sections}
             continue
+        value_types = get_args(entry_field.annotation)
+        if "additionalProperties" in entry and is_angle(FieldInfo.from_annotation(value_types[-1])):
+            entry["additionalProperties"] = {"anyOf": [entry["additionalProperties"], ANGLE_TEXT]}
         number = entry.get("type") == "number" or {"type": "number"} in entry.get("anyOf", [])
         if not number or not (is_angle(entry_field) or key in may_be_free):
             continue

@@ -6,8 +6,9 @@ A swap of the feet changes neither. The angles of the legs are measured as those
 slope's normal.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from casadi import cos, pi, vertcat
 from pydantic import Field
@@ -23,8 +24,8 @@ class TorsoWalker(Walker):
     model = "torso_walker"
     shape = ("theta1", "theta2", "torso")
     section = ("theta1", "torso")
-    actuators = ("hip",)
-    tracked = ("torso",)
+    actuators: ClassVar[tuple[str, ...]] = ("hip",)
+    tracked: ClassVar[tuple[str, ...]] = ("torso",)
     largest_angle = pi / 2
 
     leg_length: Annotated[Positive, Field(description="length of a leg [m]")]
@@ -97,3 +98,16 @@ class TorsoWalker(Walker):
         foot = vertcat(q.x, q.y)
         hip = foot + polar(p.leg_length, q.theta1)
         return (foot, hip), (hip, hip - polar(p.leg_length, -q.theta2)), (hip, hip + polar(2 * p.torso_com, q.torso))
+
+
+class DrivenTorso(TorsoWalker):
+    """``TorsoWalker`` with two motors: torso to stance leg, and torso to swing leg, which they turn forward."""
+
+    model = "driven_torso"
+    actuators = ("stance_hip", "swing_hip")
+    tracked = ("torso", "theta2")
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of ``TorsoWalker``; positive torques turn the torso, and the swing leg, forward."""
+        return replace(super().mechanism(q, p), motors=(q.torso - q.theta1, q.torso + q.theta2))

@@ -1,0 +1,219 @@
+"""Gaits of feedback laws: controlled symmetries, and a torso held upright; by gaitopt and by Newton's law by hand."""
+
+from collections.abc import Callable
+from functools import cache
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from named import named, verification
+from numpy.typing import NDArray
+from oracles import Oracle, compass_oracle, torso_oracle
+from scipy.integrate import solve_ivp
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.gait.gait import multiplier_distance
+from gaitopt.gait.measures import observe
+from gaitopt.model.modes import Mode
+from gaitopt.systems import problem_dynamics
+
+Array = NDArray[np.float64]
+STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD
+VIRTUAL = radians(3)
+NAMES = ("compass-shaped", "torso-upright")
+
+
+@cache
+def passive() -> go.Gait:
+    """The passive gait that the motors of ``compass-shaped`` copy."""
+    return go.solve(go.load_problem("compass-shaped").replace({"control": {"type": "none"}, "walker.slope": VIRTUAL}))
+
+
+def shaped_motors(oracle: Oracle) -> Callable[[Array, Array], Array]:
+    """Generalised forces of controlled symmetries: what virtual gravity does beyond gravity."""
+    angle = VIRTUAL
+    virtual = np.linalg.norm(oracle.gravity) * np.array([sin(angle), -cos(angle)])
+
+    def forces(q: Array, dq: Array) -> Array:
+        return sum(m.mass * m.point.jacobian(q).T @ (virtual - oracle.gravity) for m in oracle.masses)
+
+    return forces
+
+
+def upright_motors(q: Array, dq: Array) -> Array:
+    """PD torques of ``torso-upright``: the first turns the torso against the stance leg, the second the swing leg."""
+    stance_hip = -80 * q[2] - 5 * dq[2]
+    swing_hip = -80 * (q[1] - radians(10)) - 5 * dq[1]
+    return np.array([-stance_hip, swing_hip, stance_hip + swing_hip, 0, 0])
+
+
+def oracle_of(name: str) -> tuple[Oracle, Callable[[Array, Array], Array]]:
+    walker = dict(named(name).problem.walker)
+    if name == "compass-shaped":
+        oracle = compass_oracle(**walker)
+        return oracle, shaped_motors(oracle)
+    assert walker.pop("hip_stiffness") == walker.pop("hip_damping") == 0
+    return torso_oracle(**walker, stiffness=0.0), upright_motors
+
+
+@cache
+def step_by_hand(name: str) -> tuple[Array, Array, Array, Array, float]:
+    """State after one sticking step, force ratio at its start and end, impulse ratio and length of the step."""
+    gait, (oracle, motors) = named(name), oracle_of(name)
+    n = len(gait.problem.walker.shape)
+    W = np.eye(n + 2)[n:]
+
+    def accelerations(q: Array, dq: Array) -> Array:
+        """Accelerations and contact force; motors act on the shape alone."""
+        acting = motors(q, dq) * (np.arange(n + 2) < n) - oracle.B(q, dq) - oracle.G(q)
+        saddle = np.block([[oracle.M(q), -W.T], [W, np.zeros((2, 2))]])
+        return np.linalg.solve(saddle, np.append(acting, [0, 0]))
+
+    def flow(t: float, y: Array) -> Array:
+        q, dq = np.split(y, 2)
+        return np.concatenate([dq, accelerations(q, dq)[:-2]])
+
+    start = np.concatenate([gait.state[:n], [0, 0], gait.state[n + 1 : -1], [0, 0]])
+    path = solve_ivp(flow, (0, gait.period), start, method="DOP853", rtol=1e-12, atol=1e-13, t_eval=[0, gait.period])
+    forces = [accelerations(*np.split(y, 2))[-2:] for y in path.y.T]
+    q, dq = np.split(path.y[:, -1], 2)
+    foot = oracle.swing_foot.jacobian(q)
+    impulse = -np.linalg.solve(foot @ np.linalg.solve(oracle.M(q), foot.T), foot @ dq)
+    dq = dq + np.linalg.solve(oracle.M(q), foot.T @ impulse)
+    length, height = oracle.swing_foot.position(q)
+    assert height == pytest.approx(0, abs=1e-9)
+    state = np.concatenate([[-q[1], -q[0]], q[2:n], [-dq[1], -dq[0]], dq[2:n]])
+    return state, *(f[0] / f[1] for f in (*forces, impulse)), length
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_engines_confirm_every_claim(name: str) -> None:
+    pytest.importorskip("heyoka")
+    assert named(name).spectral_radius < 0.6
+    assert [claim for claim in verification(name).claims if not claim.passed] == []
+    assert go.verify(named(name), engine="heyoka").passed
+
+
+@pytest.mark.portable
+@pytest.mark.parametrize("name", NAMES)
+def test_the_gait_repeats_itself_under_newtons_law_by_hand(name: str) -> None:
+    gait, (state, _, _, ratio, length) = named(name), step_by_hand(name)
+    n = len(gait.problem.walker.shape)
+    assert state == pytest.approx(np.concatenate([gait.state[:n], gait.state[n + 1 : -1]]), abs=1e-9)
+    assert abs(ratio) == pytest.approx(gait.measures["impulse_ratio"], abs=1e-9)
+    assert length == pytest.approx(gait.measures["step_length"], abs=1e-9)
+
+
+# controlled symmetries
+
+
+@pytest.mark.portable
+def test_the_shaped_gait_is_the_passive_one() -> None:
+    """The motors add to each coordinate of the shape what virtual gravity would: Spong and Bullo (2005)."""
+    shaped = named("compass-shaped")
+    assert [mode for mode, _ in shaped.phases] == [STICK]
+    assert shaped.period == pytest.approx(passive().period, abs=1e-9)
+    assert shaped.state == pytest.approx(passive().state, abs=1e-9)
+    assert multiplier_distance(shaped.multipliers, passive().multipliers) < 1e-9
+
+
+def test_the_ground_carries_the_difference_of_the_weights() -> None:
+    """The masses accelerate alike, so that forces differ by M (g_virtual - g)."""
+    shaped, unforced = (observe(gait.arcs[0]) for gait in (named("compass-shaped"), passive()))
+    weight = float(named("compass-shaped").system.weight(named("compass-shaped").p))
+    difference = weight * np.array([[sin(VIRTUAL), 1 - cos(VIRTUAL)]] * 2)
+    assert shaped.force[[0, -1]] - unforced.force[[0, -1]] == pytest.approx(difference, abs=1e-7)
+
+
+def test_the_motors_do_the_work_of_virtual_gravity() -> None:
+    """The impact takes from both gaits the same energy, so that the cost of transport is the virtual inclination."""
+    assert named("compass-shaped").measures["cost_of_transport"] == pytest.approx(sin(VIRTUAL), abs=1e-10)
+
+
+@pytest.mark.portable
+def test_the_shaped_compass_slips_backward_first_below_the_known_friction() -> None:
+    """Just before the impact: required friction of the gait, Newton's law by hand, and a family in the friction."""
+    shaped, (_, _, ratio, _, _) = named("compass-shaped"), step_by_hand("compass-shaped")
+    required = shaped.measures["required_friction"]
+    assert required == pytest.approx(0.3411, abs=5e-5)
+    assert ratio == pytest.approx(required, abs=1e-9)  # positive: the ground pushes the foot forward
+    branch = go.continuation(shaped, "friction", to=0.33)
+    (change,) = (special for special in branch.specials if special.type == "mode_change")
+    assert change.value == pytest.approx(required, abs=1e-8)
+    slippery = branch.points[-1].gait
+    assert [mode for mode, _ in slippery.phases] == [STICK, BACKWARD]
+    assert abs(slippery.period - shaped.period) > 1e-5  # slipping ends the symmetry
+
+
+def test_with_a_motor_too_few_there_is_no_symmetry() -> None:
+    text = go.load_problem("torso-upright").text
+    control = text[text.index("control:") : text.index("gait:")]
+    spoiled = text.replace(control, "control: {type: controlled_symmetry, virtual_slope: 3 deg}\n")
+    with pytest.raises(ProblemError, match=r"controlled_symmetry.*one motor for each.*theta1, theta2, torso"):
+        go.parse_problem(spoiled)
+
+
+# set-points
+
+
+@pytest.mark.parametrize(
+    ("constant", "message"),
+    [
+        ("{}", r"21:15 control.reference.constant: has 0 entries, must have at least 1"),
+        ("3", r"21:15 control.reference.constant: 3 is not a mapping"),
+        ("{hip: 0}", r"control.reference.constant.hip: is no tracked joint of driven_torso; .* torso, theta2"),
+        ("{torso: 200 deg}", r"control.reference.constant.torso: 3.49066 is impossible: .* at most 1.5708 rad"),
+        ("{torso: x}", r"control.reference.constant.torso: write an angle as a number in rad, or with its unit"),
+        ("{torso: .nan}", r"control.reference.constant.torso: nan is not a finite number"),
+    ],
+)
+def test_wrong_set_points_are_named(constant: str, message: str) -> None:
+    text = go.load_problem("torso-upright").text.replace("{torso: 0, theta2: 10 deg}", constant)
+    with pytest.raises(ProblemError, match=message):
+        go.parse_problem(text)
+
+
+def test_set_points_are_parameters_of_one_system() -> None:
+    gait = named("torso-upright")
+    assert gait.problem.parameters["control.reference.constant.theta2"] == radians(10)
+    longer = go.solve(gait.problem.replace({"control.reference.constant.theta2": "12 deg"}))
+    assert longer.converged
+    assert longer.measures["step_length"] > 1.1 * gait.measures["step_length"]
+    assert longer.system is gait.system
+
+
+def test_the_motor_of_a_joint_without_a_set_point_is_off() -> None:
+    text = go.load_problem("torso-upright").text.replace("theta2: 10 deg", "").replace("0, }", "0}")
+    dynamics = problem_dynamics(go.parse_problem(text))
+    z = np.array([0.1, -0.2, 0.3, 0.0, 0.5, -0.4, 0.6, 0.0])
+    torque = dynamics.system.observation(STICK)(0.1, z, dynamics.p, dynamics.system.data(0))[1]
+    assert np.asarray(torque).ravel() == pytest.approx([-80 * 0.3 - 5 * 0.6, 0])
+
+
+# the torso
+
+
+@pytest.mark.portable
+def test_the_impact_of_the_upright_walker_slips_first() -> None:
+    """The foot lands flat, five times as fast forward as down: the impact needs more friction than any phase."""
+    gait, (_, start, _, impulse, _) = named("torso-upright"), step_by_hand("torso-upright")
+    needed = gait.measures["impulse_ratio"]
+    assert needed == pytest.approx(0.2008, abs=5e-5)
+    assert impulse == pytest.approx(-needed, abs=1e-9)  # the ground holds back a foot that moves forward
+    assert gait.measures["required_friction"] == pytest.approx(0.1936, abs=5e-5)
+    assert start == pytest.approx(-gait.measures["required_friction"], abs=1e-9)
+    branch = go.continuation(gait, "friction", to=0.15)
+    change, _ = branch.specials
+    assert (change.type, change.value) == ("impact_change", pytest.approx(needed, abs=1e-8))
+    slippery = branch.points[-1].gait
+    assert slippery.steps[-1].impact.mode is FORWARD
+    assert slippery.spectral_radius < 0.5
+    assert go.verify(slippery).passed
+
+
+def test_the_upright_walker_recovers_from_pushes() -> None:
+    gait = named("torso-upright")
+    walk = go.simulate(gait, {"dtheta1": 1.2 * gait.to_record()["state"]["dtheta1"], "torso": 0.1}, steps=40)
+    assert walk.trajectory.ending == "completed"
+    assert walk.trajectory.section_states[-1] == pytest.approx(gait.state, abs=1e-8)
