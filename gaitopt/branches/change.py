@@ -10,6 +10,7 @@ The proposals are local edits of the sequence, the most plausible first:
     impulse on the edge of its cone   the impact slips, and so does the first phase
     slip after impact fades           the impact sticks, with or without the first slip
     (or its impulse returns to the static cone)
+    switch meets a breakpoint         it stays there, because the torques jump
 
 Each proposal is rolled out from the gait at the event, a short way past it in the parameter, where its new phase is
 short. It is accepted if Newton's method converges next to the event, all its monitors are positive, and the simulator,
@@ -28,7 +29,7 @@ from gaitopt.branches.curve import CurvePoint, Location, curve_through
 from gaitopt.branches.monitors import MonitorKey, MonitorValue
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, margin
@@ -60,6 +61,10 @@ def successors(table: Transitions, cycle: Cycle, active: Iterable[tuple[MonitorK
     """Cycles that may follow ``cycle`` where the ``active`` monitors vanish, the most plausible first."""
     candidates: dict[Cycle, None] = {}
     for key, monitor in active:
+        if key.kind == BREAKPOINT:
+            assert key.phase is not None
+            candidates[cycle.with_timed({*cycle.timed, key.phase})] = None
+            continue
         for phases, impacts in _edits(table, cycle, key, monitor.where):
             merged = (tuple(mode for mode, _ in groupby(step)) for step in phases)
             try:
@@ -79,8 +84,12 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
     if key.phase is None:
         return table.of_impact(cycle.impacts[key.step])[key.kind]
     mode, reset = cycle.phases[key.phase], cycle.reset_after(key.phase)
+    if key.kind == BREAKPOINT:
+        return table.at_breakpoint(mode)
     if key.kind == "onset":
         return table.onset(mode)
+    if key.kind == "pull":
+        return table.pull(cycle.phases[key.phase - 1])
     rows = table.of(mode)
     return rows[key.kind] if key.kind in rows or reset is None else table.of_impact(reset)[key.kind]
 
@@ -159,7 +168,9 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
             for distance in DISTANCES:
                 offset = side * distance * curve.metric.span
                 successor = _attempt(point, cycle, offset)
-                if successor is not None and _is_continuous(point, successor, offset):
+                if successor is None or successor.curve.cycle == curve.cycle:
+                    continue
+                if _is_continuous(point, successor, offset, jumps=key.kind == BREAKPOINT):
                     return successor, reason, FIRST_STEPS * distance
     if point.gait.dynamics.friction_drops and candidates:
         reason = f"{reason}, and the return map jumps: static friction is above kinetic friction"
@@ -205,7 +216,7 @@ def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoi
 def halved_cycle(gait: Gait) -> Cycle | None:
     """The first half of a cycle that consists of the same steps twice; None of any other."""
     half, odd = divmod(len(gait.steps), 2)
-    return None if odd or half % gait.repeats_after else Cycle(gait.problem.cycle.steps[:half])
+    return None if odd or half % gait.repeats_after else Cycle(gait.cycle.steps[:half])
 
 
 def in_turn(first: Cycle, second: Cycle) -> Cycle:
@@ -276,13 +287,13 @@ def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dyna
     return np.array(states)
 
 
-def _is_continuous(point: CurvePoint, successor: CurvePoint, offset: float) -> bool:
+def _is_continuous(point: CurvePoint, successor: CurvePoint, offset: float, *, jumps: bool) -> bool:
     """Whether the successor tends to the gait at the event as the parameter does.
 
-    Where friction drops at the onset of slip, the return map may jump at an event. A gait beyond the jump does not
-    belong to this family, however near it lies.
+    Where friction drops at the onset of slip, or a torque ``jumps``, the return map may jump at an event. A gait beyond
+    the jump does not belong to this family, however near it lies.
     """
-    if not point.gait.dynamics.friction_drops:
+    if not (point.gait.dynamics.friction_drops or jumps):
         return True
     closer = _attempt(point, successor.curve.cycle, offset * CLOSER)
     if closer is None:

@@ -24,7 +24,7 @@ from gaitopt.errors import ProblemError, SolveError, StorageError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.solver.rollout import retraced, roll_out
 from gaitopt.solver.solve import solve_gait
 from gaitopt.store.gaits import special_point
@@ -49,6 +49,8 @@ RESCUES = (1e-4, 1e-3, 1e-2)
 """Distances from the last point at which IPOPT is tried, relative to the span of the parameter."""
 VANISHED = 1e-4
 """A gait with a shorter stride vanishes together with its step. Where only a mode sequence ends, strides are long."""
+NEARLY_GONE = 1e-4
+"""Part of the period that a slip lasts from which the branch without it is reached."""
 FADING = 1e-2
 """A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
 VANISHING = "the gait vanishes: its strides shrink to nothing, both feet come down in the same place"
@@ -294,7 +296,8 @@ class Continuation:
                 turn = tangent @ curve.coordinates(point.tangent)
                 missed = np.linalg.norm(curve.coordinates(point.at.w) - y - length * tangent)
                 point = point if turn > STRAIGHT and missed < ASIDE * length else None
-            if point is not None and not point.in_order:  # a switch has passed a breakpoint of the control
+            reorder = point is not None and not point.in_order  # a switch has passed a breakpoint of the control
+            if point is not None and reorder and all(key.kind != BREAKPOINT for key in point.lost(here)):
                 reordered = point.reordered()
                 if reordered is not None and not reordered.lost(here):
                     return length, reordered, None
@@ -302,8 +305,9 @@ class Continuation:
                 zeros = [
                     (here.locate(point, length, partial(CurvePoint.monitor, key=key)), key) for key in point.lost(here)
                 ]
-                event = min(zeros, key=lambda zero: zero[0].length, default=None)
-                if event is None or event[0].status == "converged":
+                vanishing = _vanishing_slip(zeros)
+                event = vanishing or min(zeros, key=lambda zero: zero[0].length, default=None)
+                if event is None or vanishing is not None or event[0].status == "converged":
                     if point.iterations > MANY_ITERATIONS:
                         self.length = length / 2
                     else:
@@ -337,7 +341,7 @@ class Continuation:
                 special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
             half = halved_cycle(gait) if kind == "branch_point" and test == "slope" else None
             if half is not None:  # a doubled family turns back at its origin: its halves follow in the other order
-                special = replace(special, type="end", reason=HALVED, before=gait.problem.cycle, after=half)
+                special = replace(special, type="end", reason=HALVED, before=gait.cycle, after=half)
             yield special
 
     def _change(self, event: Location, key: MonitorKey) -> Iterator[BranchPoint | SpecialPoint]:
@@ -357,8 +361,8 @@ class Continuation:
         number = next(self.numbers)
         before, after = event.point.curve.cycle, successor.curve.cycle
         kind = "mode_change" if before.impacts == after.impacts else "impact_change"
-        at = located_on_successor(event, successor) or event.point
-        special = self._special(kind, at, event.status, reason)
+        located = located_on_successor(event, successor)
+        special = self._special(kind, located or event.point, event.status if located is None else "converged", reason)
         yield replace(special, before=before, after=after, next=(number,))
         self.point, self.branch, self.index = successor, number, 0
         self.length = min(FIRST_LENGTH, length)
@@ -431,6 +435,20 @@ class Continuation:
         )
 
 
+def _vanishing_slip(zeros: Sequence[tuple[Location, MonitorKey]]) -> tuple[Location, MonitorKey] | None:
+    """The zero of the duration of a slip that vanishes at a breakpoint, before which it begins; None if none does.
+
+    The torques jump there, so that this slip ends after a time quadratic in that for which it has begun earlier.
+    Newton's method fails next to the event, which is located on the branch without the slip instead.
+    """
+    met = [key.phase for _, key in zeros if key.kind == BREAKPOINT and key.phase is not None]
+    for location, key in zeros:
+        near = location.status == "converged" or location.point.monitor(key) < NEARLY_GONE
+        if near and key.kind == "duration" and key.phase is not None and key.phase - 1 in met:
+            return location, key
+    return None
+
+
 def _rescued(point: CurvePoint) -> CurvePoint | None:
     """A gait with the same modes past a point at which Newton's method fails, if IPOPT finds one close by."""
     curve, system = point.curve, point.gait.system
@@ -473,17 +491,19 @@ def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence
             raise ValueError(f"length {record['length']} is not positive")
         value, steps = record["value"], record.get("steps", (record,))
         states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
-        problem = gait.problem.replace({parameter: value}).with_modes(Cycle.from_record(record), steps[0]["state"])
+        cycle = Cycle.from_record(record)
+        problem = gait.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
         state = record.get("walk")
         if state is not None:
             needed = (point.get("walk") for point in points[-1 - ContinuationState.from_record(state).earlier :])
             known = [ContinuationState.from_record(stored) for stored in needed if stored is not None]
             if known[-1].unknowns[-1] != value:
                 raise ValueError(f"value {value} is not the last of walk.unknowns, {known[-1].unknowns[-1]}")
-            return resumed_point(problem, gait.dynamics, parameter, known, int(record["solver"]["iterations"] or 0))
+            iterations = int(record["solver"]["iterations"] or 0)
+            return resumed_point(problem, cycle, gait.dynamics, parameter, known, iterations)
         dynamics = gait.dynamics.at({parameter: value})
         durations = np.array([phase["duration"] for phase in record["phases"]])
-        rolled = roll_out(dynamics, problem.cycle, states, durations)
+        rolled = roll_out(dynamics, cycle, states, durations)
         curve, w = curve_through(problem, parameter, metric, rolled, record.get("intervals", ()))
         point = curve.start(w, np.array(record["tangent"]))
         if point is None:

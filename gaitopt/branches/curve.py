@@ -112,7 +112,7 @@ class Location:
     ----------
     length : arclength from the start of the step.
     point : the gait there.
-    status : ``converged``, or ``guess`` where Newton's method failed on the way and only the step is known.
+    status : ``converged``, or ``guess`` for the last known point before it, where Newton's method failed on the way.
     """
 
     length: float
@@ -252,7 +252,8 @@ class CurvePoint:
         try:
             root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
         except _LostError:
-            return Location(length=length, point=after, status="guess")
+            last = max(part for part, point in points.items() if function(point) * function(self) >= 0)
+            return Location(length=last, point=points[last], status="guess")
         value(root)
         return Location(length=root, point=points[root], status="converged")
 
@@ -269,6 +270,8 @@ class CurvePoint:
         """The same gait with arcs in the order that its durations demand; its modes do not change."""
         curve = self.curve
         ordered, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled_again(self.at))
+        if ordered.cycle != curve.cycle:  # the torques jump where a switch meets a breakpoint
+            return None
         first = ordered.start(w, curve.coordinates(self.tangent))
         return first if first is not None and first.in_order else None
 
@@ -502,13 +505,18 @@ def first_point(gait: Gait, parameter: str, metric: Metric, sign: float) -> Curv
 
 
 def resumed_point(
-    problem: Problem, dynamics: Dynamics, parameter: str, states: Sequence[ContinuationState], iterations: int
+    problem: Problem,
+    cycle: Cycle,
+    dynamics: Dynamics,
+    parameter: str,
+    states: Sequence[ContinuationState],
+    iterations: int,
 ) -> CurvePoint:
     """The last of some points from their ``state``, to the last bit.
 
     Parameters
     ----------
-    problem : with the modes of the curve.
+    problem, cycle : with the modes of the curve, and these modes with the phases that are timed.
     dynamics : at the values of all other parameters.
     states : of the last point, and before it that of the point before, if the next one is extrapolated from both.
     iterations : number of Newton iterations that led to the last point.
@@ -519,7 +527,7 @@ def resumed_point(
         If the states do not fit the modes, or the last one is not a gait with them.
     """
     *before, last = states
-    cycle, system = problem.cycle, dynamics.system
+    system = dynamics.system
     n_nodes = sum(intervals for *_, intervals in last.arcs) + len(cycle.resets)
     sizes = {state.unknowns.size for state in states} | {state.direction.size for state in states}
     if [*dict.fromkeys(arc[0] for arc in last.arcs)] != list(range(len(cycle.phases))):

@@ -8,6 +8,9 @@ The denominator removes the zeros that events cause at the ends of the phase, so
 whether the event still occurs: a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a
 double zero), b = 1 where an event ends the phase.
 
+The torques may jump at a breakpoint of the control. A switch that its margin triggers meets the breakpoint where the
+time between them is zero. A switch at the breakpoint leaves it where the margin of the old mode is zero on one side.
+
 *Test functions* of the multipliers lambda_i change sign where a gait loses or gains stability, or the curve folds or
 meets another one,
 
@@ -45,8 +48,10 @@ from gaitopt.gait import curves
 from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc
+from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CONE, margin_unit
+from gaitopt.solver.rollout import JUMP
 
 OPEN = 1.0
 """Largest value of a monitor of a touchdown: the foot stays far from the ground."""
@@ -63,7 +68,8 @@ class MonitorKey:
 
     Attributes
     ----------
-    kind : ``duration``, ``onset`` or the name of a margin; ``touchdown`` is a second touchdown within the step.
+    kind : ``duration``, ``onset``, ``pull``, ``breakpoint`` or the name of a margin; ``touchdown`` is a second
+        touchdown within the step.
     phase : index of the phase, None for an impact.
     step : index of the step that an impact ends.
     """
@@ -83,7 +89,7 @@ class MonitorValue:
 
 def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     """All monitors of a solution, positive or not."""
-    cycle, table, drops = gait.problem.cycle, gait.system.transitions, gait.dynamics.friction_drops
+    cycle, table, drops = gait.cycle, gait.system.transitions, gait.dynamics.friction_drops
     period, scales = abs(gait.period), gait.dynamics.scales
     phases: list[list[Arc]] = [[] for _ in cycle.phases]  # breakpoints of the control cut a phase into several arcs
     for first, step in zip(cycle.first_phases, gait.steps, strict=True):
@@ -99,14 +105,20 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
             continue
         long = [arc for arc in arcs if arc.duration > SHORT_ARC * period]
         after = cycle.after(phase)
-        ended_by = None if after is None else table.between(cycle.phases[phase], after).guard
+        ended_by = None if after is None else table.ending(cycle, phase).guard
         for row, (kind, transition) in enumerate(table.of(cycle.phases[phase]).items()):
             if kind != "upright" and not transition.margin.rises:
                 start = cycle.onset_order(phase, jump=drops) if kind == "slip_velocity" else 0
                 along = [margins[id(arc)][row] for arc in long]
                 values[MonitorKey(kind, phase)] = _lowest(along, (start, int(kind == ended_by)), long, arcs)
-        if cycle.starts_from_rest(phase) and drops:
+        if phase - 1 in cycle.timed:
+            kind = "onset" if cycle.phases[phase].slips else "pull"
+            values[MonitorKey(kind, phase)] = MonitorValue(-_guard_after(phases[phase - 1][-1], arcs[0]), 0.0)
+        elif cycle.starts_from_rest(phase) and drops:
             values[MonitorKey("onset", phase)] = MonitorValue(_force_beyond_cone(arcs[0]), 0.0)
+        time = np.inf if after is None or phase in cycle.timed else _time_to_jump(arcs[-1], after)
+        if time < np.inf:
+            values[MonitorKey(BREAKPOINT, phase)] = MonitorValue(time / period)
 
     for first, step in zip(cycle.first_phases, gait.steps, strict=True):
         rows = [row for arc in step.arcs for row in table.of(arc.mode).values()]
@@ -205,6 +217,34 @@ def _deflation(count: int, start: int, end: int) -> Array:
         product[: k + factor.size, k] = chebyshev.chebmul(np.eye(n)[k][: k + 1], factor)
     quotient = np.linalg.pinv(product) @ np.linalg.inv(chebyshev.chebvander(curves.points(count), count - 1))
     return np.asarray(chebyshev.chebvander(curves.points(count), n - 1) @ quotient, dtype=float)
+
+
+def _guard_after(arc: Arc, following: Arc) -> float:
+    """The margin that ends a phase, in natural units, at the start of the next phase, after a jump of the torques."""
+    table = arc.dynamics.system.transitions
+    row = table.margin_names(arc.mode).index(table.between(arc.mode, following.mode).guard)
+    values = arc.dynamics.margins(arc.mode, following.segment, following.times[:1], following.states[:1])[0]
+    return float(values[row] / arc.dynamics.margin_units(arc.mode)[row])
+
+
+def _time_to_jump(arc: Arc, after: Mode) -> float:
+    """Time [s] between the end of a phase and a breakpoint at which its margin jumps; inf without such a breakpoint.
+
+    It is negative where the end lies on the other side.
+    """
+    table, breakpoints = arc.dynamics.system.transitions, arc.dynamics.system.control.breakpoints
+    if after not in table.at_breakpoint(arc.mode).candidates:
+        return np.inf
+    row = table.margin_names(arc.mode).index(table.between(arc.mode, after).guard)
+    unit, times = arc.dynamics.margin_units(arc.mode)[row], list[float]()
+
+    def guard(segment: int) -> float:
+        return float(arc.dynamics.margins(arc.mode, segment, arc.times[-1:], arc.states[-1:])[0, row] / unit)
+
+    for neighbour, b, sign in ((arc.segment - 1, arc.segment - 1, -1), (arc.segment + 1, arc.segment, 1)):
+        if 0 <= b < len(breakpoints) and not abs(guard(neighbour) - guard(arc.segment)) <= JUMP:
+            times.append(sign * (breakpoints[b] - arc.end))
+    return min(times, default=np.inf)
 
 
 def _force_beyond_cone(arc: Arc) -> float:

@@ -23,6 +23,7 @@ from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_record
 from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -251,6 +252,7 @@ class Gait(WalkerMotion):
     solver : the ``method`` that found it, its ``iterations`` and ``seconds``, and further numbers.
     verification : record of the last verification, if any.
     causes : why there is no gait, the worst cause first; empty for a gait.
+    timed : indices of the phases, through all steps, that end at a breakpoint of the control because the torques jump.
     """
 
     status: Status
@@ -263,13 +265,14 @@ class Gait(WalkerMotion):
     solver: Mapping[str, float | str] = field(default_factory=dict)
     verification: VerificationRecord | None = None
     causes: tuple[Cause, ...] = ()
+    timed: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         if not self.steps:
             return f"<Gait {self.problem.name}: {self.status}>"
         radius = self.spectral_radius
         stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if radius < 1 else 'unstable'})"
-        return f"<Gait {self.problem.name}: {self.problem.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
+        return f"<Gait {self.problem.name}: {self.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
 
     def __post_init__(self) -> None:
         ReadOnlyArrays.__post_init__(self)
@@ -284,6 +287,11 @@ class Gait(WalkerMotion):
     def converged(self) -> bool:
         """Whether this is a gait."""
         return self.status is Status.CONVERGED
+
+    @property
+    def cycle(self) -> Cycle:
+        """The mode sequences of its steps, with the phases that are timed; those of the problem have none."""
+        return self.problem.cycle.with_timed(self.timed)
 
     @property
     def motion(self) -> tuple[Step, ...]:
@@ -329,7 +337,7 @@ class Gait(WalkerMotion):
         n, least = len(self.steps), self.system.walker.steps_per_cycle()
         if n <= least:
             return n
-        steps = self.problem.cycle.steps
+        steps = self.cycle.steps
         unit = self.dynamics.state_units
         states = np.array([step.arcs[0].states[0] for step in self.steps]) / unit
 
@@ -387,17 +395,18 @@ class Gait(WalkerMotion):
         record: dict[str, Any] = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
         if not self.steps:
             return record | {"phases": [{**mode.record, "duration": None} for mode in cycle.phases], "state": None}
-        record |= {"phases": [phase_record(*phase) for phase in self.phases], "state": self._state_record(self.state)}
+        phases = [phase_record(*phase, timed=k in self.timed) for k, phase in enumerate(self.phases)]
+        record |= {"phases": phases, "state": self._state_record(self.state)}
         if len(self.steps) > 1:
             record["steps"] = [
                 StepRecord(
-                    phases=[phase_record(*phase) for phase in step.phases],
+                    phases=phases[first : first + len(step.phases)],
                     impact=str(step.final_impact.mode),
                     period=step.period,
                     step_length=step.final_impact.step_length,
                     state=self._state_record(step.arcs[0].states[0]),
                 )
-                for step in self.steps
+                for first, step in zip(cycle.first_phases, self.steps, strict=True)
             ]
         return record
 

@@ -28,7 +28,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict, TypeIs
 
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.problem.scalars import SCALARS
 
@@ -81,15 +81,16 @@ State = Annotated[dict[Word, Number], AfterValidator(_named)]
 
 @with_config(ConfigDict(extra="allow"))
 class PhaseRecord(TypedDict):
-    """A phase; stops and switches of its mode have their states under their names."""
+    """A phase; stops and switches of its mode have their states under their names. ``until`` marks a timed phase."""
 
     mode: ModeText
     duration: Positive
+    until: NotRequired[Literal["breakpoint"]]
 
 
-def phase_record(mode: Mode, duration: float) -> PhaseRecord:
-    """The record of a phase of some duration [s]."""
-    return cast(PhaseRecord, {**mode.record, "duration": duration})
+def phase_record(mode: Mode, duration: float, *, timed: bool = False) -> PhaseRecord:
+    """The record of a phase of some duration [s], which may be timed."""
+    return cast(PhaseRecord, {**mode.record, "duration": duration, **({UNTIL: BREAKPOINT} if timed else {})})
 
 
 @with_config(ConfigDict(extra="allow"))

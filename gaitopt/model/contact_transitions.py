@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from itertools import product
 
 from gaitopt.model.contact_set import shares_of
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.transitions import CONE, Reset, Transition, Transitions
 from gaitopt.model.walker import Walker
@@ -39,6 +39,11 @@ class ContactTransitions(Transitions):
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
         """Candidates where the forces are decided anew and the contacts that stick are at rest."""
         return self._candidates(mode, at_rest=(name for name in mode.touching if not mode.directions[name]))
+
+    def at_breakpoint(self, mode: Mode) -> Transition:
+        """The transition at a breakpoint of the control law, as of ``Transitions``; a slipping contact may lift off."""
+        rests = tuple(name for name in mode.touching if not mode.directions[name])
+        return self._row(BREAKPOINT, at_rest=rests, candidates=self.at_rest(mode))
 
     def _candidates(self, mode: Mode, *, at_rest: Iterable[str], landing: str | None = None) -> tuple[Mode, ...]:
         """Modes of the contacts that touch; an impact may change the motion of all of them."""

@@ -1,8 +1,12 @@
-"""Mode sequences: the phases of a step with its final impact, and the steps after which a gait repeats."""
+"""Mode sequences: the phases of a step with its final impact, and the steps after which a gait repeats.
+
+A phase ends where a margin falls to zero, at an unknown time. A *timed* phase ends at a breakpoint of the control law,
+where the torques jump and the foot can no longer do what it did; the time since the impact is known.
+"""
 
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any, TypeVar
 
@@ -10,14 +14,22 @@ from gaitopt.model.modes import Mode
 from gaitopt.threads import cached_property
 
 T = TypeVar("T")
+BREAKPOINT = "breakpoint"
+"""The event that ends a timed phase."""
+UNTIL = "until"
+"""Key of a timed phase in JSON: ``{"mode": "stick", "until": "breakpoint"}``."""
 
 
-def mode_words(phases: Iterable[Mode]) -> str:
-    """Modes in order, with stops where they change: ``stick (knee free), stick (knee locked), slip_backward``."""
-    words, stops = list[str](), Mode.STICK.stops
-    for mode in phases:
-        states = ", ".join(f"{name} {state}" for name, state in mode.stops.items())
-        words.append(str(mode.contact) if mode.stops == stops else f"{mode.contact} ({states})")
+def mode_words(phases: Iterable[Mode], timed: Iterable[int] = ()) -> str:
+    """Modes in order, with stops where they change: ``stick (knee free), stick (knee locked), slip_backward``.
+
+    Phases with the indices ``timed`` are marked: ``stick (until breakpoint), slip_backward``.
+    """
+    words, stops, marked = list[str](), Mode.STICK.stops, {*timed}
+    for k, mode in enumerate(phases):
+        remarks = [f"{name} {state}" for name, state in mode.stops.items()] if mode.stops != stops else []
+        remarks += [f"{UNTIL} {BREAKPOINT}"] if k in marked else []
+        words.append(f"{mode.contact} ({', '.join(remarks)})" if remarks else str(mode.contact))
         stops = mode.stops
     return ", ".join(words)
 
@@ -25,6 +37,12 @@ def mode_words(phases: Iterable[Mode]) -> str:
 @dataclass(frozen=True, slots=True)
 class ModeSequence:
     """The phases of one step in order, and the impact that ends it.
+
+    Attributes
+    ----------
+    phases : modes.
+    impact : the mode just after the impact.
+    timed : indices of the timed phases, ascending.
 
     Raises
     ------
@@ -34,6 +52,7 @@ class ModeSequence:
 
     phases: tuple[Mode, ...]
     impact: Mode
+    timed: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.phases:
@@ -45,7 +64,7 @@ class ModeSequence:
                 raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:
-        return f"{mode_words(self.phases)}; {self.impact}"
+        return f"{mode_words(self.phases, self.timed)}; {self.impact}"
 
 
 @dataclass(frozen=True)
@@ -79,10 +98,30 @@ class Cycle:
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Cycle":
         """The cycle in the record of a gait, or of one side of a mode change; a phase may be a mapping or a word."""
-        steps = record.get("steps", (record,))
-        return cls(
-            tuple(ModeSequence(tuple(map(Mode.from_record, step["phases"])), Mode(step["impact"])) for step in steps)
-        )
+        steps = list[ModeSequence]()
+        for step in record.get("steps", (record,)):
+            timed = (k for k, phase in enumerate(step["phases"]) if not isinstance(phase, str) and UNTIL in phase)
+            steps.append(ModeSequence(tuple(map(Mode.from_record, step["phases"])), Mode(step["impact"]), tuple(timed)))
+        return cls(tuple(steps))
+
+    @cached_property
+    def timed(self) -> tuple[int, ...]:
+        """Indices of the timed phases of all steps, ascending."""
+        firsts = zip(self.first_phases, self.steps, strict=True)
+        return tuple(first + phase for first, step in firsts for phase in step.timed)
+
+    def with_timed(self, timed: Iterable[int]) -> "Cycle":
+        """The same modes, with other timed phases."""
+        indices = sorted(timed)
+        if indices == [*self.timed]:
+            return self
+        of_step = [[k - self.first_phases[s] for k in indices if self.step_of(k) == s] for s in range(len(self.steps))]
+        return Cycle(tuple(replace(step, timed=tuple(t)) for step, t in zip(self.steps, of_step, strict=True)))
+
+    @property
+    def untimed(self) -> "Cycle":
+        """The same modes, as a problem states them."""
+        return self.with_timed(())
 
     @cached_property
     def phases(self) -> tuple[Mode, ...]:
@@ -143,17 +182,18 @@ class Cycle:
     def onset_order(self, phase: int, *, jump: bool = False) -> int:
         """Order of the zero of the slip velocity at the start of a slip phase.
 
-        0 if the foot slips already; 1 if it leaves rest with an acceleration, just after a sticking impact or in a
-        reversal; 2 at the edge of the friction cone after a stick, where velocity and acceleration are zero, but 1 if
-        friction drops there at the onset of slip (``jump``).
+        0 if the foot slips already; 1 if it leaves rest with an acceleration, just after a sticking impact, in a
+        reversal, or after a timed stick; 2 at the edge of the friction cone after any other stick, where velocity and
+        acceleration are zero, but 1 if friction drops there at the onset of slip (``jump``).
         """
         impact = self.impact_before(phase)
         if impact is not None:
             return int(impact.sticks)
-        return 2 if self.phases[phase - 1].sticks and not jump else 1
+        gentle = self.phases[phase - 1].sticks and not jump and phase - 1 not in self.timed
+        return 2 if gentle else 1
 
     def starts_from_rest(self, phase: int) -> bool:
-        """Whether a slip phase starts from rest at a force beyond the friction cone: after an impact, or reversed."""
+        """Whether a slip phase starts from rest at a force beyond the cone: after an impact, a reversal or a jump."""
         return self.phases[phase].slips and self.onset_order(phase) == 1
 
     def __str__(self) -> str:

@@ -3,7 +3,8 @@
     mode  --  margin falls to zero  --  reset  -->  one of the candidates, or the motion ends
 
 Every margin is positive while its mode holds and is the guard of one transition. A margin of an impact likewise leads
-to the impact, or the ending, that replaces it where the margin falls. The table contains facts only: the expressions of
+to the impact, or the ending, that replaces it where the margin falls. At a breakpoint of the control law, whose guard
+is the time, torques and contact forces may jump. The table contains facts only: the expressions of
 the margins are in ``gaitopt.model.system``, and each method decides by itself which candidate is consistent: the
 simulator from forces and impulses, the NLP by following a cycle, a branch by trying the candidates in turn. In the
 same way a witness function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
@@ -15,7 +16,7 @@ from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
 
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import COULOMB, Friction
 from gaitopt.model.modes import FOOT, NEXT_STATE, Mode
 from gaitopt.model.units import UNITS, Scales
@@ -84,7 +85,7 @@ class Transition:
 
     Attributes
     ----------
-    guard : name of the margin whose fall to zero triggers the transition.
+    guard : name of the margin whose fall to zero triggers the transition; ``breakpoint`` for a fixed time.
     margin : unit and words of the guard.
     ending : how the motion ends; None where a mode follows.
     reason : message about that.
@@ -177,10 +178,16 @@ PHASE_MARGINS: Mapping[str, Margin] = {
         violated="static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
         lost="static friction holds the foot where the slip should start",
     ),
+    "pull": Margin(
+        unit="force",
+        violated="the ground carries the foot where it should lift off: its normal force is {value:.4g} N too large",
+        lost="the ground carries the foot where it should lift off",
+    ),
 }
 """Margins of phases. ``touchdown`` is minus the walker's guard; ``cone_forward`` is mu f_n + f_t, ``cone_backward``
 mu f_n - f_t; ``slip_velocity`` is the speed in the mode's direction; ``onset`` is the force beyond the static cone
-where a slip starts from rest, needed only if friction has two coefficients."""
+where a slip starts from rest, needed only if friction has two coefficients or the torques jump; ``pull`` is minus the
+normal force in the old mode where a flight starts because the torques jump."""
 
 IMPACT_MARGINS: Mapping[str, Margin] = {
     "impulse": Margin(
@@ -234,7 +241,13 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
 }
 """Margins of impacts, with impulses in place of forces."""
 
-MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS}
+AT_BREAKPOINT = Margin(
+    unit="time",
+    lost="a change of mode meets a breakpoint of the control law, where the torques jump",
+    absent="no breakpoint of the control law ends it",
+)
+"""The time to a breakpoint at which a phase ends."""
+MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS, BREAKPOINT: AT_BREAKPOINT}
 STOP = Margin(
     unit="one",
     lost="the stop locks, or the switch triggers, earlier in the step",
@@ -292,6 +305,7 @@ class Transitions:
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[Mode, Mapping[str, Transition]] = {}
+        self._breakpoints: dict[Mode, Transition] = {}
         self._checked: set[Cycle] = set()
 
     def of(self, mode: Mode) -> Mapping[str, Transition]:
@@ -339,6 +353,25 @@ class Transitions:
             raise ValueError(f"no event of the {self.walker.model} leads from {mode} to {after}")
         return min(leading, key=lambda row: len(row.candidates))  # the event that distinguishes ``after`` best
 
+    def at_breakpoint(self, mode: Mode) -> Transition:
+        """The transition at a breakpoint of the control law, where the torques and with them the forces may jump.
+
+        Its time is fixed, so that deviations pass it unchanged although the flow jumps. A foot at rest does what its
+        forces demand; a slipping foot goes on slipping, or is lifted off; in flight nothing changes.
+        """
+        if mode not in self._breakpoints:
+            flight = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies and mode.slips else ()
+            rests = (FOOT,) if mode.sticks else ()
+            candidates = self.at_rest(mode) if rests else (mode, *flight)
+            self._breakpoints[mode] = self._row(BREAKPOINT, at_rest=rests, candidates=candidates)
+        return self._breakpoints[mode]
+
+    def ending(self, cycle: Cycle, phase: int) -> Transition:
+        """The transition that ends a phase of a cycle."""
+        if phase in cycle.timed:
+            return self.at_breakpoint(cycle.phases[phase])
+        return self.between(cycle.phases[phase], cycle.after(phase))
+
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
         """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""
         return tuple(mode.with_contact(contact) for contact in self.walker.foot_modes())
@@ -346,6 +379,10 @@ class Transitions:
     def onset(self, mode: Mode) -> Transition:
         """The transition where static friction holds the foot at the start of a slip from rest."""
         return self._row("onset", at_rest=(FOOT,), candidates=self.at_rest(mode))
+
+    def pull(self, mode: Mode) -> Transition:
+        """The transition where a jump of the torques no longer lifts the foot out of a mode."""
+        return self._row("pull", candidates=(mode,))
 
     def check(self, cycle: Cycle) -> None:
         """Check that events of the table lead through the phases of a cycle.
@@ -457,7 +494,7 @@ class Transitions:
             reset=reset,
             at_rest=at_rest,
             candidates=candidates,
-            zeros=(guard, *(name for name in zeros if name != guard)),
+            zeros=() if guard == BREAKPOINT else (guard, *(name for name in zeros if name != guard)),
             zeros_after=zeros_after,
         )
 

@@ -179,7 +179,8 @@ class Problem(ProblemStatement):
         names = self.walker.section_names(slipping=cycle.impact.slips)
         guess: dict[str, Any] = {"state": {name: float(state[name]) for name in names}}
         guess |= {} if durations is None else {"durations": list(durations)}
-        return self.replace({"gait": {**cycle_data(cycle), "guess": guess}, **self.free_guesses(parameters or {})})
+        gait = {**cycle_data(cycle.untimed), "guess": guess}
+        return self.replace({"gait": gait, **self.free_guesses(parameters or {})})
 
     def free_guesses(self, values: Mapping[str, float]) -> dict[str, object]:
         """Overrides that make known values the guesses of the free numbers, clipped to their bounds."""

@@ -15,7 +15,7 @@ from typing import Any
 from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import Control
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
 from gaitopt.model.friction import COULOMB, STATIC_KINETIC, Friction, ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
@@ -210,8 +210,17 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
 
 
 def cycle_data(cycle: Cycle) -> dict[str, Any]:
-    """Phases and impact of one step, or those of several under ``steps``."""
-    steps = [{"phases": [mode.data for mode in step.phases], "impact": str(step.impact)} for step in cycle.steps]
+    """Phases and impact of one step, or those of several under ``steps``; only results mark timed phases."""
+    steps = [
+        {
+            "phases": [
+                {**mode.record, UNTIL: BREAKPOINT} if k in step.timed else mode.data
+                for k, mode in enumerate(step.phases)
+            ],
+            "impact": str(step.impact),
+        }
+        for step in cycle.steps
+    ]
     return steps[0] if len(steps) == 1 else {"steps": steps}
 
 

@@ -132,6 +132,9 @@ def _prove(
     header = certificate_header(gait, texts, varied, special)
     try:
         refuse_uncovered_walkers(gait.problem, gait.system)
+        if gait.timed:
+            place = gait.cycle.phase_words(gait.timed[0])
+            raise NotProved(f"{place} ends at a breakpoint of the control law, where the torques jump: not covered")
     except NotProved as failure:
         return Proof(gait.problem.name, (ProofClaim(STATEMENT, proved=False, words=str(failure)),), header)
     with precision():

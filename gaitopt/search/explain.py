@@ -185,7 +185,7 @@ def _causes(
     if not nearest:
         return causes
     table, cycle = gait.system.transitions, problem.cycle
-    events = {table.between(mode, cycle.after(k)).guard for k, mode in enumerate(cycle.phases)}
+    events = {table.ending(cycle, k).guard for k in range(len(cycle.phases))}
     here = gait.solver.get("followed", 1.0) == 1.0
     if here and causes[0].what not in {*OF_THE_SEARCH, *events}:
         return causes
@@ -247,6 +247,8 @@ def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -
     cycle = gait.problem.cycle
     for point in _on_the_way(gait, parameter, value, should_stop):
         if isinstance(point, SpecialPoint) and point.type in ENDS:
+            if point.before is not None and point.after is not None and point.before.untimed == point.after.untimed:
+                continue  # a switch meets a breakpoint: the modes go on
             is_there = np.isclose(point.value, value, rtol=1e-12, atol=1e-14)
             return None if is_there else _nearest(parameter, point)
         if isinstance(point, BranchPoint) and point.gait.problem.cycle != cycle:
@@ -257,7 +259,7 @@ def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -
 def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
     """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
     for point in _on_the_way(gait, parameter, value, should_stop):
-        if isinstance(point, SpecialPoint) and point.after == cycle:
+        if isinstance(point, SpecialPoint) and point.after is not None and point.after.untimed == cycle:
             return _nearest(parameter, point)
     return None
 

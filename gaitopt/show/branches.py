@@ -132,7 +132,7 @@ def _place(line: Sequence[Record], value: float) -> int:
 def _sequence_words(point: Record) -> str:
     """The mode sequence of a point for the legend."""
     steps = Cycle.from_record(point).steps
-    words = [f"{mode_words(step.phases)}; impact {step.impact}".replace("_", " ") for step in steps]
+    words = [f"{mode_words(step.phases, step.timed)}; impact {step.impact}".replace("_", " ") for step in steps]
     return f"{len(words)} times {words[0]}" if len(words) > 1 and len(set(words)) == 1 else " | ".join(words)
 
 

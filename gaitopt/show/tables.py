@@ -18,7 +18,7 @@ from gaitopt.gait.branch import TERMINAL, Branch, cascades
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Trajectory
-from gaitopt.model.cycle import Cycle, mode_words
+from gaitopt.model.cycle import UNTIL, Cycle, mode_words
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
@@ -224,8 +224,9 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
         steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
         phases = list[tuple[str, str, str]]()
         for step in steps:
-            pairs = [(Mode.from_record(phase), number(phase["duration"])) for phase in step["phases"]]
-            phases += [(str(k), mode, duration) for k, (mode, duration) in enumerate(pairs, start=1)]
+            for k, phase in enumerate(step["phases"], start=1):
+                until = f" (until {phase[UNTIL]})" if UNTIL in phase else ""
+                phases.append((str(k), f"{Mode.from_record(phase)}{until}", number(phase["duration"])))
             phases.append(("impact", step["impact"], ""))
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)

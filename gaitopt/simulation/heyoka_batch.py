@@ -138,8 +138,9 @@ class BatchSimulator:
         """After a jump of the torques forces decide about feet at rest; any other mode continues."""
         codes = motions.modes[rows]
         for code in np.unique(codes):
-            if self._modes[code].sticks:
-                self._decide(motions, rows[codes == code], self._table.at_rest(self._modes[code]))
+            transition = self._table.at_breakpoint(self._modes[code])
+            if transition.at_rest:
+                self._decide(motions, rows[codes == code], transition.candidates)
 
     def _decide(self, motions: "_Motions", rows: Indices, candidates: tuple[Mode, ...]) -> None:
         modes, endings = self._resolver.mode_at_rest(

@@ -198,10 +198,14 @@ class Simulator:
         return following[0] if following else Termination(Ending.PAINLEVE, CANNOT_SLIP)
 
     def _continued(self, mode: Mode, time: float, z: Array, segment: int) -> Mode | Termination:
-        """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues."""
-        if not (mode.sticks or (self._several and mode.touching)):
+        """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues.
+
+        A slip whose foot the jump lifts off ends with the first event of the next arc.
+        """
+        transition = self.system.transitions.at_breakpoint(mode)
+        if not (transition.at_rest or (self._several and mode.touching)):
             return mode
-        return self._resolver.mode_at_rest(self.system.transitions.at_rest(mode), time, z, segment)
+        return self._resolver.mode_at_rest(transition.candidates, time, z, segment)
 
     def _switch(self, transition: Transition, time: float, z: Array, segment: int) -> tuple[Mode | Termination, Array]:
         """The mode after an event within a step, and the state at its start."""

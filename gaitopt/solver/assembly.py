@@ -37,7 +37,7 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
     if gait.shooting is None:
         raise ValueError(f"{gait.problem.name}: a gait without its shooting nodes cannot be followed; solve it first")
     durations = np.array([duration for _, duration in gait.phases])
-    mesh = mesh_of(gait.problem.cycle, durations, gait.system.control.breakpoints)
+    mesh = mesh_of(gait.cycle, durations, gait.system.control.breakpoints)
     equations = transcribe(gait.system, mesh.refined(list(gait.shooting.intervals)), free)
     freed = tuple(gait.dynamics.parameter(key) for key in free)
     return Solution(equations, equations.pack(gait.shooting.states.T, durations, freed), gait.p)
@@ -84,6 +84,7 @@ def assemble_gait(
         measures=measure(steps),
         freed=dict(zip(equations.free, map(float, freed), strict=True)),
         solver=solver,
+        timed=equations.mesh.cycle.timed,
     )
 
 
@@ -104,7 +105,7 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
             states[:, -1] = 0.0
         elif arc.start is None and cycle.onset_order(arc.phase) > 0:
             states[0, -1] = 0.0
-        if arc.end is None and "slip_velocity" in table.between(arc.mode, cycle.after(arc.phase)).zeros:
+        if arc.end is None and "slip_velocity" in table.ending(cycle, arc.phase).zeros:
             states[-1, -1] = 0.0
         arcs[cycle.step_of(arc.phase)].append(
             Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states)

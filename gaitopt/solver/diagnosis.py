@@ -48,6 +48,9 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     if not refined.accurate:
         words = f"the integration is only right to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
         return (Cause(what="integration", words=words),)
+    if not refined.in_order:
+        words = "a switch has passed a breakpoint of the control: solve the problem from a guess closer to its gait"
+        return (Cause(what="breakpoint", words=words),)
     violated = violations(refined)
     early = None if violated else _early_event(refined)
     return tuple(violated) if early is None else (early,)
@@ -79,7 +82,7 @@ def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
 def missing_event(system: HybridSystem, cycle: Cycle, phase: int) -> Cause:
     """Why a phase of the guess has no end; the cause may be a reference that is too short."""
     control = system.control
-    ending = system.transitions.between(cycle.phases[phase], cycle.after(phase)).guard
+    ending = system.transitions.ending(cycle, phase).guard
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
     what, end = ending, None
     if ending == "touchdown" and control.breakpoints and np.isinf(control.horizon):

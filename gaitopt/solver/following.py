@@ -163,14 +163,21 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
     if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
         return None, near.iterations
-    if not solution.in_order:  # a switch has passed a breakpoint of the control: the same motion on a new mesh
-        ordered = solve_nearby(rolled_again(solution).on_mesh())
-        if not (ordered.converged and ordered.in_order):
-            return None, near.iterations
-        solution = refine(polish(ordered))
+    ordered = _in_order(solution)
+    if ordered is None:
+        return None, near.iterations
+    solution = ordered
     history = ((s, solution.w), *(here.history if solution.equations is equations else ()))
     causes = rejection_reason(solution)
     return _PathPoint(s=s, solution=solution, causes=causes, history=history[:HISTORY]), near.iterations
+
+
+def _in_order(solution: Solution) -> Solution | None:
+    """The same motion on a new mesh if a switch has passed or left a breakpoint of the control; None if it is lost."""
+    if solution.in_order:
+        return solution
+    ordered = solve_nearby(rolled_again(solution).on_mesh())
+    return refine(polish(ordered)) if ordered.converged and ordered.in_order else None
 
 
 def _last_gait(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> _PathPoint:
@@ -243,6 +250,7 @@ class Family:
         dynamics = Dynamics.of(self.gait.system, problem.parameters)
         with self._solving:
             refined, iterations = self._by_chords(dynamics.p)
+            refined = None if refined is None else _in_order(refined)
             causes = () if refined is None else rejection_reason(refined)
             status, message, method = Status.CONVERGED, "solved", Method.NEWTON
             if refined is None or causes:
@@ -254,6 +262,8 @@ class Family:
                     causes = rejection_reason(refined)
                     status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
             solver = search_record(method, iterations, began)
+            if status is not Status.CONVERGED and self.gait.system.control.breakpoints:  # a switch may meet one
+                return follow(self.gait, problem, should_stop=self._should_stop)
             if refined is None or status is not Status.CONVERGED:
                 return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
             if refined.equations is self._equations:  # a finer mesh is not kept

@@ -3,8 +3,9 @@
     t_k = t_start + k (t_end - t_start) / n,      k = 0 .. n      on every arc
 
 Phases end at unknown times; the breakpoints of the control are at fixed times since the impact. Arcs end at both, so
-that the motion is smooth in every interval. Between two impacts (of the foot or of a stop) there is one more node than
-intervals: the first is just after one impact, the last just before the next.
+that the motion is smooth in every interval. A timed phase ends at a breakpoint, and so does its last arc. Between two
+impacts (of the foot or of a stop) there is one more node than intervals: the first is just after one impact, the last
+just before the next.
 """
 
 from bisect import bisect_left
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.modes import Mode
 from gaitopt.threads import cached_property
 
@@ -150,7 +151,7 @@ class Mesh:
 
 
 def mesh_of(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> Mesh:
-    """Cut the phases at those breakpoints that lie inside them.
+    """Cut the phases at those breakpoints that lie inside them; a timed phase ends at the nearest one.
 
     Parameters
     ----------
@@ -161,18 +162,25 @@ def mesh_of(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) ->
     firsts = (*cycle.first_phases, lengths.size)
     arcs = [
         arc
-        for first, end in pairwise(firsts)
-        for arc in _step_arcs(cycle.phases[first:end], first, lengths[first:end], breakpoints)
+        for step, (first, end) in zip(cycle.steps, pairwise(firsts), strict=True)
+        for arc in _step_arcs(step, first, lengths[first:end], breakpoints)
     ]
     return Mesh(cycle=cycle, arcs=tuple(arcs))
 
 
-def _step_arcs(modes: Sequence[Mode], first: int, durations: Array, breakpoints: Sequence[float]) -> Iterator[MeshArc]:
+def nearest(breakpoints: Sequence[float], time: float) -> float:
+    """The breakpoint that is nearest to a time since impact [s]."""
+    return min(breakpoints, key=lambda b: abs(b - time))
+
+
+def _step_arcs(step: ModeSequence, first: int, durations: Array, breakpoints: Sequence[float]) -> Iterator[MeshArc]:
     """Arcs of one step, whose phases are counted from ``first``."""
     switches = np.concatenate([[0.0], np.cumsum(durations)])
     if switches[-1] <= 0:
         raise ValueError(f"the phases of a step last {switches[-1]:g} s in all; their sum must be positive")
-    for phase, mode in enumerate(modes):
+    for phase in step.timed:
+        switches[phase + 1] = nearest(breakpoints, switches[phase + 1])
+    for phase, mode in enumerate(step.phases):
         begin, finish = switches[phase], switches[phase + 1]
         inside = [b for b in breakpoints if begin < b < finish]
         ends: list[float | None] = [None, *inside, None]

@@ -48,6 +48,8 @@ LARGEST_ERROR = 4e-11
 """Largest integration error of a gait in natural units: more than a digit below the nine that are promised."""
 SAFETY = 4.0
 """Factor by which a refinement aims below the tolerance."""
+MISPLACED = 1e-9
+"""Violation in natural units of the margin that a jump of the torques should carry through zero."""
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 800
 """If a step needs more, its motion is singular."""
@@ -88,8 +90,18 @@ class Solution:
 
     @property
     def in_order(self) -> bool:
-        """Whether every arc lies in its segment of the control: False once a switch has passed a breakpoint."""
-        return self.equations.mesh.in_order(self.durations, self.equations.system.control.breakpoints)
+        """Whether every arc lies in its segment of the control, and the torques jump where timed phases end.
+
+        False once a switch has passed a breakpoint, or has left it.
+        """
+        in_order = self.equations.mesh.in_order(self.durations, self.equations.system.control.breakpoints)
+        return in_order and not self.misplaced
+
+    @property
+    def misplaced(self) -> tuple[int, ...]:
+        """The timed phases that end elsewhere, because their margin does not fall at the breakpoint."""
+        jumps = self.equations.jumps(self.w, self.p)
+        return tuple(k for k, (before, after) in jumps.items() if not (before > -MISPLACED and after < MISPLACED))
 
     @cached_property
     @overflow_allowed()

@@ -2,6 +2,7 @@
 
     dz/dt = f_mode(t, z)      until the margin that ends the phase falls through zero
 
+If it falls because the torques jump at a breakpoint of the control, the phase ends there and is timed.
 The sequence is imposed, not tested. If a switch does not happen, the phase ends where its margin is closest to zero
 within the time of a step; if touchdown does not happen, it ends after the time of a step at the initial rates.
 """
@@ -24,7 +25,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import shooting_step
-from gaitopt.solver.mesh import mesh_of
+from gaitopt.solver.mesh import mesh_of, nearest
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.shooting import transcribe
 
@@ -46,6 +47,11 @@ LONGEST_STEP = 50.0
 """In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
 MOST_STEPS = 3000
 """Integrator steps in one phase: the longest phase takes some hundreds."""
+JUMP = 1e-9
+"""Least jump of a margin at a breakpoint, in natural units, that ends a phase; torques that only have a kink jump by
+rounding."""
+NEAR_BREAKPOINT = 0.05
+"""Part of a cycle within which a phase of a given duration may end at a breakpoint instead."""
 SHORTEST_PHASE = 0.05
 """Part of a step that a phase without a known end gets if no time is left for it."""
 
@@ -89,7 +95,7 @@ class Rollout:
 
     Attributes
     ----------
-    dynamics, cycle : of the walker, and its mode sequence.
+    dynamics, cycle : of the walker, and its mode sequence with the phases that are timed.
     durations : of the phases [s].
     motions : of the phases.
     endless : the first phase whose event did not happen, None if all did.
@@ -143,17 +149,21 @@ def retraced(gait: Gait, times: int = 1) -> Rollout:
     """
     durations = [duration for _, duration in gait.phases]
     states = np.array([step.arcs[0].states[0] for step in gait.steps])
-    cycle = Cycle(gait.problem.cycle.steps * times)
+    cycle = Cycle(gait.cycle.steps * times)
     return roll_out(gait.dynamics, cycle, np.tile(states, (times, 1)), durations * times)
 
 
 def rolled_again(solution: Solution) -> Rollout:
     """The motion from the first node of a solution with the durations of its phases.
 
-    On a mesh, its arcs are in the order that these durations demand: see ``Solution.in_order``.
+    On a mesh, its arcs are in the order that these durations demand: see ``Solution.in_order``. A switch that has left
+    its breakpoint is sought again.
     """
     equations, (nodes, durations, freed) = solution.equations, solution.equations.unpack(solution.w)
-    return roll_out(equations.dynamics(solution.p, freed), equations.mesh.cycle, nodes[:, 0], durations)
+    cycle, misplaced = equations.mesh.cycle, solution.misplaced
+    cycle = cycle.with_timed({*cycle.timed} - {*misplaced})
+    known = [None if phase in misplaced else length for phase, length in enumerate(durations.tolist())]
+    return roll_out(equations.dynamics(solution.p, freed), cycle, nodes[:, 0], known)
 
 
 @overflow_allowed()
@@ -161,7 +171,7 @@ def roll_out(
     dynamics: Dynamics,
     cycle: Cycle,
     state: Array,
-    durations: Sequence[float] | Array | None = None,
+    durations: Sequence[float | None] | Array | None = None,
     longest: float | None = None,
 ) -> Rollout:
     """Integrate along ``cycle`` from ``state`` just after an impact; phases end at events unless durations are given.
@@ -170,14 +180,18 @@ def roll_out(
     ----------
     state : at the start of the first step, shape (n_z,), or of the first k steps, shape (k, n_z): with given
         durations, errors of one step would grow in the next ones.
-    durations : of the phases [s].
+    durations : of the phases [s], None where a phase ends at its event; a phase that is timed in ``cycle`` ends at the
+        nearest breakpoint.
     longest : time after the impact by which phases end at the latest [s]; ``LONGEST_STEP`` by default.
     """
     scales, per_phase = dynamics.scales, cycle.per_phase(dynamics.steps)
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
-    starts = np.atleast_2d(state)
+    starts, breakpoints = np.atleast_2d(state), dynamics.system.control.breakpoints
     time, z = 0.0, starts[0].copy()
-    lengths, motions, endless = list[float](), list[PhaseMotion](), list[int]()
+    known = [None] * len(cycle.phases) if durations is None else durations
+    given = [None if length is None else float(length) for length in known]
+    near = NEAR_BREAKPOINT * sum(length or 0.0 for length in given)
+    lengths, motions, endless, timed = list[float](), list[PhaseMotion](), list[int](), list[int]()
     for phase, mode in enumerate(cycle.phases):
         impact, step = cycle.impact_before(phase) if phase > 0 else None, cycle.step_of(phase)
         if impact is not None:
@@ -188,23 +202,32 @@ def roll_out(
         if mode.sticks:
             z[-1] = 0.0
         flow = _ModeFlow(per_phase[phase], mode, cycle.after(phase))
-        duration = None if durations is None else durations[phase]
+        duration = given[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
-            end = flow.end(motion)
+            end, jumps = flow.end(motion)
             if end is None:
                 endless.append(phase)
                 end = flow.lost_end(motion, transit_time(dynamics, cycle, starts[0]))
             duration = end - time
         else:
+            end = time + duration
+            jump = nearest(breakpoints, end) if phase in cycle.timed else flow.jump(time, z, end + near)
+            jumps = jump is not None
+            if jump is not None:
+                following = given[phase + 1]
+                if following is not None:  # ends when it would have ended
+                    given[phase + 1] = max(following + end - jump, following / 2)
+                duration, end = jump - time, jump
             motion = flow.integrate(time, z, duration, until_end=False)
         lengths.append(duration)
         motions.append(motion)
-        time += duration
+        timed += [phase] if jumps else []
+        time = end if jumps else time + duration
         z = motion(np.array([min(time, motion.end)]))[:, 0]
     return Rollout(
         dynamics=dynamics,
-        cycle=cycle,
+        cycle=cycle.with_timed(timed),
         durations=tuple(lengths),
         motions=tuple(motions),
         endless=next(iter(endless), None),
@@ -239,6 +262,7 @@ class _ModeFlow:
         names, self._units = table.margin_names(mode), dynamics.margin_units(mode)
         self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
         self._ending = names.index(table.between(mode, after).guard)
+        self._may_jump = after is not mode and after in table.at_breakpoint(mode).candidates
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
         self._within, self._margins = shooting_step(system, mode), buffered(system.margins(mode))
@@ -276,14 +300,26 @@ class _ModeFlow:
                 armed |= margins > ARMED
         return self._motion(points)
 
-    def end(self, motion: PhaseMotion) -> float | None:
-        """Time since impact at which the phase ends; None if its event does not happen before touchdown."""
+    def end(self, motion: PhaseMotion) -> tuple[float | None, bool]:
+        """Time since impact at which the phase ends, None if its event does not happen before touchdown.
+
+        Also whether its margin jumps there because the torques do.
+        """
         times, margins = self._along(motion)
         landing = self._first_fall(motion, times, margins, self._touchdown)
         if self._ending == self._touchdown:
-            return landing
+            return landing, False
         end = self._first_fall(motion, times, margins, self._ending)
-        return None if end is None or (landing is not None and landing < end) else end
+        if end is None or (landing is not None and landing < end):
+            return None, False
+        jump = self._first_jump(motion, end)
+        return (end, False) if jump is None else (jump, True)
+
+    def jump(self, time: float, z: Array, latest: float) -> float | None:
+        """The breakpoint up to ``latest`` at which the phase ends because the torques jump; None if there is none."""
+        if not (self._may_jump and any(time < b <= latest for b in self._breakpoints)):
+            return None
+        return self._first_jump(self.integrate(time, z, latest - time, until_end=False), latest)
 
     def lost_end(self, motion: PhaseMotion, transit: float) -> float:
         """Time since impact at which a phase without an event is cut off."""
@@ -312,11 +348,19 @@ class _ModeFlow:
         )
 
     def _along(self, motion: PhaseMotion) -> tuple[Array, Array]:
-        """Times on a grid, and all margins there in natural units, shape (n, n_margins)."""
+        """Times on a grid, and all margins there in natural units, shape (n, n_margins).
+
+        A breakpoint of the control occurs twice, with the margins before and after it.
+        """
         steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
         times = np.append(steps, motion.end)
+        passed = slice(*np.searchsorted(self._breakpoints, times[[0, -1]], side="right"))
+        places = np.searchsorted(times, self._breakpoints[passed])
+        times = np.insert(times, places, self._breakpoints[passed])
+        segments = np.searchsorted(self._breakpoints, times, side="right")
+        segments[places + np.arange(places.size)] -= 1
         states, margins = motion(times).T, np.empty((times.size, self._units.size))
-        data = np.array(self._data)[np.searchsorted(self._breakpoints, times, side="right")]
+        data = np.array(self._data)[segments]
         for start in range(0, times.size, WIDTH):
             rows = np.minimum(np.arange(start, start + WIDTH), times.size - 1)  # the last ones are evaluated again
             (values,) = self._many_margins(times[rows, None], states[rows], self._p, data[rows])
@@ -330,16 +374,29 @@ class _ModeFlow:
         return self._root(motion, times[falls[0]], times[falls[0] + 1], row) if falls.size else None
 
     def _root(self, motion: PhaseMotion, before: float, after: float, row: int) -> float:
-        """Time between two others at which a margin is zero."""
+        """Time at which a margin is zero, between two others on one segment of the control; a breakpoint is both."""
+        segment = bisect_right(self._breakpoints, before)
+        if before == after:
+            return before
 
         def margin(time: float) -> float:
-            return float(self._margins_at(time, motion(np.array([time]))[:, 0])[row])
+            return float(self._margins_at(time, motion(np.array([time]))[:, 0], segment)[row])
 
         return bracketed_root(margin, before, after, ROOT * self._scales.time)
 
-    def _margins_at(self, time: float, z: Array) -> Array:
+    def _first_jump(self, motion: PhaseMotion, latest: float) -> float | None:
+        """The first breakpoint up to ``latest`` at which a jump of the torques carries the last margin below zero."""
+        for k, b in enumerate(self._breakpoints if self._may_jump else ()):
+            if motion.times[0] < b <= min(latest, motion.end):
+                z = motion(np.array([b]))[:, 0]
+                before, after = (self._margins_at(b, z, segment)[self._ending] for segment in (k, k + 1))
+                if before > ARMED and after < -ARMED and before - after > JUMP:
+                    return float(b)
+        return None
+
+    def _margins_at(self, time: float, z: Array, segment: int | None = None) -> Array:
         """All margins in natural units."""
-        data = self._data[bisect_right(self._breakpoints, time)]
+        data = self._data[bisect_right(self._breakpoints, time) if segment is None else segment]
         (margins,) = self._margins(time, z, self._p, data)
         return np.asarray(margins / self._units)
 

@@ -6,6 +6,7 @@ durations; F(w, p) = (defects, events, resets):
     continuity of states    z_{k+1} - step(z_k, t_k, h_k) = 0    on every interval, by one Runge-Kutta step
     end of a phase          guard(z_end) = 0                     v_t = 0 where a slip ends, mu f_n +- f_t = 0 where it
                                                                  begins, the swing foot on the ground at touchdown
+    end of a timed phase    t_end - t_breakpoint = 0             where the torques jump, the guard falls below zero
     impact, periodicity     z_start - reset(z_end) = 0           x is counted from the new stance foot; the last reset
                                                                  leads to z_0
 
@@ -15,7 +16,9 @@ Friction complementarity, with the slip velocity v_t = v_forward - v_backward:
 
 The mode of a phase sets one factor of each pair to zero: a sticking foot has no velocity, and the friction law gives
 the force of a slip. The other factor is a margin, which must not be negative at any node; it is left out where an event
-makes it zero. Margins of the impacts complete the inequalities.
+makes it zero. At a breakpoint of the control, margins are required on both sides of the jump: at the end of a timed
+phase its guard must still be positive, at the start of the next phase it must be negative. Margins of the impacts
+complete the inequalities.
 
 A slip that starts from rest also has zero velocity after no time at all. Its event is divided by that zero, so that
 only the actual end remains and the equations stay regular where the slip first appears.
@@ -37,7 +40,7 @@ from gaitopt.building import BUILT, building, built_once
 from gaitopt.gait.curves import points
 from gaitopt.integration import N_STAGES
 from gaitopt.model.buffered import BufferedFunction, BufferedMap, buffered, buffered_map
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -326,13 +329,18 @@ class MultipleShooting:
                         unit = f"{SI[margin(name).unit]}/s"
                         labels.append(self.label(name, arc.phase, at[k], unit=unit))
 
-        # where a slip starts from rest, the force beyond the static cone; with one coefficient the cone margin suffices
+        # where a slip starts from rest, the force beyond the static cone; one coefficient needs no more than its cone.
+        # After a timed phase the guard of that phase must be negative
         for i, arc, at in arcs:
-            if system.friction.may_drop and arc.start is None and mesh.cycle.starts_from_rest(arc.phase):
+            timed = arc.phase - 1 in mesh.cycle.timed
+            from_rest = system.friction.may_drop and mesh.cycle.starts_from_rest(arc.phase)
+            if arc.start is None and (timed or from_rest):
                 _, Z, start, _ = self.arc(i)
-                margins = system.margins(Mode.STICK)(start, Z[:, 0], *self.constants(arc, 1))
-                rows.append(-margins[table.margin_names(Mode.STICK).index(CONE[arc.mode.contact])])
-                labels.append(self.label("onset", arc.phase, at[0]))
+                before = mesh.cycle.phases[arc.phase - 1] if timed else Mode.STICK
+                guard = table.between(before, arc.mode).guard if timed else CONE[arc.mode.contact]
+                margins = system.margins(before)(start, Z[:, 0], *self.constants(arc, 1))
+                rows.append(-margins[table.margin_names(before).index(guard)])
+                labels.append(self.label("onset" if arc.mode.slips else "pull", arc.phase, at[0]))
 
         for row, label in self.impact_margins:
             rows.append(row)
@@ -361,18 +369,18 @@ class MultipleShooting:
             return True
         after = cycle.after(arc.phase)
         ends = k == arc.intervals and arc.end is None and after is not None
-        return ends and name in self.system.transitions.between(arc.mode, after).zeros
+        return ends and name in self.system.transitions.ending(cycle, arc.phase).zeros
 
     def _is_unloaded(self, index: int, k: int) -> bool:
         """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
         arc, cycle = self.mesh.arcs[index], self.mesh.cycle
-        table, phases, after = self.system.transitions, cycle.phases, cycle.after(arc.phase)
+        table, after = self.system.transitions, cycle.after(arc.phase)
         if k == 0 and arc.start is None:
-            before = (arc.phase - 1) % len(phases)
-            begins = table.between(phases[before], cycle.after(before))
+            before = (arc.phase - 1) % len(cycle.phases)
+            begins = table.ending(cycle, before)
             return "normal_force" in begins.zeros_after and "normal_force" in table.of(arc.mode)
         ends = k == arc.intervals and arc.end is None and after is not None
-        return ends and set(GROUND_FORCES) <= set(table.between(arc.mode, after).zeros)
+        return ends and set(GROUND_FORCES) <= set(table.ending(cycle, arc.phase).zeros)
 
     # ---- equalities, margins and states as numbers
 
@@ -388,6 +396,21 @@ class MultipleShooting:
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities."""
         return self._margins(w, p)[0].copy()
+
+    def jumps(self, w: Array, p: Array) -> dict[int, tuple[float, float]]:
+        """For every timed phase the margin that ends it, before and after the torques jump, in natural units."""
+        cycle, table = self.mesh.cycle, self.system.transitions
+        nodes, _, freed = self.unpack(w)
+        ends = {arc.phase: (arc, at[-1]) for arc, at in zip(self.mesh.arcs, self.mesh.arc_nodes, strict=True)}
+        per_phase, values = cycle.per_phase(self.dynamics(p, freed).steps), {}
+        for phase in cycle.timed:
+            (arc, node), dynamics = ends[phase], per_phase[phase]
+            row = table.margin_names(arc.mode).index(table.between(arc.mode, cycle.after(phase)).guard)
+            times, states = np.array([self.system.control.breakpoints[arc.segment]]), nodes[:, [node]].T
+            before, after = (float(dynamics.margins(arc.mode, arc.segment + k, times, states)[0, row]) for k in (0, 1))
+            unit = dynamics.margin_units(arc.mode)[row]
+            values[phase] = before / unit, after / unit
+        return values
 
     def sample(self, w: Array, p: Array, index: int, count: int) -> tuple[Array, Array]:
         """Times (count,) and states (count, n_z) at the Chebyshev points of one arc.
@@ -546,10 +569,10 @@ def substituted(keys: tuple[str, ...], p: Any, freed: Mapping[str, Any]) -> Any:
 
 
 def endings(system: HybridSystem, cycle: Cycle) -> Iterator[tuple[Mode, str, int]]:
-    """Mode of every phase, the margin that ends it, and the order of the zero from which this margin starts."""
+    """Mode of every phase, the event that ends it, and the order of the zero from which its margin starts."""
     jump = system.friction.may_drop
     for phase, mode in enumerate(cycle.phases):
-        name = system.transitions.between(mode, cycle.after(phase)).guard
+        name = system.transitions.ending(cycle, phase).guard
         yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
 
 
@@ -575,6 +598,9 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     for phase, (mode, name, order) in enumerate(endings(system, cycle)):
         step = cycle.step_of(phase)
         time = sum1(durations[cycle.first_phases[step] : phase + 1])
+        if name == BREAKPOINT:
+            rows.append(time - system.control.breakpoints[segments[phase]])
+            continue
         margins = system.margins(mode)(time, ends[:, phase], per_phase[phase], system.data(segments[phase]))
         rows.append(margins[system.transitions.margin_names(mode).index(name)] / durations[phase] ** order)
     for k, (phase, impact) in enumerate(cycle.resets):

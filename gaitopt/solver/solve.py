@@ -88,7 +88,14 @@ def solve_gait(
 
     def ipopt(start: Solution) -> Solution:
         program = feasibility(problem, start)
-        return solved(program, compiled(program, progress=progress, should_stop=should_stop))
+        end = solved(program, compiled(program, progress=progress, should_stop=should_stop))
+        if end.status not in FAILURES or not start.equations.mesh.cycle.timed:
+            return end
+        # the torques of the guess may jump where those of the gait do not: without margins, the motion shows it
+        relaxed = feasibility(problem, start, relaxed=True)
+        periodic = solved(relaxed, compiled(relaxed, should_stop=should_stop))
+        leaves = periodic.converged and not periodic.in_order
+        return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
     start, solution = _search(guess, ipopt)
     if solution.status in FAILURES and problem.guess.durations is None:  # the events of the guess may come too late

@@ -18,12 +18,13 @@ from gaitopt.gait.branch import BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.records import GaitRecord, PointRecord, SpecialRecord, StepRecord, special_gait
 from gaitopt.gait.trajectory import Arc, Step, impact_record
-from gaitopt.model.cycle import Cycle
+from gaitopt.model.cycle import UNTIL, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.solver.interval import integrate_to
+from gaitopt.solver.mesh import nearest
 from gaitopt.store.formats import Table
 
 POINTS = 33
@@ -71,6 +72,7 @@ def gait_from_record(
         freed=freed_values(record),
         solver=cast(Mapping[str, float | str], record["solver"]),
         verification=record["verification"],
+        timed=Cycle.from_record(record).timed,
     )
 
 
@@ -139,6 +141,8 @@ def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int
         if mode.sticks:
             z[-1] = 0.0
         end = time + phase["duration"]
+        if UNTIL in phase:  # the next phase starts on the other side of the breakpoint
+            end = nearest(breakpoints, end)
         for t0, t1 in pairwise([time, *(b for b in breakpoints if time < b < end), end]):
             segment = bisect_right(breakpoints, (t0 + t1) / 2)
             times = t0 + (t1 - t0) * (curves.points(points) + 1) / 2

@@ -120,3 +120,30 @@ def test_margins_that_an_event_makes_zero_are_zero_there():
     z, p = rng.normal(size=system.n_z), rng.uniform(0.5, 1.5, len(system.parameters))
     cone = dict(zip(massless.of(stick), np.asarray(system.margins(stick)(0, z, p, [])).ravel(), strict=True))
     assert cone["cone_forward"] + cone["cone_backward"] == pytest.approx(2 * p[-1] * cone["normal_force"])
+
+
+def test_a_breakpoint_is_a_transition_whose_guard_is_the_time():
+    """What a foot can do there is what it can do after a switch; no margin is zero, and the state is continuous."""
+    for table in TABLES:
+        for mode in table.modes:
+            row = table.at_breakpoint(mode)
+            assert (row.guard, row.margin.unit, row.zeros, row.reset, row.ending) == (
+                "breakpoint",
+                "time",
+                (),
+                None,
+                None,
+            )
+            assert row.at_rest == (("foot",) if mode.sticks else ())
+            assert mode in row.candidates
+            assert all(after.stops == mode.stops for after in row.candidates)
+            if mode.sticks:
+                assert row.candidates == table.at_rest(mode)
+            assert any(not after.touching for after in row.candidates) == (table.walker.flies or not mode.touching)
+    assert transitions(CompassBiped).at_breakpoint(Mode.SLIP_FORWARD).candidates == (Mode.SLIP_FORWARD,)
+
+
+def test_a_timed_phase_ends_with_the_transition_of_the_breakpoint():
+    table, cycle = transitions(CompassBiped), Cycle.of_one_step((Mode.STICK, Mode.SLIP_BACKWARD), Mode.STICK)
+    assert [table.ending(cycle, phase).guard for phase in (0, 1)] == ["cone_backward", "touchdown"]
+    assert [table.ending(cycle.with_timed((0,)), phase).guard for phase in (0, 1)] == ["breakpoint", "touchdown"]

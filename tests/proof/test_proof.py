@@ -484,3 +484,14 @@ def test_where_gait_a_loses_stability():
     assert "complex pair" in {claim.name: claim.words for claim in result.claims}["sign change"]
     assert failures(result.certificate) == {}
     assert failures({**result.certificate, "special": "period_doubling"}).keys() == {"sign change"}
+
+
+def test_a_phase_that_ends_because_the_torques_jump_is_refused_by_name():
+    from jumping import SLIPPING, gait
+
+    proof = prove(gait(0.165, *SLIPPING))
+    assert not proof.proved
+    (claim,) = proof.claims
+    assert claim.words == (
+        "phase 1 (stick) ends at a breakpoint of the control law, where the torques jump: not covered"
+    )

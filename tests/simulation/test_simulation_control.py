@@ -16,6 +16,8 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.simulation.engine import is_installed
+from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap
 
@@ -130,6 +132,42 @@ def test_deviations_pass_a_jump_of_the_torque_unchanged(
     assert [arc.mode for arc in step.arcs] == modes
     columns = [(mapped(xi + h * unit).xi - mapped(xi - h * unit).xi) / (2 * h) for unit in np.eye(3)]
     assert np.column_stack(columns) == pytest.approx(mapped.jacobian([step]), rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("torque", "friction", "mode", "ending"),
+    [
+        ((-400, 0), 0.3, Mode.STICK, Ending.LIFT_OFF),
+        ((-400, 0), 0.06, Mode.SLIP_FORWARD, Ending.LIFT_OFF),
+        ((0, -150), 0.06, Mode.SLIP_FORWARD, Ending.LIFT_OFF),
+        ((30, 0), 0.18, Mode.STICK, Ending.COMPLETED),
+        ((3, 0), 0.18, Mode.STICK, Ending.COMPLETED),
+    ],
+)
+def test_every_engine_decides_anew_at_a_breakpoint(
+    torque: tuple[float, float], friction: float, mode: Mode, ending: Ending
+) -> None:
+    """A jump lifts the foot, starts a slip or leaves it at rest; a motion that ends has a name."""
+    scipy = staircase((0.3, 0.32), (0, 0), torque, (0, 0), friction=friction)
+    steppers = [ScipyStepper]
+    if is_installed():
+        from gaitopt.simulation.heyoka_batch import BatchSimulator
+        from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+
+        steppers.append(HeyokaStepper)
+        batch = BatchSimulator(scipy.dynamics).step(np.tile(START, (2, 1)))
+        assert [*batch.outcomes] == [ending, ending]
+    for stepper in steppers:
+        outcome = Simulator(scipy.dynamics, stepper).step(START)
+        assert outcome.ending is ending
+        assert outcome.step is not None
+        assert outcome.step.phases[0][0] is mode
+        if ending is Ending.LIFT_OFF:
+            assert outcome.step.period == 0.3
+            assert "0.3 s after the impact" in outcome.message
+        if is_installed():
+            assert batch.times == pytest.approx([outcome.step.period] * 2, abs=1e-11)
+            assert list(batch.sequence(0)) == [mode for mode, _ in outcome.step.phases]
 
 
 def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:

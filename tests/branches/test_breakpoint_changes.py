@@ -1,0 +1,150 @@
+"""Families whose switches meet and leave breakpoints of the control, where the torques jump."""
+
+import json
+
+import jumping
+import numpy as np
+import pytest
+from jumping import AT_ALL, AT_ONCE, SLIPPING, problem, staircase
+from pydantic import TypeAdapter
+
+from gaitopt.branches.continuation import follow_family, resumable
+from gaitopt.branches.monitors import MonitorKey, monitor_values
+from gaitopt.branches.request import Request
+from gaitopt.errors import StorageError
+from gaitopt.gait.branch import BranchPoint, SpecialPoint, branch_table, collected
+from gaitopt.gait.records import CheckedPoint
+from gaitopt.model.cycle import BREAKPOINT
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.solver.solve import solve_gait
+from gaitopt.store.gaits import branch_point, special_point
+from gaitopt.verification.verify import confirm, verify
+
+
+def family(gait, to, **options):
+    """The records of a family in friction, every point confirmed by the simulator."""
+    return list(follow_family(gait, Request(parameter="friction", to=(to,), verify_every=1, **options)))
+
+
+def specials(records):
+    return [record for record in records if isinstance(record, SpecialPoint)]
+
+
+def points(records):
+    return [record for record in records if isinstance(record, BranchPoint)]
+
+
+def sequences(special):
+    return str(special.before), str(special.after)
+
+
+STICK, LATER, AT = (
+    "stick; stick",
+    "stick, slip_backward, stick; stick",
+    "stick (until breakpoint), slip_backward, stick; stick",
+)
+
+
+def test_a_switch_that_meets_a_breakpoint_is_a_special_point_in_both_directions():
+    down = family(jumping.gait(0.2, "stick"), 0.164)
+    up = family(points(down)[-1].gait, 0.19)
+    first, second, end = specials(down)
+    assert (first.type, second.type, end.type) == ("mode_change", "mode_change", "end")
+    assert end.reason == "reached friction = 0.164"
+    assert [sequences(first), sequences(second)] == [(STICK, LATER), (LATER, AT)]
+    assert [sequences(special) for special in specials(up)[:2]] == [(AT, LATER), (LATER, STICK)]
+    for special, value in ((first, AT_ALL), (second, AT_ONCE), *zip(specials(up)[:2], (AT_ONCE, AT_ALL), strict=True)):
+        assert special.status == "converged"
+        assert special.value == pytest.approx(value, abs=2e-9)
+    assert all(point.gait.verification["passed"] for point in points([*down, *up]))
+    assert all((point.gait.timed == (0,)) == (point.value < AT_ONCE) for point in points([*down, *up]))
+    there, back = second.gait, specials(up)[0].gait
+    np.testing.assert_allclose(there.state, back.state, atol=1e-9)
+
+
+def test_the_simulator_slips_at_the_breakpoint_on_one_side_of_the_special_point_alone():
+    """An independent check of its place."""
+    for friction, at_once in ((AT_ONCE - 1e-7, True), (AT_ONCE + 1e-7, False)):
+        gait = solve_gait(problem(friction, *SLIPPING), jumping.pushed())
+        assert confirm(gait).passed
+        _, end = Simulator(gait.dynamics).run(gait.state).steps[0].phases[0]
+        assert (end == jumping.PUSH[0]) == at_once
+        assert end == pytest.approx(jumping.PUSH[0], abs=1e-6)
+
+
+def test_a_foot_that_would_slip_before_the_jump_leaves_the_breakpoint_earlier():
+    """Two pushes one after the other: with less friction the first one is enough."""
+    system = staircase((0.58, 0.6, 0.62), -1.8, 12.6, 13.2, -1.8)
+    start = solve_gait(problem(0.3, "stick", theta1=-0.13, dtheta1=0.64, dtheta2=-0.42), system)
+    down = family(start, 0.153)
+    changes = specials(down)[:-1]
+    assert [sequences(special) for special in changes] == [(STICK, LATER), (LATER, AT), (AT, LATER)]
+    up = family(points(down)[-1].gait, 0.3)
+    assert [sequences(special) for special in specials(up)[:-1]] == [(LATER, AT), (AT, LATER), (LATER, STICK)]
+    values, again = ([special.value for special in found] for found in (changes, specials(up)[-2::-1]))
+    assert values == pytest.approx(again, abs=1e-9)
+    assert [special.type for special in specials(up)] == ["mode_change"] * 3 + ["end"]
+    for special in specials([*down, *up]):
+        assert special.status == "converged"
+
+
+def test_a_slip_that_a_jump_starts_may_begin_with_no_duration_at_all():
+    """During a push backward at 0.4 s the ratio of the forces falls, so that the foot slips at once or never."""
+    system = staircase((0.4, 0.42), 0, -20, 0)
+    start = solve_gait(problem(0.2, "stick"), system)
+    down = family(start, 0.165)
+    up = family(points(down)[-1].gait, 0.2)
+    assert sequences(specials(down)[0]) == ("stick; stick", "stick (until breakpoint), slip_forward, stick; stick")
+    assert sequences(specials(up)[0]) == sequences(specials(down)[0])[::-1]
+    assert specials(up)[0].value == pytest.approx(specials(down)[0].value, abs=1e-10)
+    assert verify(points(down)[-1].gait).passed
+
+
+def test_monitors_tell_how_far_a_switch_is_from_the_breakpoint():
+    later, at = (monitor_values(jumping.gait(friction, *SLIPPING)) for friction in (0.169, 0.1665))
+    gait = jumping.gait(0.169, *SLIPPING)
+    distance = min(abs(gait.phases[0][1] - b) for b in jumping.PUSH)
+    assert later[MonitorKey(BREAKPOINT, 0)].value == pytest.approx(distance / gait.period)
+    assert MonitorKey("onset", 1) not in later
+    assert MonitorKey(BREAKPOINT, 0) not in at
+    assert at[MonitorKey("onset", 1)].value > 0
+    assert at[MonitorKey("cone_backward", 0)].value > 0.1
+
+
+def test_records_tell_which_phases_end_at_a_breakpoint_and_are_read_back():
+    gait = jumping.gait(0.1665, *SLIPPING)
+    records = family(gait, 0.169)
+    first, change = records[0], specials(records)[0]
+    record = json.loads(json.dumps(first.to_record()))
+    assert [phase.get("until") for phase in record["phases"]] == [BREAKPOINT, None, None]
+    TypeAdapter(CheckedPoint).validate_python(record)
+    read = branch_point(gait, "friction", record)
+    assert read.gait.timed == (0,)
+    assert read.gait.arcs[0].end == jumping.PUSH[0]
+    np.testing.assert_allclose(read.gait.arcs[-1].states[-1], first.gait.arcs[-1].states[-1], atol=1e-9)
+    special = json.loads(json.dumps(change.to_record()))
+    assert special["from"]["phases"][0] == {"mode": "stick", "until": BREAKPOINT}
+    assert special["to"]["phases"] == list(SLIPPING)
+    assert special_point(gait, "friction", special).before == gait.cycle
+    assert len(branch_table([record, special])[1]) == 2
+    record["phases"][0]["until"] = "touchdown"
+    with pytest.raises(ValueError, match="breakpoint"):
+        TypeAdapter(CheckedPoint).validate_python(record)
+
+
+def test_an_interrupted_family_goes_on_with_its_timed_phases():
+    gait, request = jumping.gait(0.1655, *SLIPPING), Request(parameter="friction", to=(0.1675,), verify_every=0)
+    whole = [record.to_record() for record in follow_family(gait, request)]
+    assert len(whole) > 8
+    done = json.loads(json.dumps(whole[:5]))
+    rest = [record.to_record() for record in follow_family(gait, request, done=resumable(done, request))]
+    assert [record["value"] for record in rest] == [record["value"] for record in whole[5:]]
+    done[-1]["phases"][0].pop("until")  # as if the switch were at the edge of the cone
+    with pytest.raises(StorageError, match="not a gait with these phases"):
+        list(follow_family(gait, request, done=resumable(done, request)))
+
+
+def test_a_branch_of_such_gaits_has_frames_and_columns():
+    branch = collected("friction", family(jumping.gait(0.1665, *SLIPPING), 0.169))
+    assert len(branch.special("mode_change")) == 1
+    assert np.isfinite(branch.column("period")).all()
