@@ -16,6 +16,7 @@ import design
 import family
 import growth
 import kinds
+import methods
 import peers
 import reuse
 import scaling
@@ -47,6 +48,7 @@ def main() -> None:
         "reuse": reuse.rows,
         "family": family.rows,
         "kinds": kinds.rows,
+        "methods": methods.rows,
         "growth": growth.rows,
         "scaling": partial(scaling.rows, options.jobs, options.workers),
         "commands": commands.rows,

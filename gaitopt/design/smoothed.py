@@ -321,8 +321,8 @@ class SmoothedProblem:
 
     def solve(self) -> IpoptResult:
         """Run IPOPT from the starting motion."""
-        options, progress = self._options, self._progress
-        return Ipopt(self.program, options=options, progress=progress, should_stop=self._should_stop).solve()
+        ipopt = Ipopt(self.program, options=self._options)
+        return ipopt.solve(progress=self._progress, should_stop=self._should_stop)
 
     def motion(self, x: Array) -> Solution:
         """The motion among all unknowns: nodes, durations and freed parameters."""

@@ -33,11 +33,9 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import search_record, solution_of, solved_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase
-from gaitopt.solver.ipopt import Ipopt
 from gaitopt.solver.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
-from gaitopt.solver.program import compiled, feasibility, solved
+from gaitopt.solver.program import feasibility, solved
 from gaitopt.solver.rollout import rolled_again
-from gaitopt.threads import cached_property
 
 HISTORY = 5
 """Solutions that are extrapolated from: with more, rounding adds as much as the polynomial leaves out."""
@@ -228,10 +226,6 @@ class Family:
         """Copies and pickles go on from the same solutions; ``should_stop`` stays behind."""
         return _resumed, (self.gait, tuple((solution.w, solution.p) for solution in self._solved))
 
-    @cached_property
-    def _ipopt(self) -> Ipopt:
-        return compiled(feasibility(self.gait.problem, self._solved[0]), should_stop=self._should_stop)
-
     def solve(self, problem: Problem) -> Gait:
         """The gait of ``problem``, which differs from the first one in parameter values alone.
 
@@ -255,7 +249,7 @@ class Family:
             status, message, method = Status.CONVERGED, "solved", Method.NEWTON
             if refined is None or causes:
                 program = feasibility(problem, Solution(self._equations, self._solved[-1].w, dynamics.p))
-                method, end = Method.IPOPT, solved(program, self._ipopt)
+                method, end = Method.IPOPT, solved(program, should_stop=self._should_stop)
                 status, message, iterations = end.status, end.words, iterations + end.iterations
                 if end.converged:
                     refined = refine(polish(end))

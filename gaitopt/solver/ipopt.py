@@ -200,7 +200,6 @@ class Ipopt:
     program : expressions, and the numbers from which ``solve`` starts unless others are given.
     options : of IPOPT, besides the common ones.
     exact : use the exact Hessian; otherwise secants, which learn best where unknowns and rows are of the order of one.
-    progress, should_stop : called at every iteration.
     """
 
     @building
@@ -210,8 +209,6 @@ class Ipopt:
         *,
         options: dict[str, Any],
         exact: bool = False,
-        progress: Valued = None,
-        should_stop: Stop = None,
     ) -> None:
         w, g, f, parameters = program.x, program.g, program.f, program.p
         if exact:
@@ -230,7 +227,7 @@ class Ipopt:
             nlp = {"x": x, "p": p, "f": value(sizes * x, parameters), "g": scaled}
             plugin_options = {"jac_g": Function("jac_g", [x, p], [scaled, scaled_slope])}
         self._program, self._exact = program, exact
-        self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel(), progress, should_stop)
+        self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel())
         FINISHED.free()
         solver = nlpsol(
             "gait",
@@ -248,10 +245,16 @@ class Ipopt:
         )
         self._solver = FINISHED.watch(solver)
 
-    def solve(self, program: Program | None = None) -> IpoptResult:
+    def solve(
+        self, program: Program | None = None, *, progress: Valued = None, should_stop: Stop = None
+    ) -> IpoptResult:
         """Solve from the start of the program, or of another one with the same expressions.
 
         With an exact Hessian the typical sizes of unknowns and rows are not used.
+
+        Parameters
+        ----------
+        progress, should_stop : called at every iteration.
 
         Raises
         ------
@@ -265,9 +268,9 @@ class Ipopt:
         else:
             parameters = np.concatenate([given.p0, x_unit, g_unit])
         lbx, ubx, lbg, ubg = given.lbx / x_unit, given.ubx / x_unit, given.lbg / g_unit, given.ubg / g_unit
-        self._watch.begin(lbg, ubg)
         with RUNNING:
             FINISHED.free()
+            self._watch.begin(lbg, ubg, progress, should_stop)
             end = self._solver(x0=given.x0 / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
             stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
@@ -293,16 +296,16 @@ def _entries(blocks: Sequence[Block], name: str) -> Array:
 class _Watch(Callback):
     """Reports every iteration, and stops IPOPT on request."""
 
-    def __init__(self, n_w: int, n_g: int, n_p: int, progress: Valued, should_stop: Stop) -> None:
+    def __init__(self, n_w: int, n_g: int, n_p: int) -> None:
         super().__init__()
         self._sizes = {"x": n_w, "f": 1, "g": n_g, "lam_x": n_w, "lam_g": n_g, "lam_p": n_p}
-        self._progress, self._should_stop = progress, should_stop
-        self._iteration, self._lower, self._upper = 0, np.full(n_g, -np.inf), np.full(n_g, np.inf)
+        self.begin(np.full(n_g, -np.inf), np.full(n_g, np.inf), None, None)
         self.construct("watch", {})
 
-    def begin(self, lower: Array, upper: Array) -> None:
+    def begin(self, lower: Array, upper: Array, progress: Valued, should_stop: Stop) -> None:
         """Count from zero; violations are of these bounds of g."""
         self._iteration, self._lower, self._upper = 0, lower, upper
+        self._progress, self._should_stop = progress, should_stop
 
     def get_n_in(self) -> int:
         """Number of inputs that CasADi passes."""

@@ -159,9 +159,8 @@ class Complementarity:
             self._program,
             options={"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "mu_strategy": "adaptive"},
             exact=True,
-            progress=progress,
-            should_stop=should_stop,
         )
+        self._progress, self._should_stop = progress, should_stop
         BUILT.watch(vars(self))
 
     def solve(self, starts: Array, ends: Array, period: float) -> Proposal | Status:
@@ -172,7 +171,8 @@ class Complementarity:
         w = self._guess(starts, ends, period)
         for sigma in SIGMAS:
             p0 = np.concatenate([self._dynamics.p, [period, sigma]])
-            result = self._ipopt.solve(replace(self._program, x0=w, p0=p0))
+            program = replace(self._program, x0=w, p0=p0)
+            result = self._ipopt.solve(program, progress=self._progress, should_stop=self._should_stop)
             if result.status is not Status.CONVERGED:
                 return result.status
             w = result.w

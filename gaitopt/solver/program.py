@@ -7,14 +7,14 @@ has as many rows as x; with some, it is the smoothed problem of ``gaitopt.design
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from casadi import DM, MX, Function, mtimes, sum1, vec
 
 from gaitopt.arrays import Array, overflow_allowed
-from gaitopt.building import building
+from gaitopt.building import building, built_once
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Plotted
 from gaitopt.errors import UnknownNameError
@@ -138,7 +138,8 @@ class NonlinearProgram(Plotted, Program):
         values = self.p0 if p is None else np.array(p, dtype=float).ravel()
         if values.size != self.p0.size:
             raise ValueError(f"p has {values.size} entries instead of {self.p0.size}; p_labels names them")
-        changed = {key: float(new) for key, new, old in zip(self.p_labels, values, self.p0, strict=True) if new != old}
+        moved = zip(self.p_labels, values.tolist(), self.p0.tolist(), strict=True)
+        changed = {key: new for key, new, old in moved if new != old and key not in self.equations.free}
         problem, point = self.problem.replace(changed) if changed else self.problem, self._checked(w)
         at, solver = Solution(self.equations, point[: self.equations.w.numel()], values), {"method": EXTERNAL}
         if not at.size <= LARGEST_RESIDUAL:
@@ -230,16 +231,25 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
     )  # fmt: skip
 
 
-def compiled(program: NonlinearProgram, *, progress: Valued = None, should_stop: Stop = None) -> Ipopt:
-    """IPOPT for a program without unknown parameters; it can also solve from other starts and parameters."""
-    options = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS}
-    return Ipopt(program, options=options, progress=progress, should_stop=should_stop)
-
-
-def solved(program: NonlinearProgram, ipopt: Ipopt) -> Solution:
-    """Where IPOPT ends."""
-    end = ipopt.solve(program)
+def solved(program: NonlinearProgram, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
+    """Where IPOPT ends with a program of ``feasibility``."""
+    key = _Compiled(equations=program.equations, n_rows=program.g.numel(), program=program)
+    end = _ipopt(key).solve(program, progress=progress, should_stop=should_stop)
     return Solution(program.equations, end.w, program.p0, status=end.status, words=end.words, iterations=end.iterations)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Compiled:
+    """``equations``, with or without the margins, determine what is compiled; ``program`` states it the first time."""
+
+    equations: MultipleShooting
+    n_rows: int
+    program: NonlinearProgram = field(compare=False)
+
+
+@built_once(maxsize=16)
+def _ipopt(key: _Compiled) -> Ipopt:
+    return Ipopt(key.program, options={"tol": TOLERANCE, "max_iter": MAX_ITERATIONS})
 
 
 def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, float | str]) -> Gait:

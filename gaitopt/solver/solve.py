@@ -24,7 +24,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
-from gaitopt.solver.program import checked_gait, compiled, feasibility, solved
+from gaitopt.solver.program import checked_gait, feasibility, solved
 from gaitopt.solver.rollout import Rollout, guessed_motion, roll_out, rolled_again, transit_time
 
 MAX_REORDERS = 6
@@ -87,13 +87,11 @@ def solve_gait(
         return failed(Method.NEWTON, Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
 
     def ipopt(start: Solution) -> Solution:
-        program = feasibility(problem, start)
-        end = solved(program, compiled(program, progress=progress, should_stop=should_stop))
+        end = solved(feasibility(problem, start), progress=progress, should_stop=should_stop)
         if end.status not in FAILURES or not start.equations.mesh.cycle.timed:
             return end
         # the torques of the guess may jump where those of the gait do not: without margins, the motion shows it
-        relaxed = feasibility(problem, start, relaxed=True)
-        periodic = solved(relaxed, compiled(relaxed, should_stop=should_stop))
+        periodic = solved(feasibility(problem, start, relaxed=True), should_stop=should_stop)
         leaves = periodic.converged and not periodic.in_order
         return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
@@ -140,7 +138,7 @@ def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: 
             return (missing,)
     begin = Solution(failed.equations, start.w, failed.p)
     relaxed = feasibility(problem, begin, relaxed=True)
-    for at in (solved(relaxed, compiled(relaxed)), failed):
+    for at in (solved(relaxed), failed):
         if at.size <= RESIDUAL_TOLERANCE:
             violated = violations(at)
             if violated:

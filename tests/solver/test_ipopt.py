@@ -52,7 +52,7 @@ def test_sizes_of_unknowns_and_rows_change_neither_optimum_nor_multipliers():
 def test_progress_reports_the_violation_of_the_rows_and_a_request_stops_it():
     seen = []
     program = nearest_point(2.0, start=(3.0, 2.0))
-    end = ipopt(program, progress=lambda *report: seen.append(report), should_stop=lambda: len(seen) >= 3).solve()
+    end = ipopt(program).solve(progress=lambda *report: seen.append(report), should_stop=lambda: len(seen) >= 3)
     assert end.status is Status.INTERRUPTED
     assert [iteration for iteration, _ in seen] == [0, 1, 2]
     assert seen[0][1] == pytest.approx(3.0)

@@ -36,7 +36,7 @@ def test_gait_is_that_of_ipopt_without_ipopt(name, monkeypatch):
     problem = go.load_problem(name)
     system = build_system(problem)
     with monkeypatch.context() as patched:
-        patched.setattr(solve, "compiled", None)
+        patched.setattr(solve, "solved", None)
         near = solve_gait(problem, system)
     monkeypatch.setattr(newton, "LONGEST_FIRST_STEP", 0.0)
     searched = solve_gait(problem, system)
