@@ -215,6 +215,10 @@ class MultipleShooting:
         units = ["m" if name in lengths else "rad" for name in self.system.state_names[:n]]
         return tuple(zip(self.system.state_names, (*units, *(f"{unit}/s" for unit in units)), strict=True))
 
+    def _unit_of_joint(self, key: str) -> str:
+        """Unit of a parameter whose dotted key names a joint, such as a point of its reference; else ``1``."""
+        return next((unit for name, unit in self._states if name in key.split(".")), "1")
+
     @cached_property
     def unknown_labels(self) -> tuple[Label, ...]:
         """Meaning of each entry of ``w``; a node between two phases belongs to the later one."""
@@ -222,7 +226,7 @@ class MultipleShooting:
         return (
             *(self.label(z, phases[node], node, unit=unit) for node in sorted(phases) for z, unit in self._states),
             *(self.label("duration", phase, unit="s") for phase in range(self.n_phases)),
-            *(Label(name=key, unit=unit_of(key) or "1") for key in self.free),
+            *(Label(name=key, unit=unit_of(key) or self._unit_of_joint(key)) for key in self.free),
         )
 
     @cached_property
