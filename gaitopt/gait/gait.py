@@ -23,6 +23,7 @@ from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_record
 from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -332,6 +333,11 @@ class Gait(WalkerMotion):
         return float(np.abs(self.multipliers[0])) if self.multipliers.size else None
 
     @property
+    def constraints(self) -> ConstraintMeasures | None:
+        """Decoupling matrix and zero dynamics of a gait under virtual constraints; None under another law."""
+        return constraint_measures(self.steps)
+
+    @property
     def repeats_after(self) -> int:
         """Number of steps after which the gait repeats; fewer than its steps if it consists of a shorter cycle."""
         n, least = len(self.steps), self.system.walker.steps_per_cycle()
@@ -368,7 +374,7 @@ class Gait(WalkerMotion):
 
     def to_record(self) -> GaitRecord | AttemptRecord:
         """The result as one JSON object, with the keys of the command line; the inverse is ``store.gaits``."""
-        values = self.dynamics.parameters
+        values, constraints = self.dynamics.parameters, self.constraints
         coefficients = {key.removeprefix("friction."): values[key] for key in self.system.friction.parameters}
         record = {
             "problem": self.problem.name,
@@ -379,6 +385,7 @@ class Gait(WalkerMotion):
             **{name: self.measures.get(name) for name in MEASURES},
             "multipliers": [{"re": float(m.real), "im": float(m.imag)} for m in self.multipliers],
             "spectral_radius": self.spectral_radius,
+            **({} if constraints is None else constraints.to_record()),
             "parameters": dict(self.freed),
             "solver": dict(self.solver),
             "verification": self.verification,

@@ -193,7 +193,22 @@ class MeasureRecord(TypedDict):
     min_normal_force: Number | None
 
 
-class GaitRecord(MeasureRecord):
+class ZeroDynamicsRecord(TypedDict):
+    """The zero dynamics of a gait under virtual constraints; None where they are not defined."""
+
+    delta_squared: NotNegative | None
+    potential_max: Number | None
+    invariant: Flag
+
+
+class ConstraintRecord(TypedDict):
+    """Numbers of a gait under virtual constraints; not in the records of others."""
+
+    decoupling_min_singular_value: NotRequired[NotNegative]
+    zero_dynamics: NotRequired[ZeroDynamicsRecord]
+
+
+class GaitRecord(MeasureRecord, ConstraintRecord):
     """A gait: state after the impact before its first step, modes with durations, scalars and multipliers."""
 
     problem: NotRequired[Word]

@@ -80,8 +80,12 @@ def symbolic(law: Control, p: SimpleNamespace) -> Control:
     return type(law).model_construct(**values)
 
 
-def torques(law: Control, now: Instant) -> SX:
+def torques(law: Control, now: Instant, friction: SX) -> SX:
     """The torques of a law, checked and within its limits, shape (n_u,) [N m].
+
+    Parameters
+    ----------
+    friction : SX - coefficients of the friction law, on which the accelerations of a slipping foot depend.
 
     Raises
     ------
@@ -98,7 +102,7 @@ def torques(law: Control, now: Instant) -> SX:
         if name not in walker.actuators:
             has = f"has the actuators {', '.join(walker.actuators)}" if walker.actuators else "has no actuators"
             raise ProblemError(f"{kind.__name__}: torques names {shown(name)}, but {walker.model} {has}")
-    symbols = [now.t, now.robot.z, now.robot.p, now.r, *_leaves(now.p)]
+    symbols = [now.t, now.robot.z, now.robot.p, now.r, friction, *_leaves(now.p)]
     read = Reader(kind, SimpleNamespace(symbols=vertcat(*symbols)), SimpleNamespace())
     limits = vars(now.p.limits)
     result = []

@@ -107,6 +107,15 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         """
 
     @property
+    def phase_variable(self) -> str:
+        """The phase variable that has to be monotone along each step; empty if the law has none."""
+        return ""
+
+    def quantities(self, now: Instant) -> Mapping[str, SX]:
+        """Further expressions of the law by name, which can be evaluated along a gait; none by default."""
+        return {}
+
+    @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times since impact at which a segment ends and the next begins [s]."""
         return ()

@@ -22,13 +22,23 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from casadi import SX, horzcat, horzsplit, reshape, vertcat, vertsplit
+from casadi import SX, dot, horzcat, horzsplit, reshape, vertcat, vertsplit
 from numpy.polynomial import chebyshev
-from pydantic import BaseModel, ConfigDict, Field, InstanceOf, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    InstanceOf,
+    TypeAdapter,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+)
 from pydantic.json_schema import SkipJsonSchema
 
 from gaitopt.arrays import Array
-from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within
+from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle
 
 if TYPE_CHECKING:
     from gaitopt.model.control import Instant
@@ -300,6 +310,101 @@ class BezierCurve(Target):
         """Angles and rates of the curves at the phase ``s``."""
         slopes = self.degree / self.duration * (points[1:, :] - points[:-1, :])
         return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
+
+
+LARGEST_POINT = 1000
+PointValue = Annotated[
+    float,
+    Field(ge=-LARGEST_POINT, le=LARGEST_POINT, allow_inf_nan=False, strict=True),
+    BeforeValidator(parse_angle),
+    WithJsonSchema(
+        {"anyOf": [{"type": "number", "minimum": -LARGEST_POINT, "maximum": LARGEST_POINT}, {"type": "string"}]}
+    ),
+]
+"""A control point of a curve [rad, or m]; texts such as ``1 deg`` are converted."""
+
+
+class FreePoint(BaseModel):
+    """A control point that is an unknown."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    free: Annotated[tuple[PointValue, ...], Field(min_length=2, max_length=2, description="bounds [lo, hi]")]
+    guess: Annotated[PointValue, Field(description="first guess, within the bounds")]
+
+
+def _read_point(value: Any, handler: ValidatorFunctionWrapHandler) -> "float | FreePoint":
+    """A control point, by whether it is a mapping."""
+    return (_FREE_POINT if isinstance(value, Mapping | FreePoint) else _ANGLE).validate_python(value)
+
+
+_ANGLE, _FREE_POINT = TypeAdapter[float](PointValue), TypeAdapter(FreePoint)
+Point = Annotated[PointValue | FreePoint, WrapValidator(_read_point)]
+
+
+class BezierReference(BaseModel, Target):
+    """Bezier curves whose control points are given, or unknowns of a design."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    bezier: Annotated[
+        dict[str, tuple[Point, ...]],
+        Field(description="control points of each curve [rad], each a number or {free: [lo, hi], guess: value}"),
+    ]
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """The control points, or their guesses, as ``JOINT.K``."""
+        return {key: point.guess if isinstance(point, FreePoint) else point for key, point in self._points()}
+
+    @property
+    def structure(self) -> object:
+        """Names of the curves with the bounds of each point, None for one that is given."""
+        bounds = (tuple(getattr(point, "free", None) for point in row) for row in self.bezier.values())
+        return tuple(zip(self.bezier, bounds, strict=True))
+
+    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
+        """Bounds of the free control points."""
+        free = {key: point.free for key, point in self._points() if isinstance(point, FreePoint)}
+        return {key: (lower, upper) for key, (lower, upper) in free.items()}
+
+    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
+        """The curves with known values as guesses of the free points, within their bounds."""
+        known = {key: point for key, point in self._points() if isinstance(point, FreePoint) and key in values}
+        if not known:
+            return {}
+
+        def entry(key: str, point: float | FreePoint) -> object:
+            if not isinstance(point, FreePoint):
+                return point
+            guess = float(np.clip(values.get(key, point.guess), point.free[0], point.free[1]))
+            return {"free": list(point.free), "guess": guess}
+
+        rows = self.bezier.items()
+        return {"bezier": {name: [entry(f"{name}.{k}", c) for k, c in enumerate(row)] for name, row in rows}}
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Curves with fewer than two points, and free points whose bounds and guess contradict each other."""
+        for name, points in self.bezier.items():
+            if len(points) < 2:
+                yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
+            for k, point in enumerate(points):
+                if isinstance(point, FreePoint) and not point.free[0] < point.free[1]:
+                    lower, upper = point.free
+                    words = f"[{lower:g}, {upper:g}] needs lo < hi; for a fixed value, give a number"
+                    yield ("bezier", name, k, "free"), f"is empty: {words}"
+                elif isinstance(point, FreePoint) and not point.free[0] <= point.guess <= point.free[1]:
+                    words = f"[{point.free[0]:g}, {point.free[1]:g}]"
+                    yield ("bezier", name, k, "guess"), f"{point.guess:g} is outside of its bounds {words}"
+
+    def curves(self, p: SimpleNamespace, joints: Sequence[str], s: SX) -> SX:
+        """The curves of some joints at the phase ``s``, from 0 to 1 along the span; shape (n,)."""
+        points = (getattr(p, joint) for joint in joints)
+        return vertcat(*(dot(c, _bernstein(c.numel() - 1, s)) for c in points))
+
+    def _points(self) -> Iterator[tuple[str, float | FreePoint]]:
+        for name, row in self.bezier.items():
+            yield from ((f"{name}.{k}", point) for k, point in enumerate(row))
 
 
 def control_points(phases: Array, angles: Array, degree: int) -> Array:

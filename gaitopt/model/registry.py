@@ -25,6 +25,7 @@ OWN_CONTROLS = {
     "constant_torque": "gaitopt.model.control:ConstantTorque",
     "pd": "gaitopt.model.tracking:ProportionalDerivative",
     "controlled_symmetry": "gaitopt.model.controlled_symmetry:ControlledSymmetry",
+    "virtual_constraints": "gaitopt.model.virtual_constraints:VirtualConstraints",
 }
 """Control laws of this package, in the order in which they are listed."""
 

@@ -48,7 +48,7 @@ class Expressions:
     def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
         self.walker, self._control, self._law = walker, control, law
         self.eom = equations_of_motion(walker)
-        coefficients = SX.sym("c", len(friction.parameters))
+        self._coefficients = coefficients = SX.sym("c", len(friction.parameters))
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
@@ -76,15 +76,36 @@ class Expressions:
         def accelerations(actual: bool) -> tuple[SX, SX]:
             nonlocal uses
             uses = "actual" if actual or uses == "actual" else "held"
-            u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
-            dz = self._rate(mode, u, slip) if actual else self._rate(held, u)
-            ddq = dz[first : first + len(self.walker.shape)]
-            return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
+            return self._accelerations(mode, slip, actual)
 
-        torque = BUILT.watch(torques(self._control, self._instant(accelerations)))
+        torque = BUILT.watch(torques(self._control, self._instant(accelerations), self._coefficients))
         if uses != "actual" or slip is None:
             self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
         return torque
+
+    def quantities(self, mode: Mode) -> dict[str, SX]:
+        """Further expressions of the control law in a mode."""
+        return dict(self._control.quantities(self._instant(lambda actual: self._accelerations(mode, None, actual))))
+
+    @property
+    def phase_rate(self) -> SX:
+        """Rate of the phase variable of the control law."""
+        return vars(self._instant(lambda actual: (SX(0), SX(0))).ds)[self._control.phase_variable]
+
+    def momentum(self, mode: Mode) -> dict[str, SX]:
+        """Terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot is held."""
+        n, eom = len(self.walker.shape), self.eom
+        weight, momentum = eom.gravity_force(eom.mechanism.gravity)[:n], eom.M[:n, :n] @ eom.dq[:n]
+        forces = (eom.B + eom.G + eom.force_of(self.potential_of(mode)))[:n]
+        rest = forces - weight - jtimes(momentum, eom.q[:n], eom.dq[:n])
+        return {"momentum": momentum, "E": eom.E[:n, :], "weight": weight, "rest": rest}
+
+    def _accelerations(self, mode: Mode, slip: SX | None, actual: bool) -> tuple[SX, SX]:
+        """Shape accelerations without torques, and their derivative by the torques, in a mode or with the foot held."""
+        u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
+        dz = self._rate(mode, u, slip) if actual else self._rate(self._held(mode), u)
+        ddq = dz[first : first + len(self.walker.shape)]
+        return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
 
     def _held(self, mode: Mode) -> Mode:
         """The mode in which the foot sticks instead."""
@@ -360,6 +381,25 @@ class HybridSystem:
             "motor_rates": motor_rates,
             "loss": eom.dissipation,
         }
+
+    @compiled("tzpr")
+    def quantities(self, mode: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> ``Control.quantities`` of the law; no function without any."""
+        return self._symbols.quantities(mode)
+
+    @compiled("zp")
+    def phase_rate(self) -> dict[str, SX]:
+        """(z, p) -> rate of the phase variable of a law that has one [rad/s, or m/s]."""
+        return {"phase_rate": self._symbols.phase_rate}
+
+    @compiled("tzpr")
+    def momentum(self, mode: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot is held.
+
+        M dq, weight and rest have the shape (n_shape,), E has (n_shape, n_u). The rest is the force of springs and
+        dampers, less the derivative of the kinetic energy by the shape.
+        """
+        return self._symbols.momentum(mode)
 
     @compiled("zp")
     def impact(self, mode: Mode) -> dict[str, SX]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
@@ -261,7 +261,7 @@ def override(
     label : text before the keys in messages.
     """
     was_open, phase_counts = data["gait"].get("phases") == OPEN, _phase_counts(data["gait"])
-    place = OverridePlace({key: _path(key) for key in overrides}, label)
+    place = OverridePlace({key: _path(key, data) for key in overrides}, label)
     for key, value in overrides.items():
         _set(data, place.keys[key], value, faults)
     gait = data["gait"]
@@ -290,11 +290,30 @@ def override(
     return place
 
 
-def _path(key: str) -> Key:
-    """Keys of mappings; a name after ``constraints`` or ``objective`` may itself hold dots (state.dx, walker.slope)."""
+POINTS = ("control.reference.bezier.", "control.reference.")
+"""The key of a control point in a file, and that of its parameter, before the name of the joint."""
+
+
+def _path(key: str, data: Mapping[str, Any]) -> Key:
+    """Keys of mappings and indices of lists; a name after ``constraints`` or ``objective`` may hold dots (state.dx).
+
+    A control point has the key of its parameter, control.reference.JOINT.K, besides control.reference.bezier.JOINT.K.
+    """
     first, *rest = key.split(".")
     if first not in ("constraints", "objective") or not rest:
-        return (first, *rest)
+        path, section = list[str | int](), cast(Any, data)
+        for part in (first, *rest):
+            if path == ["control", "reference"] and isinstance(section, dict) and part not in section:
+                points = section.get("bezier")
+                if isinstance(points, dict) and part in points:
+                    path, section = [*path, "bezier"], points
+            if isinstance(section, list) and part.isdecimal() and int(part) < len(section):
+                path.append(int(part))
+                section = section[int(part)]
+            else:
+                path.append(part)
+                section = section.get(part) if isinstance(section, dict) else None
+        return tuple(path)
     end = rest[-1:] if first == "constraints" and rest[-1] in ("min", "max") and len(rest) > 1 else []
     return (first, ".".join(rest[: len(rest) - len(end)]), *end)
 
@@ -312,10 +331,11 @@ def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) ->
             faults.append(Fault(path, message))
     section: Any = data
     for depth, key in enumerate(path[:-1], start=1):
-        created: dict[str, Any] = {}
-        section = section.setdefault(key, created)
-        if not isinstance(section, dict):
-            faults.append(Fault(path, f"{dotted(path[:depth])} is {shown(section)} and has no keys: set it as a whole"))
+        section = section[key] if isinstance(key, int) else section.setdefault(key, {})
+        if not isinstance(section, dict | list) or isinstance(section, list) is not isinstance(path[depth], int):
+            one = f"name one of 0 to {len(section) - 1}, or " if isinstance(section, list) else ""
+            has = f"{shown(section)} and has no {'such entry' if one else 'keys'}"
+            faults.append(Fault(path, f"{dotted(path[:depth])} is {has}: {one}set it as a whole"))
             return
     section[path[-1]] = deepcopy(value)
 
@@ -340,6 +360,9 @@ def changed_values(before: Mapping[str, Any], after: Mapping[str, Any], above: s
         one, other = before.get(key), after.get(key)
         if isinstance(one, Mapping) and isinstance(other, Mapping):
             changed += changed_values(one, other, f"{above}{key}.")
+        elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+            ours, theirs = ({str(k): entry for k, entry in enumerate(values)} for values in (one, other))
+            changed += changed_values(ours, theirs, f"{above}{key}.".replace(*POINTS))
         elif one != other and (above or key not in ("name", "about")):
             changed.append(f"{above}{key}")
     return changed

@@ -13,6 +13,7 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.gait import curves
 from gaitopt.gait.curves import lowest_after_rise
 from gaitopt.gait.gait import Cause
+from gaitopt.model.buffered import buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import PUSH, margin
@@ -52,8 +53,10 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
         words = "a switch has passed a breakpoint of the control: solve the problem from a guess closer to its gait"
         return (Cause(what="breakpoint", words=words),)
     violated = violations(refined)
-    early = None if violated else _early_event(refined)
-    return tuple(violated) if early is None else (early,)
+    if violated:
+        return tuple(violated)
+    cause = _early_event(refined) or _turning_phase(refined)
+    return () if cause is None else (cause,)
 
 
 def violations(at: Solution) -> list[Cause]:
@@ -138,6 +141,26 @@ def _early_event(at: Solution) -> Cause | None:
                 time = float(max(roots[roots < end], default=end))
                 words = f"{margin(name).lost}, about {time:.4f} s after the impact"
                 return Cause(what=name, words=words, phase=phase, step=step, time=time)
+    return None
+
+
+def _turning_phase(at: Solution) -> Cause | None:
+    """A phase variable of the control law that is not monotone along a step; None if it is, or there is none."""
+    equations, name = at.equations, at.equations.system.control.phase_variable
+    if not name:
+        return None
+    cycle, rate = equations.mesh.cycle, buffered_map(equations.system.phase_rate(), SAMPLES)
+    per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    forward: bool | None = None
+    for index, arc in enumerate(equations.mesh.arcs):
+        times, states = equations.sample(at.w, at.p, index, SAMPLES)
+        rates = rate(states, per_phase[arc.phase].p)[0][:, 0].copy()
+        forward = bool(rates[SAMPLES // 2] > 0) if forward is None else forward
+        turns = curves.roots(rates)
+        if turns.size or bool(rates[SAMPLES // 2] > 0) is not forward:
+            time = float(times[0] + (turns[0] + 1) / 2 * (times[-1] - times[0])) if turns.size else float(times[0])
+            words = f"the phase variable {name} is not monotone: it turns back {time:.4f} s after the impact"
+            return Cause(what="phase", words=words, phase=arc.phase, step=cycle.step_of(arc.phase), time=time)
     return None
 
 

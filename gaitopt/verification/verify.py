@@ -52,6 +52,8 @@ MULTIPLIER_AGREEMENT = 1e-9
 random gaits the worst is a tenth of this times the radius."""
 DISCERNIBLE = 2e-6
 """Largest tolerance of the multipliers: an error of 1e-5 must be detected, however unstable or sensitive they are."""
+ZERO_DYNAMICS_AGREEMENT = 1e-8
+"""Of delta_zero squared with the multiplier on the constraint surface."""
 ROUNDING_SAMPLES = 4
 LINEARITY = 2e-6
 """Of the norm of the derivative: a derivative with a relative error of 1e-5 exceeds it along at least one of up to 25
@@ -309,7 +311,28 @@ def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
     sensitivity = _rounding_of_multipliers(return_map.scaled(point.jacobian))
     tolerance = min(max(magnification(gait) * MULTIPLIER_AGREEMENT, sensitivity), DISCERNIBLE)
     yield claim("multipliers", distance, tolerance, "saltation against implicit differentiation")
+    yield from zero_dynamics_claims(gait, return_map, point)
     yield perturbation_claim(return_map, point)
+
+
+def zero_dynamics_claims(gait: Gait, return_map: ReturnMap, point: FixedPoint) -> Iterator[Claim]:
+    """delta_zero squared of a gait on its constraint surface is a multiplier; no claim about any other gait.
+
+    The figure is the error of D w = delta_zero^2 w for the derivative D of the simulator's return map, with the rates
+    after the impact as the direction w that the surface has in the section; or that of the gait's closest multiplier.
+    """
+    known = gait.constraints
+    if known is None or known.delta_squared is None or point.jacobian is None:
+        return
+    n = gait.system.n_shape + 1
+    rates = np.concatenate([np.zeros(n), gait.state[n:]])
+    w = rates[gait.system.section(gait.problem.cycle.impact)] / return_map.unit
+    w /= np.linalg.norm(w)
+    simulated = float(np.abs(return_map.scaled(point.jacobian) @ w - known.delta_squared * w).max())
+    solved = float(np.abs(gait.multipliers - known.delta_squared).min())
+    words = f"delta_zero^2 = {known.delta_squared:.9g} against the multiplier on the constraint surface"
+    limit = magnification(gait) * ZERO_DYNAMICS_AGREEMENT
+    yield claim("zero dynamics", max(simulated, solved), limit, words)
 
 
 def perturbation_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:

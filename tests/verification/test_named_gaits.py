@@ -1,4 +1,4 @@
-"""The nine named gaits: every published or closed-form figure, by the NLP, by the simulator, and by differences.
+"""Eleven named gaits: every published or closed-form figure, by the NLP, by the simulator, and by differences.
 
 Figures are those of Gamus & Or (2013), or recomputed where the paper's text leaves a choice open; they are asserted
 with the digits that are known of them.
@@ -36,6 +36,8 @@ NAMED = {
     "compass-torque-slip": ((FORWARD, STICK, BACKWARD), STICK),
     "compass-torque-impact-slip": ((FORWARD, STICK), FORWARD),
     "compass-pd-impact-slip": ((FORWARD, STICK), FORWARD),
+    "compass-virtual-constraint": ((STICK,), STICK),
+    "compass-virtual-constraint-slip": ((STICK, BACKWARD, STICK), STICK),
 }
 FIGURES = [
     ("rimless-wheel-stick", "required_friction", 0.9141, 4),
@@ -60,6 +62,9 @@ FIGURES = [
     ("compass-torque-impact-slip", "speed", 0.405, 3),
     ("compass-pd-impact-slip", "cost_of_transport", 0.00565, 5),
     ("compass-pd-impact-slip", "spectral_radius", 0.904, 3),
+    ("compass-virtual-constraint", "spectral_radius", 0.897516879297, 12),  # delta_zero squared in closed form
+    ("compass-virtual-constraint", "required_friction", 0.1696, 4),
+    ("compass-virtual-constraint-slip", "spectral_radius", 0.8620, 4),
 ]
 OTHERS = [
     ("compass-passive-a", {"friction": 0.17}),

@@ -1,0 +1,173 @@
+"""Virtual constraints: outputs that follow curves over a phase variable of the walker, instead of over time.
+
+    y = h(q) - h_d(s),    s = (phi(q) - s0) / (s1 - s0)
+
+with the angles h of some joints or motors, a phase variable phi that is monotone along a step, and Bezier curves h_d,
+which continue as polynomials outside of the span from s0 to s1. With shape accelerations ddq = drift + response u, for
+a foot that is held or in the actual mode, and J = dy/dq, the law is
+
+    linearising    u = (J response)^-1 (-J drift - dJ/dt dq - kp y - kd dy),    so that ddy + kd dy + kp y = 0
+    pd             u = -kp y - kd dy
+
+J response = Lg Lf y is the decoupling matrix. ddy + kd dy + kp y = 0 holds in the mode whose accelerations the law
+uses.
+
+References
+----------
+Westervelt, Grizzle & Koditschek (2003), Hybrid zero dynamics of planar biped walkers, IEEE TAC 48(1), section III.
+"""
+
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from typing import Annotated
+
+from casadi import SX, jacobian, jtimes, solve, vertcat, vertsplit
+from pydantic import Field
+
+from gaitopt.model.control import Control, Instant
+from gaitopt.model.reference import BezierReference, Path
+from gaitopt.model.units import Angle, NonNegative
+from gaitopt.model.walker import WalkerType
+
+GAINS = ("kp", "kd")
+LARGEST_GAIN = 1e9
+Gain = Annotated[NonNegative, Field(le=LARGEST_GAIN)]
+Name = Annotated[str, Field(min_length=1, max_length=100)]
+
+
+class Law(StrEnum):
+    """Feedback that drives the outputs to zero."""
+
+    LINEARISING = "linearising"
+    PD = "pd"
+
+
+class FootModel(StrEnum):
+    """The contact mode whose accelerations a linearising law uses: that of a held foot, or of the phase."""
+
+    STICK = "stick"
+    ACTUAL = "actual"
+
+
+class VirtualConstraints(Control):
+    """Virtual constraints: joint angles as functions of a phase variable."""
+
+    type = "virtual_constraints"
+
+    outputs: Annotated[
+        tuple[Name, ...],
+        Field(min_length=1, description="constrained angles: shape coordinates, phase variables, or motors' angles"),
+    ]
+    phase: Annotated[Name, Field(description="phase variable: a shape coordinate, or one that the walker names")]
+    span: Annotated[
+        tuple[Angle, ...],
+        Field(min_length=2, max_length=2, description="phase variable at the start and the end of the curves"),
+    ]
+    reference: Annotated[BezierReference, Field(description="curves of the outputs over the phase")]
+    law: Annotated[
+        Law,
+        Field(
+            description="input-output linearisation (linearising), after which the outputs obey y'' + kd y' + kp y = 0 "
+            "in the contact mode of `model`; or torques -kp y - kd y' of the motors (pd)"
+        ),
+    ] = Law.LINEARISING
+    gains: Annotated[
+        dict[str, Gain],
+        Field(
+            description="kp and kd: [1/s^2] and [1/s] of a linearising law, [N m/rad] and [N m s/rad] of a pd law",
+            json_schema_extra={
+                "properties": {name: {"type": "number", "minimum": 0, "maximum": LARGEST_GAIN} for name in GAINS},
+                "required": [*GAINS],
+                "additionalProperties": False,
+            },
+        ),
+    ]
+    model: Annotated[
+        FootModel,
+        Field(
+            description="contact mode of the linearisation: that of a foot that sticks, because the law does not know "
+            "that the foot slips (stick), or that of the phase (actual)"
+        ),
+    ] = FootModel.STICK
+    motors: Annotated[
+        tuple[Name, ...] | None,
+        Field(
+            description="the motor for each output; if left out, an output that is a motor's angle or tracked joint "
+            "has that motor, or all motors act if there are as many as outputs"
+        ),
+    ] = None
+
+    @property
+    def phase_variable(self) -> str:
+        """The phase of the curves."""
+        return self.phase
+
+    def driven_by(self, walker: WalkerType) -> tuple[str, ...]:
+        """The motor for each output; empty if ``motors`` has to say it."""
+        if self.motors is not None:
+            return self.motors
+        tracked = dict(zip(walker.tracked, walker.actuators, strict=False))
+        known = [name if name in walker.actuators else tracked.get(name, "") for name in self.outputs]
+        if all(known) and len({*known}) == len(known):
+            return tuple(known)
+        return walker.actuators if len(walker.actuators) == len(self.outputs) else ()
+
+    def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
+        """Names that the walker does not have, and curves, gains and motors that do not match the outputs."""
+        angles, motors = (*walker.shape, *walker.phases), self.driven_by(walker)
+        for k, name in enumerate(self.outputs):
+            if name not in (*angles, *walker.actuators):
+                words = ", ".join(dict.fromkeys((*angles, *walker.actuators)))
+                yield ("outputs", k), f"{walker.model} has no angle {name!r}; it has {words}"
+            elif name in self.outputs[:k]:
+                yield ("outputs", k), f"{name} is listed twice, so that the decoupling matrix would be singular"
+            elif name == self.phase:
+                yield ("outputs", k), f"{name} is the phase variable, of which an output cannot be a function"
+        if self.phase not in angles:
+            yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; it has {', '.join(angles)}"
+        if self.span[0] == self.span[1]:
+            yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
+        if {*self.reference.bezier} != {*self.outputs}:
+            given = ", ".join(self.reference.bezier) or "no output"
+            yield ("reference", "bezier"), f"has curves of {given}; the outputs are {', '.join(self.outputs)}"
+        for name in sorted({*GAINS} ^ {*self.gains}):
+            yield ("gains", name), "is missing" if name in GAINS else f"unknown key; allowed: {', '.join(GAINS)}"
+        for k, name in enumerate(self.motors or ()):
+            if name not in walker.actuators:
+                yield ("motors", k), f"{walker.model} has no motor {name!r}; it has {', '.join(walker.actuators)}"
+        if {*self.outputs} <= {*angles, *walker.actuators} and len({*motors}) != len(self.outputs):
+            words = f"one of {', '.join(walker.actuators)} for each of {', '.join(self.outputs)}"
+            yield ("motors",), f"must name {words}: {len({*motors})} given for {len(self.outputs)} outputs"
+        yield from super().faults(walker)
+
+    def quantities(self, now: Instant) -> Mapping[str, SX]:
+        """Outputs y (m,), their rates, and the decoupling matrix (m, m)."""
+        y, J = self._outputs(now)
+        return {
+            "outputs": y,
+            "rates": J @ now.robot.dq[: J.shape[1]],
+            "decoupling": self._decoupling(now, J),
+        }
+
+    def torques(self, now: Instant) -> Mapping[str, SX]:
+        """The feedback on the outputs, by motor."""
+        y, J = self._outputs(now)
+        q, dq = now.robot.q[: J.shape[1]], now.robot.dq[: J.shape[1]]
+        correction = -now.p.gains.kp * y - now.p.gains.kd * (J @ dq)
+        if self.law is Law.LINEARISING:
+            drift, _ = now.accelerations(actual=self.model is FootModel.ACTUAL)
+            correction = solve(self._decoupling(now, J), correction - J @ drift - jtimes(J @ dq, q, dq))
+        return dict(zip(self.driven_by(now.robot.walker), vertsplit(correction), strict=True))
+
+    def _outputs(self, now: Instant) -> tuple[SX, SX]:
+        """Outputs y and their derivative by the shape."""
+        walker, motors = now.robot.walker, now.robot.mechanism.motors
+        angles = dict(zip(walker.actuators, motors, strict=True)) | vars(now.s)
+        s = (angles[self.phase] - self.span[0]) / (self.span[1] - self.span[0])
+        y = vertcat(*(angles[name] for name in self.outputs)) - self.reference.curves(now.p.reference, self.outputs, s)
+        return y, jacobian(y, now.robot.q[: len(walker.shape)])
+
+    def _decoupling(self, now: Instant, J: SX) -> SX:
+        walker = now.robot.walker
+        _, response = now.accelerations(actual=self.model is FootModel.ACTUAL)
+        return J @ response[:, [walker.actuators.index(name) for name in self.driven_by(walker)]]

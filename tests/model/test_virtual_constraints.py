@@ -1,0 +1,337 @@
+"""Virtual constraints against a compass whose mechanics, impact and feedback are written out here by hand."""
+
+from dataclasses import replace
+from math import comb
+
+import numpy as np
+import pytest
+from named import named
+from scipy.integrate import quad, solve_ivp
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
+from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.verify import zero_dynamics_claims
+
+NAME = "compass-virtual-constraint"
+L, M_LEG, COM, M_HIP, G = 1.6, 4.0, 0.8, 2.0, 9.8
+POINTS = np.array([-0.1, -0.12706416905448156, -0.045, 0.419, 0.156, 0.139, 0.1])
+END, KP, KD = 0.1, 36.0, 12.0
+COUPLING = M_LEG * L * (L - COM)
+ALONG = np.array([1.0, -1.0])  # both legs turn about the foot as one body: the hip motor has no part in it
+
+
+def inertia(q):
+    cross = COUPLING * np.cos(q[0] + q[1])
+    return np.array([[M_LEG * COM**2 + (M_HIP + M_LEG) * L**2, cross], [cross, M_LEG * (L - COM) ** 2]])
+
+
+def forces(q, v):
+    """Velocity and gravity terms."""
+    turn, weight = COUPLING * np.sin(q[0] + q[1]), G * (M_LEG * COM + (M_HIP + M_LEG) * L)
+    return np.array(
+        [-turn * v[1] ** 2 - weight * np.sin(q[0]), -turn * v[0] ** 2 + G * M_LEG * (L - COM) * np.sin(q[1])]
+    )
+
+
+def bezier(points, s, order=0):
+    for _ in range(order):
+        points = np.diff(points) * (len(points) - 1)
+    n = len(points) - 1
+    return sum(comb(n, k) * c * s**k * (1 - s) ** (n - k) for k, c in enumerate(points))
+
+
+def curve(theta1):
+    """Angle of the swing leg on the constraint, with two derivatives."""
+    s = (theta1 + END) / (2 * END)
+    return tuple(bezier(POINTS, s, order) / (2 * END) ** order for order in range(3))
+
+
+def torque(q, v):
+    """The linearising hip torque of a foot that sticks."""
+    h, slope, bend = curve(q[0])
+    J, inverse = np.array([-slope, 1.0]), np.linalg.inv(inertia(q))
+    y, dy = q[1] - h, v[1] - slope * v[0]
+    free = J @ (-inverse @ forces(q, v)) - bend * v[0] ** 2
+    return (-free - KP * y - KD * dy) / (J @ inverse @ [1.0, 1.0])
+
+
+def impact(q, v):
+    """State after the plastic impact, by the impulse on three masses that are free to move."""
+    along = np.array([[np.cos(q[0]), -np.sin(q[0])], [np.cos(q[1]), np.sin(q[1])]])
+    jacobians = [
+        np.column_stack([first * along[0], second * along[1], np.eye(2)])
+        for first, second in ((COM, 0), (L, 0), (L, L - COM), (L, L))
+    ]
+    M = sum(m * J.T @ J for m, J in zip((M_LEG, M_HIP, M_LEG), jacobians, strict=False))
+    foot = jacobians[3]
+    saddle = np.block([[M, -foot.T], [foot, np.zeros((2, 2))]])
+    rates = np.linalg.solve(saddle, np.concatenate([M @ [*v, 0, 0], [0, 0]]))[:2]
+    return -q[::-1], -rates[::-1]
+
+
+def step(xi):
+    """One step of the compass from (theta1, dtheta1, dtheta2) just after an impact."""
+
+    def rate(_, z):
+        q, v = z[:2], z[2:]
+        return np.concatenate([v, np.linalg.solve(inertia(q), torque(q, v) - forces(q, v))])
+
+    def lands(_, z):
+        return z[0] - z[1]
+
+    lands.terminal, lands.direction = True, 1
+    tolerances = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
+    early = solve_ivp(rate, (0, 0.4), [xi[0], *xi], **tolerances)
+    late = solve_ivp(rate, (0.4, 10), early.y[:, -1], events=lands, **tolerances)
+    q, v = impact(late.y_events[0][0][:2], late.y_events[0][0][2:])
+    return np.array([q[0], *v])
+
+
+def closed_form():
+    """delta_zero squared, V_zero over theta1, and the fixed point sigma^2 / 2 just before the impact."""
+    before = np.array([END, END])
+    q, v = impact(before, np.array([1.0, curve(END)[1]]))
+
+    def momentum(theta1):
+        h, slope, _ = curve(theta1)
+        return ALONG @ inertia((theta1, h)) @ [1.0, slope]  # per rate of theta1
+
+    delta = ALONG @ inertia(q) @ v / momentum(END)
+
+    def potential(theta1):
+        integrand = lambda x: ALONG @ forces((x, curve(x)[0]), (0, 0)) * momentum(x)  # noqa: E731
+        return quad(integrand, -END, theta1, epsabs=1e-12, epsrel=1e-12)[0]
+
+    return delta**2, potential, -potential(END) / (1 - delta**2)
+
+
+def spread(gait):
+    """States of a gait at all points of its arcs."""
+    return np.vstack([arc.states for arc in gait.arcs])
+
+
+def dynamics_of(changes):
+    return problem_dynamics(go.load_problem(NAME).replace(changes))
+
+
+def random_states(count=5):
+    rng = np.random.default_rng(3)
+    shape, rates = rng.uniform(-0.1, 0.1, (count, 2)), rng.uniform(-0.5, 0.5, (count, 2))
+    return [np.array([*q, 0.0, *v, dx]) for q, v, dx in zip(shape, rates, rng.uniform(0.1, 0.5, count), strict=True)]
+
+
+@pytest.mark.portable
+def test_the_torque_is_that_of_the_formula_written_out_by_hand():
+    dynamics = dynamics_of({})
+    for z in random_states():
+        z[-1] = 0.0
+        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])
+        assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, torque(z[:2], z[3:5])], rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("model", "mode", "exact"),
+    [
+        ("stick", Mode.STICK, True),
+        ("actual", Mode.STICK, True),
+        ("stick", Mode.SLIP_FORWARD, False),
+        ("actual", Mode.SLIP_FORWARD, True),
+        ("actual", Mode.SLIP_BACKWARD, True),
+    ],
+)
+def test_outputs_obey_a_linear_equation_in_the_mode_that_the_law_knows(model, mode, exact):
+    dynamics = dynamics_of({"control.model": model})
+    flow, known = dynamics.system.flow(mode), dynamics.system.quantities(mode)
+
+    def rate_of_output(z):
+        return float(known(t=0, z=z, p=dynamics.p, r=[])["rates"])
+
+    for z in random_states():
+        z[-1] *= mode.direction
+        dz, h = np.asarray(flow(t=0, z=z, p=dynamics.p, r=[])["dz"]).ravel(), 1e-5
+        second = (rate_of_output(z + h * dz) - rate_of_output(z - h * dz)) / (2 * h)
+        y = float(known(t=0, z=z, p=dynamics.p, r=[])["outputs"])
+        error = abs(second + KD * rate_of_output(z) + KP * y)
+        assert error < 1e-7 * (1 + abs(second)) if exact else error > 1e-3
+
+
+def test_pd_torques_are_gains_times_outputs_of_the_motor_that_is_named():
+    changes = {
+        "control": {
+            "type": "virtual_constraints",
+            "outputs": ["hip"],
+            "phase": "theta1",
+            "span": ["-10 deg", "10 deg"],
+            "reference": {"bezier": {"hip": [-0.3, "5 deg", 0.25]}},
+            "law": "pd",
+            "gains": {"kp": 40, "kd": 3},
+        }
+    }
+    dynamics, width = dynamics_of(changes), np.radians(20)
+    points = np.array([-0.3, np.radians(5), 0.25])
+    for z in random_states():
+        s = z[0] / width + 0.5
+        y = z[0] + z[1] - bezier(points, s)
+        dy = z[3] + z[4] - bezier(points, s, 1) * z[3] / width
+        known = dynamics.system.observation(Mode.SLIP_FORWARD)(t=0, z=z, p=dynamics.p, r=[])
+        assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, -40 * y - 3 * dy], rel=1e-12)
+
+
+def test_curves_continue_as_polynomials_outside_of_their_span():
+    dynamics = dynamics_of({})
+    z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
+    y = float(dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])["outputs"])
+    assert y == pytest.approx(0.3 - bezier(POINTS, 1.25), rel=1e-12)
+
+
+@pytest.mark.portable
+def test_closed_form_of_the_zero_dynamics_agrees_with_the_gait():
+    gait, (delta_squared, potential, kinetic) = named(NAME), closed_form()
+    known = gait.constraints
+    assert known.invariant
+    assert known.delta_squared == pytest.approx(delta_squared, abs=1e-12)
+    tops = [potential(theta1) for theta1 in spread(gait)[:, 0]]
+    assert known.potential_max == pytest.approx(max(tops), rel=1e-3)
+    assert known.potential_max >= max(tops) - 1e-9
+    z = spread(gait)[-1]
+    assert (ALONG @ inertia(z[:2]) @ z[3:5]) ** 2 / 2 == pytest.approx(kinetic, rel=1e-10)
+    assert delta_squared * kinetic > known.potential_max  # the walker passes the top
+    assert np.abs(gait.multipliers - delta_squared).min() < 1e-10
+    assert known.decoupling_min_singular_value == pytest.approx(
+        min(abs(np.array([-curve(q[0])[1], 1.0]) @ np.linalg.inv(inertia(q)) @ [1, 1]) for q in spread(gait)[:, :2]),
+        rel=1e-3,
+    )
+
+
+def test_multipliers_agree_with_differences_of_steps_that_are_integrated_by_scipy():
+    gait, h = named(NAME), 1e-4
+    xi = gait.state[[0, 3, 4]]
+    assert step(xi) == pytest.approx(xi, abs=1e-10)
+    columns = [(step(xi + h * e) - step(xi - h * e)) / (2 * h) for e in np.eye(3)]
+    fine = [(step(xi + h / 2 * e) - step(xi - h / 2 * e)) / h for e in np.eye(3)]
+    derivative = (4 * np.array(fine) - np.array(columns)).T / 3
+    assert np.sort(np.linalg.eigvals(derivative).real) == pytest.approx(np.sort(gait.multipliers.real), abs=1e-7)
+
+
+def test_the_zero_dynamics_are_a_claim_that_rejects_another_multiplier():
+    gait = named(NAME)
+    return_map = ReturnMap(Simulator(gait.dynamics), gait.problem.cycle.impact)
+    point = return_map.fixed_point(gait.state[[0, 3, 4]])
+    (claim,) = zero_dynamics_claims(gait, return_map, point)
+    assert claim.passed
+    assert claim.tolerance == 1e-8
+    (claim,) = zero_dynamics_claims(replace(gait, multipliers=gait.multipliers * (1 + 1e-7)), return_map, point)
+    assert not claim.passed
+    (claim,) = zero_dynamics_claims(gait, return_map, replace(point, jacobian=point.jacobian * (1 + 1e-7)))
+    assert not claim.passed
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"control.law": "pd", "control.gains": {"kp": 400, "kd": 30}},
+        {"control.limits": {"hip": 40.0}},
+        {"control.reference.theta2.1": -0.1265},
+    ],
+)
+def test_zero_dynamics_are_null_where_they_are_not_defined(changes):
+    problem = go.load_problem(NAME).replace(changes)
+    record = go.solve(problem).to_record()
+    assert record["zero_dynamics"] == {"delta_squared": None, "potential_max": None, "invariant": False}
+    assert record["decoupling_min_singular_value"] > 0.4
+
+
+def test_other_laws_have_no_entries_of_constraints():
+    assert not {"zero_dynamics", "decoupling_min_singular_value"} & {*named("compass-torque-stick").to_record()}
+
+
+def test_a_phase_that_is_not_monotone_is_named_with_its_time():
+    control = {
+        "type": "virtual_constraints",
+        "outputs": ["theta1"],
+        "motors": ["hip"],
+        "phase": "theta2",
+        "span": [-0.2, 0.15],
+        "reference": {"bezier": {"theta1": [-0.15, 0.15]}},
+        "law": "pd",
+        "gains": {"kp": 0, "kd": 0},
+    }
+    gait = go.solve(go.load_problem("compass-passive-stick").replace({"control": control}))
+    assert not gait.converged
+    assert gait.causes[0].what == "phase"
+    assert "the phase variable theta2 is not monotone: it turns back 0.0" in gait.message
+
+
+def test_a_singular_decoupling_matrix_is_named():
+    changes = {
+        "control.outputs": ["theta2", "hip"],
+        "control.reference": {"bezier": {"theta2": [-0.1, 0.1], "hip": [-0.2, 0.2]}},
+    }
+    problem = go.load_problem(NAME).replace(changes)
+    with pytest.raises(ProblemError, match=r"control.outputs: the decoupling matrix of theta2, hip is singular"):
+        go.solve(problem)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"control.outputs": ["knee"]}, "no angle 'knee'; it has theta1, theta2, ankle, hip"),
+        ({"control.outputs": ["theta2", "theta2"]}, "theta2 is listed twice"),
+        ({"control.outputs": "theta2"}, "'theta2' is not a list"),
+        ({"control.phase": "hip"}, "no phase variable 'hip'; it has theta1, theta2"),
+        ({"control.phase": "theta2"}, "theta2 is the phase variable"),
+        ({"control.span": [0.1, 0.1]}, "is empty: both ends are 0.1"),
+        ({"control.span": [0.1, 0.2, 0.3]}, "has 3 entries, must have 2"),
+        ({"control.gains": {"kp": 1}}, "control.gains.kd: is missing"),
+        ({"control.gains.ki": 1}, "unknown key; allowed: kp, kd"),
+        ({"control.gains.kp": -1}, "-1 must be at least 0"),
+        ({"control.law": "exact"}, "'exact' is not one of the choices; allowed: linearising, pd"),
+        ({"control.model": "slip"}, "'slip' is not one of the choices; allowed: stick, actual"),
+        ({"control.motors": ["knee"]}, "no motor 'knee'; it has ankle, hip"),
+        ({"control.motors": ["ankle", "hip"]}, "one of ankle, hip for each of theta2: 2 given for 1 outputs"),
+        ({"control.reference": {"bezier": {"theta1": [0, 1]}}}, "has curves of theta1; the outputs are theta2"),
+        ({"control.reference": {"bezier": {"theta2": [0]}}}, "has 1 control points, must have at least 2"),
+        ({"control.reference.theta2.7": 0.1}, "has no such entry: name one of 0 to 6"),
+        ({"control.reference.theta2.6": "wide"}, r"bezier.theta2\[6\]: write an angle as a number in rad"),
+        ({"control.reference.theta2.3": {"free": [0.5, 0.4], "guess": 0.4}}, "needs lo < hi"),
+        ({"control.reference.theta2.3": {"free": [0.4, 0.5], "guess": 0.6}}, "0.6 is outside of its bounds"),
+        ({"control.reference.theta2.3": {"free": [0.4, 0.5], "guess": 0.45}}, "too many unknowns"),
+    ],
+)
+def test_mistakes_in_the_keys_are_named(changes, message):
+    with pytest.raises(ProblemError, match=message):
+        go.load_problem(NAME).replace(changes)
+
+
+def test_control_points_are_parameters_that_are_followed_and_designed():
+    problem = go.load_problem(NAME)
+    changed = problem.replace({"control.reference.theta2.3": 0.42})
+    assert changed.parameters["control.reference.theta2.3"] == 0.42
+    assert changed.followed_from == problem
+    middle = {"free": [0.38, 0.43], "guess": 0.419}
+    design = problem.replace({"control.reference.theta2.3": middle, "objective": "torque_squared"})
+    optimum = go.solve(design)
+    assert optimum.converged
+    assert optimum.constraints.invariant
+    assert optimum.scalar("torque_squared") < named(NAME).scalar("torque_squared") - 0.01
+    assert 0.38 <= optimum.freed["control.reference.theta2.3"] <= 0.43
+
+
+@pytest.mark.slow
+def test_below_the_friction_that_sticking_needs_the_foot_slips_until_the_walker_stops_on_top():
+    branch = go.continuation(named(NAME), "friction", to=0.15)
+    change = branch.specials[0]
+    assert change.type == "mode_change"
+    assert change.value == pytest.approx(named(NAME).scalar("required_friction"), abs=1e-9)
+    assert str(change.after) == "stick, slip_backward, stick; stick"
+    slipping = [point.gait for point in branch.points if len(point.gait.phases) == 3]
+    periods = [gait.period for gait in slipping]
+    assert (np.diff(periods) > 0).all()
+    assert periods[-1] > 4
+    assert branch.points[-1].value == pytest.approx(0.15907, abs=1e-5)
+    assert all(gait.constraints.delta_squared is None for gait in slipping)
+    assert go.verify(slipping[20]).passed
