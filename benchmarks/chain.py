@@ -5,7 +5,8 @@ from typing import Any
 
 from casadi import cos, sin, vertcat
 
-from gaitopt.model.walker import Body, Mechanism, Walker, polar
+from gaitopt import Body, Mechanism, Walker
+from gaitopt.model.walker import polar
 
 
 def chain(links: int) -> type[Walker]:

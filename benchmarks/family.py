@@ -15,10 +15,10 @@ from plain import PlainCompass
 from timing import Row
 
 import gaitopt as go
+from gaitopt import Gait
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.gait.branch import BranchPoint
-from gaitopt.gait.gait import Gait
 
 NAME, START, END = "compass-passive-a", 0.165, 0.125
 """Three phases all the way, stable, no special point between."""

@@ -9,9 +9,8 @@ from chain import chain
 from reuse import solve_anew
 from timing import Row, compared
 
-from gaitopt import load_problem, solve
+from gaitopt import Mode, load_problem, solve
 from gaitopt.model.control import NoControl
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.solver.interval import shooting_step, stage_derivatives, step_derivatives
 from gaitopt.solver.newton import Solution

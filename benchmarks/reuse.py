@@ -5,10 +5,7 @@ import time
 import numpy as np
 from timing import Row
 
-from gaitopt import load_problem, solve
-from gaitopt.gait.gait import Gait
-from gaitopt.problem.problem import Problem
-from gaitopt.solver.following import Family
+from gaitopt import Family, Gait, Problem, load_problem, solve
 from gaitopt.solver.shooting import condition_derivatives, conditions, transcribe
 
 REBUILT = 10

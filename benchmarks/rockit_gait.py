@@ -6,10 +6,9 @@ import io
 import numpy as np
 from rockit import FreeTime, MultipleShooting, Ocp
 
+from gaitopt import Mode, Problem
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.problem.problem import Problem
 from gaitopt.solver.rollout import roll_out
 
 INTERVALS, SUBSTEPS = 20, 4

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from gaitopt import problem_schema
 from gaitopt.model.units import LARGEST, SMALLEST
-from gaitopt.problem.schema import problem_schema
 
 PAGE = Path(__file__).with_name("problem-keys.md")
 HEAD = """# Keys of the problem file

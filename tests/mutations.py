@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gaitopt.problem.problem import load_problem
-from gaitopt.problem.source import parse_source, problem_names
+from gaitopt import load_problem, problem_names
+from gaitopt.problem.source import parse_source
 
 VALUES = (
     None, True, False, "", "x", "stick", "slip_forward", "1 deg", "90 deg", "compass-passive-b", [], {}, [[]], [1],

@@ -2,10 +2,7 @@
 
 from functools import cache
 
-from gaitopt import solve, verify
-from gaitopt.gait.gait import Gait
-from gaitopt.problem.problem import load_problem
-from gaitopt.verification.verify import Verification
+from gaitopt import Gait, Verification, load_problem, solve, verify
 
 
 @cache

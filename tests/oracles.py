@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gaitopt import Mode, Walker
 from gaitopt.model.control import NoControl
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 

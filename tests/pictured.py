@@ -6,9 +6,7 @@ from pathlib import Path
 from named import named, verification
 from oracles import example
 
-from gaitopt import solve, verify
-from gaitopt.gait.gait import Gait
-from gaitopt.problem.problem import load_problem
+from gaitopt import Gait, load_problem, solve, verify
 
 TORSO = "docs/examples/torso-compass.yaml"
 SEQUENCES = ("compass-passive-a", "compass-passive-b", "compass-pd-impact-slip", "rimless-wheel-slip")

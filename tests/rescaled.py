@@ -3,7 +3,7 @@
 import numpy as np
 
 import gaitopt as go
-from gaitopt.gait.gait import Gait
+from gaitopt import Gait
 from gaitopt.gait.measures import measure_scales
 
 DIMENSIONS = {

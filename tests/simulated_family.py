@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from gaitopt.gait.gait import Gait, floquet_multipliers
+from gaitopt import Gait, Mode
+from gaitopt.gait.gait import floquet_multipliers
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap
 

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 from oracles import compass_oracle
 
-from gaitopt import load_problem, simulate, solve, verify
+from gaitopt import load_problem, parse_problem, simulate, solve, verify
 from gaitopt.cli import options
 from gaitopt.cli.main import main
 from gaitopt.model.transitions import Ending
-from gaitopt.problem.problem import parse_problem
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()

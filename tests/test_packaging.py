@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import gaitopt
-from gaitopt.problem.source import problem_names
+from gaitopt import problem_names
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -15,6 +15,7 @@ import pytest
 from named import named
 
 from gaitopt import (  # fmt: skip
+    Family,
     Mode,
     basin,
     continuation,
@@ -30,7 +31,6 @@ from gaitopt import (  # fmt: skip
     verify,
 )
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.solver.following import Family
 from gaitopt.workers.cluster import connected
 
 

@@ -15,12 +15,11 @@ from casadi import SX, Function, sin
 from named import named
 
 import gaitopt
-from gaitopt import Mode, load_problem, prove, return_map, simulate, solve, verify
+from gaitopt import Family, Mode, load_problem, prove, return_map, simulate, solve, verify
 from gaitopt.building import BUILDING, BUILT, building, built_once
 from gaitopt.cli.terminal import interruptible, listening
 from gaitopt.errors import StorageError
 from gaitopt.model.buffered import Buffers, buffered, buffered_map
-from gaitopt.solver.following import Family
 from gaitopt.store.lock import only_writer
 from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.cluster import METHOD, connected

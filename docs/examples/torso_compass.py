@@ -18,8 +18,9 @@ from typing import Annotated, Any, Self
 from casadi import cos, sin, vertcat
 from pydantic import Field, model_validator
 
+from gaitopt import Body, Mechanism, Walker
 from gaitopt.model.units import Angle, Positive
-from gaitopt.model.walker import Body, Mechanism, Walker, polar
+from gaitopt.model.walker import polar
 
 
 class TorsoCompass(Walker):

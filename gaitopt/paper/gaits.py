@@ -234,9 +234,7 @@ def rounded_torques(archive: Archive, name: str) -> list[go.Gait]:
 def copied_torques(gait: go.Gait) -> list[tuple[Array, Array]]:
     """Times (m,) [s] and torques (m, n_u) [N m] on every arc of a gait of a walker with as many motors as angles."""
     walker = gait.problem.walker
-    equations = go.equations_of_motion(type(walker))
-    shape = gait.system.n_shape
-    terms = Function("terms", [equations.z, equations.p], [equations.G[:shape], equations.E[:shape, :]])
+    terms = _gravity_and_motors(type(walker))
     fields = {name: getattr(walker, name) for name in type(walker).model_fields}
     sloping, level = list(fields.values()), list({**fields, "slope": 0.0}.values())
 

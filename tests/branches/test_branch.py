@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt import continuation
-from gaitopt.gait.branch import Branch
+from gaitopt import Branch, continuation
 
 
 @pytest.fixture(scope="module")

@@ -9,14 +9,11 @@ import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt import continuation
+from gaitopt import Branch, Cycle, Gait, Mode, Status, continuation
 from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
-from gaitopt.gait.gait import Gait, Status
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.modes import Mode
+from gaitopt.gait.branch import BranchPoint, SpecialPoint
 
 AGREEMENT = 1e-10
 STICK, FORWARD, BACKWARD = Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD

@@ -11,10 +11,8 @@ from scipy.optimize import minimize_scalar
 from simulated_family import SimulatedFamily
 
 import gaitopt as go
-from gaitopt import continuation
-from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.modes import Mode
+from gaitopt import Branch, Cycle, Mode, continuation
+from gaitopt.gait.branch import BranchPoint, SpecialPoint
 
 pytestmark = pytest.mark.portable
 

@@ -8,9 +8,8 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt import Gait, Mode
 from gaitopt.branches.monitors import MonitorKey, monitor_values
-from gaitopt.gait.gait import Gait
-from gaitopt.model.modes import Mode
 
 NAMES = ("rimless-wheel-stick", "rimless-wheel-slip", "compass-passive-stick", "compass-passive-a", "compass-passive-b")
 

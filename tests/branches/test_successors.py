@@ -2,10 +2,9 @@
 
 import pytest
 
+from gaitopt import Cycle, Mode, ModeSequence
 from gaitopt.branches.change import successors
 from gaitopt.branches.monitors import MonitorKey, MonitorValue
-from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
 

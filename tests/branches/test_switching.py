@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import gaitopt as go
-from gaitopt import continuation
+from gaitopt import Branch, Cycle, Gait, Mode, continuation
 from gaitopt.branches import continuation as walks
 from gaitopt.branches.change import in_turn
 from gaitopt.branches.continuation import follow_family, resumable
@@ -17,10 +17,8 @@ from gaitopt.branches.curve import Metric, curve_through
 from gaitopt.branches.request import Request
 from gaitopt.branches.switching import beginnings
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.branch import Branch, SpecialPoint, cascades
-from gaitopt.gait.gait import Gait, floquet_multipliers
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.modes import Mode
+from gaitopt.gait.branch import SpecialPoint, cascades
+from gaitopt.gait.gait import floquet_multipliers
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.rollout import retraced
 from gaitopt.store.gaits import special_point

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import cli
+from gaitopt import Verification, cli
 from gaitopt.api import progress as cli_progress
 from gaitopt.api import verbs
 from gaitopt.search import solve as solving
 from gaitopt.store.run import Run
-from gaitopt.verification.verify import Claim, Verification
+from gaitopt.verification.verify import Claim
 
 PROBLEM = "rimless-wheel-stick"
 INFEASIBLE = (PROBLEM, "--set", "friction=0.5")  # it needs 0.914 to stick

@@ -9,12 +9,10 @@ from pathlib import Path
 import pytest
 from named import named, verification
 
-from gaitopt import __version__
+from gaitopt import __version__, load_problem, problem_names
 from gaitopt.cli.main import main
 from gaitopt.cli.terminal import console
 from gaitopt.errors import printable
-from gaitopt.problem.problem import load_problem
-from gaitopt.problem.source import problem_names
 
 ATTACK = "\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f‮⁦ 한국 ñ\n\ttab"
 SHOWN = r"\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f\u202e\u2066 한국 ñ" + "\n\ttab"

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from gaitopt import solve, verify
+from gaitopt import load_problem, solve, verify
 from gaitopt.design.exact import EXTREMA, RADIUS
 from gaitopt.design.neighbourhood import neighbourhood
 from gaitopt.design.sensitivity import DifferentiatedCurve, Sensitivity
 from gaitopt.design.spectral_radius import circle_inequalities, modulus_gradient
 from gaitopt.design.sqp import WorkRemainder, quadratic_program
 from gaitopt.gait import curves
-from gaitopt.problem.problem import load_problem
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.newton import Solution, polish
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt import Status
 from gaitopt.design.smoothed import MISSED, PRESSING, conflicts
-from gaitopt.gait.gait import Status
 
 BOUND = ("control.ankle", 0.8)
 

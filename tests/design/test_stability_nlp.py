@@ -5,9 +5,8 @@ import pytest
 from casadi import MX, Function, jacobian
 from named import named
 
-from gaitopt import solve, verify
+from gaitopt import load_problem, solve, verify
 from gaitopt.design.spectral_radius import certified_radius, radius_gradient, smoothed_radius
-from gaitopt.problem.problem import load_problem
 from gaitopt.solver.assembly import solution_of
 
 MATRICES = {

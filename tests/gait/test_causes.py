@@ -2,10 +2,9 @@
 
 import pytest
 
-from gaitopt import solve
+from gaitopt import load_problem, solve
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Cause, describe_causes
-from gaitopt.problem.problem import load_problem
 
 STICK_NEEDS = 0.17491849133
 """Friction that sticking needs just after the impact, see test_continuation_specials."""

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from named import named
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.errors import SolveError
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.gait.trajectory import Arc, Step
-from gaitopt.model.modes import Mode
 
 
 def arc(mode: Mode, start: float, end: float, segment: int = 0) -> Arc:

@@ -12,19 +12,18 @@ from casadi import DM, MX, SX, cos, fabs, if_else, sqrt, vertcat
 from pydantic import Field, field_validator, model_validator
 
 import gaitopt as go
+from gaitopt import Body, Mechanism, Walker, check_walker, parse_problem
 from gaitopt.errors import ProblemError
-from gaitopt.model.checks import check_walker
 from gaitopt.model.control import NoControl
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import Positive
-from gaitopt.model.walker import Body, Damper, Mechanism, Walker
+from gaitopt.model.walker import Damper
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.push_off import PushOffCompass
 from gaitopt.model.walkers.slip_runner import SlipRunner
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
-from gaitopt.problem.problem import parse_problem
 
 PROBLEMS = {
     CompassBiped: "compass-torque-stick",

@@ -3,9 +3,8 @@
 import numpy as np
 from casadi import SX, Function, vertcat
 
+from gaitopt import Mode, load_problem
 from gaitopt.model.buffered import WIDTH, BufferedFunction, RowMap
-from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import load_problem
 from gaitopt.systems import build_system
 
 

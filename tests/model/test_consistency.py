@@ -9,12 +9,11 @@ from casadi import SX, vertcat
 from oracles import COMPASS, EXAMPLES, TORSO, WHEEL, TorsoCompass
 
 import gaitopt as go
+from gaitopt import Body, Mechanism, Walker, check_walker, parse_problem
 from gaitopt.errors import ProblemError
-from gaitopt.model.checks import check_walker
-from gaitopt.model.walker import Body, Mechanism, Walker, polar
+from gaitopt.model.walker import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.problem.problem import parse_problem
 
 
 class Altered(CompassBiped):

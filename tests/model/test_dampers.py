@@ -10,10 +10,9 @@ from named import named, verification
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
+from gaitopt import Mode, check_walker
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
-from gaitopt.model.checks import check_walker
-from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Damper
 from gaitopt.model.walkers.telescopic import TelescopicCompass
 from gaitopt.model.walkers.torso import TorsoWalker

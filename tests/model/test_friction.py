@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt import ImpactLaw, Mode
 from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ImpactLaw
-from gaitopt.model.modes import Mode
+from gaitopt.model.friction import COULOMB, STATIC_KINETIC
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.contact_resolver import ContactResolver

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
 
+from gaitopt import ImpactLaw, Mode
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import load_problem
+from gaitopt import Mode, load_problem
 from gaitopt.systems import build_system
 
 flint = pytest.importorskip("flint")

@@ -7,8 +7,7 @@ import pytest
 from casadi import SX, Function, vertcat
 from oracles import CASES, COMPASS, WHEEL, Case, differences, numbers
 
-from gaitopt.model.lagrangian import equations_of_motion
-from gaitopt.model.walker import Body, Mechanism, Walker
+from gaitopt import Body, Mechanism, Walker, equations_of_motion
 
 
 @pytest.fixture(params=CASES.values(), ids=CASES)

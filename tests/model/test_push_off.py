@@ -10,9 +10,9 @@ from oracles import compass_oracle
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
+from gaitopt import return_map
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.step_map import return_map
 
 NAME = "compass-push-off"
 W = np.eye(4)[2:]

@@ -8,9 +8,9 @@ from named import named, verification
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.gait.measures import observe
 from gaitopt.model.control import NoControl
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.round_feet import RoundFeetCompass
 

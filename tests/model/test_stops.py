@@ -7,14 +7,12 @@ import pytest
 from named import named, verification
 
 import gaitopt as go
+from gaitopt import Cycle, Mode, ModeSequence, return_map
 from gaitopt.model.control import NoControl
-from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.verification.step_map import return_map
 
 pytestmark = pytest.mark.portable
 

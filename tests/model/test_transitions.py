@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from gaitopt import Cycle, Mode
 from gaitopt.model.control import NoControl
-from gaitopt.model.cycle import Cycle
 from gaitopt.model.friction import STATIC_KINETIC
-from gaitopt.model.modes import Mode
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import FOOT, Ending, transitions

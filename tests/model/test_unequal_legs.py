@@ -9,16 +9,14 @@ from named import named, verification
 from scipy.integrate import solve_ivp
 
 import gaitopt as go
-from gaitopt.errors import GaitoptError, SolveError
-from gaitopt.model.checks import check_walker
+from gaitopt import GaitoptError, Walker, check_walker, return_map
+from gaitopt.errors import SolveError
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.assembly import solution_of
-from gaitopt.verification.step_map import return_map
 
 L, A, HIP, G, SLOPE = 1.6, 0.8, 2.0, 9.8, np.radians(1)
 """Length of the legs, distance of their masses from the feet and from the hip, hip mass, gravity, slope."""

@@ -7,12 +7,10 @@ import pytest
 from oracles import CASES, COMPASS, TORSO, WHEEL, TorsoCompass
 from pydantic import ValidationError
 
-from gaitopt.model.cycle import Cycle, ModeSequence
+from gaitopt import Cycle, Mode, ModeSequence, Walker
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.units import parse_angle
-from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 

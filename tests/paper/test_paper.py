@@ -10,10 +10,10 @@ import pytest
 from named import named
 
 import gaitopt
+from gaitopt import Gait
 from gaitopt.cli.main import main
 from gaitopt.cli.terminal import interruptible
 from gaitopt.errors import StorageError, UnknownNameError
-from gaitopt.gait.gait import Gait
 from gaitopt.paper import reproduction
 from gaitopt.paper.figures import FIGURES
 from gaitopt.paper.gaits import FAMILIES, SOURCES, Archive, copied_torques, family_of, mean_torques, problem_of

@@ -8,9 +8,8 @@ import pytest
 from mutations import mutated_numbers, mutated_texts
 
 import gaitopt as go
+from gaitopt import parse_problem, problem_names
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.problem.problem import parse_problem
-from gaitopt.problem.source import problem_names
 
 PLACE = re.compile(r"gait\.yaml:\d+:\d+")
 PASSIVE = tuple(

@@ -5,9 +5,9 @@ import re
 import pytest
 from named import named
 
+from gaitopt import Cycle, load_problem, parse_problem
 from gaitopt.errors import ProblemError
-from gaitopt.model.cycle import Cycle
-from gaitopt.problem.problem import load_problem, parse_problem, restore_problem
+from gaitopt.problem.problem import restore_problem
 from gaitopt.problem.statement import OpenSequence
 
 WHEEL = """

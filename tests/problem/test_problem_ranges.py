@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 import gaitopt as go
+from gaitopt import parse_problem, problem_schema
 from gaitopt.errors import ProblemError
-from gaitopt.problem.problem import parse_problem
-from gaitopt.problem.schema import problem_schema
 
 TORQUE, PASSIVE, PD, CURVE = (
     "compass-torque-efficient",

@@ -5,10 +5,9 @@ import re
 
 import pytest
 
+from gaitopt import load_problem, problem_names, problem_schema
 from gaitopt.model.registry import registered_walkers
-from gaitopt.problem.problem import load_problem
-from gaitopt.problem.schema import problem_schema
-from gaitopt.problem.source import parse_source, problem_names
+from gaitopt.problem.source import parse_source
 
 TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "null": type(None)}
 LIMITS = {

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from gaitopt import load_problem, parse_problem
 from gaitopt.errors import ProblemError
-from gaitopt.problem.problem import load_problem, parse_problem
 from gaitopt.problem.source import MAX_BYTES, MAX_DEPTH, MAX_VALUES, parse_source, parse_value
 
 BOMB = "a: &a [x, x]\n" + "".join(f"{name}: &{name} [*{of}, *{of}]\n" for of, name in ("ab", "bc", "cd", "de"))

@@ -10,9 +10,9 @@ from casadi import SX, Function, fabs, jacobian, sin, vertcat
 flint = pytest.importorskip("flint")
 from flint import acb, arb, arb_mat, ctx  # noqa: E402
 
-from gaitopt import load_problem  # noqa: E402
+from gaitopt import Mode, load_problem  # noqa: E402
 from gaitopt.model.control import NoControl  # noqa: E402
-from gaitopt.model.modes import CONTACTS, Mode  # noqa: E402
+from gaitopt.model.modes import CONTACTS  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
 from gaitopt.proof import taylor  # noqa: E402

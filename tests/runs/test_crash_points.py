@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from crash_points import KILLED, CrashPoint
 
+from gaitopt import load_problem
 from gaitopt.cli.main import main
-from gaitopt.problem.problem import load_problem
 from gaitopt.store.formats import Table
 from gaitopt.store.run import Run
 

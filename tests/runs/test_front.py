@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import load_run
+from gaitopt import load_problem, load_run, parse_problem
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.problem.problem import load_problem, parse_problem
 from gaitopt.runs import jobs as solved
 from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import pytest
 
+from gaitopt import load_problem
 from gaitopt.errors import StorageError
-from gaitopt.problem.problem import load_problem
 from gaitopt.runs.jobs import ResultFile
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, ResumableJobs, Workers

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import load_run
+from gaitopt import load_problem, load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.problem.problem import load_problem
 from gaitopt.runs import jobs as study
 from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis, Grid, axis_of, check_room

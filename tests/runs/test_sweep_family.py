@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from named import named
 
-from gaitopt import solve, verify
-from gaitopt.gait.gait import Status
-from gaitopt.problem.problem import load_problem
-from gaitopt.solver.following import Family
+from gaitopt import Family, Status, load_problem, solve, verify
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from gaitopt import explain, solve
-from gaitopt.problem.problem import load_problem
+from gaitopt import explain, load_problem, solve
 from gaitopt.search.explain import begin_of_sequence, end_of_family
 
 TANGENT = math.tan(math.radians(13))

@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitopt import find, solve
+from gaitopt import Status, find, load_problem, solve
 from gaitopt.errors import UnknownNameError
-from gaitopt.gait.gait import Status
-from gaitopt.problem.problem import load_problem
 from gaitopt.search.candidates import SearchJob, find_candidates, start_box
 from gaitopt.search.find import SearchPlan, family_jobs, gaits_of, with_open_modes
 from gaitopt.systems import problem_dynamics

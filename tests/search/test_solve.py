@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gaitopt import Gait, load_problem, solve, sweep
+from gaitopt import Gait, Problem, load_problem, parse_problem, solve, sweep
 from gaitopt.api.stored import save
-from gaitopt.problem.problem import Problem, parse_problem, restore_problem
+from gaitopt.problem.problem import restore_problem
 from gaitopt.runs.jobs import problem_job, solve_job
 from gaitopt.runs.results import restore_gait
 from gaitopt.workers.jobs import Workers, run_jobs

@@ -10,11 +10,9 @@ import pytest
 from matplotlib.contour import ContourSet
 from pictured import SEQUENCES, TORSO, branch, gait
 
+from gaitopt import Mode, Sweep, load_problem
 from gaitopt.gait.trajectory import Step
-from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
-from gaitopt.runs.sweep import Sweep
 from gaitopt.show.branches import UNSTABLE, multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.catalogue import BRANCH_FIGURES, branch_figures, figures_of
 from gaitopt.show.grids import front_figure, pareto_front, sweep

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from pictured import branch, gait
 
-from gaitopt.gait.gait import Status
+from gaitopt import Status
 from gaitopt.show.pages import branch_report, comparison_report, words
 
 

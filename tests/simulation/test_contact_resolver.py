@@ -7,11 +7,11 @@ import pytest
 from casadi import DM, SX, Function
 from numpy.typing import NDArray
 
+from gaitopt import ImpactLaw, Mode
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped

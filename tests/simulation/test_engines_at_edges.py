@@ -11,9 +11,10 @@ pytest.importorskip("heyoka")
 
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel

@@ -9,15 +9,14 @@ pytest.importorskip("heyoka")
 
 from named import named
 
-from gaitopt import return_map
+from gaitopt import Mode, load_problem, return_map
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.control import Control, NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.heyoka_batch import BatchResolver, BatchSimulator
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.outcomes import ENDINGS, max_phases, phase_code, phase_names

@@ -7,8 +7,8 @@ from casadi import SX, Function
 
 hy = pytest.importorskip("heyoka")
 
+from gaitopt import load_problem  # noqa: E402
 from gaitopt.model.modes import CONTACTS  # noqa: E402
-from gaitopt.problem.problem import load_problem  # noqa: E402
 from gaitopt.simulation.heyoka_code import (  # noqa: E402
     BINARY,
     UNARY,

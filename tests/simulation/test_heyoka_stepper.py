@@ -10,13 +10,10 @@ pytest.importorskip("heyoka")
 
 from named import named
 
-from gaitopt import verify
+from gaitopt import Mode, load_problem, problem_names, verify
 from gaitopt.errors import UnknownNameError
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
-from gaitopt.problem.problem import load_problem
-from gaitopt.problem.source import problem_names
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.scipy_stepper import ScipyStepper

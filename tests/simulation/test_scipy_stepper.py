@@ -8,12 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
+from gaitopt import Mechanism, Mode
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
-from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation import scipy_stepper
 from gaitopt.simulation.engine import Stepper

@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad
 
+from gaitopt import Mode
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel

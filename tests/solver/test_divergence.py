@@ -7,11 +7,10 @@ import pytest
 from named import named
 from numpy.typing import NDArray
 
+from gaitopt import Family, Gait
 from gaitopt.branches.curve import Curve, Metric
 from gaitopt.design.spectral_radius import certified_radius
-from gaitopt.gait.gait import Gait
 from gaitopt.solver.assembly import solution_of
-from gaitopt.solver.following import Family
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.solver.sparse import Pattern, ScaledMatrix, SparseMatrix

@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 from casadi import MX, Function, asin, jacobian, sin, vertcat
 
-from gaitopt import solve
+from gaitopt import Cycle, Mechanism, Mode, load_problem, solve
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.model.control import NoControl
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.problem.problem import load_problem
 from gaitopt.solver.mesh import mesh_of
 from gaitopt.solver.shooting import MultipleShooting
 

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from gaitopt import solve
-from gaitopt.gait.gait import Status
+from gaitopt import Mode, Status, load_problem, solve
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
-from gaitopt.problem.problem import load_problem
 from gaitopt.solver.open_modes import Complementarity, Proposal, shapes_before, swing
 from gaitopt.systems import build_system
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt import Cycle, Mode
 from gaitopt.model.control import NoControl
-from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS
 from gaitopt.model.walkers.compass_biped import CompassBiped

@@ -9,9 +9,8 @@ import time
 
 import pytest
 
-from gaitopt import load_run
+from gaitopt import load_problem, load_run
 from gaitopt.errors import StorageError
-from gaitopt.problem.problem import load_problem
 from gaitopt.store import lock
 from gaitopt.store.lock import LOCK_FILE, only_writer
 from gaitopt.store.run import Run

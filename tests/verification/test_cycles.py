@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import gaitopt as go
+from gaitopt import Cycle, Mode, ModeSequence
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.modes import Mode
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap
 

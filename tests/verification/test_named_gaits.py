@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 import gaitopt as go
+from gaitopt import Mode
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.model.modes import Mode
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import FixedPoint, ReturnMap
 

@@ -8,8 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 import gaitopt as go
+from gaitopt import Gait
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
+from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.transitions import Ending
 from gaitopt.simulation.simulator import Simulator
 

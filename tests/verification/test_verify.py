@@ -10,11 +10,9 @@ from named import named
 from numpy.typing import NDArray
 
 import gaitopt as go
+from gaitopt import Cycle, Gait, Mode
 from gaitopt.errors import SolveError
-from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc, ImpactRecord
-from gaitopt.model.cycle import Cycle
-from gaitopt.model.modes import Mode
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import CycleOutcome, FixedPoint, ReturnMap
 from gaitopt.verification.verify import LINEARITY, MULTIPLIER_AGREEMENT, Outcome, perturbation_claim, record_claims

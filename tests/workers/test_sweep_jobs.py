@@ -13,8 +13,8 @@ import psutil
 import pytest
 from worker_tasks import refuse, work
 
+from gaitopt import load_problem
 from gaitopt.errors import UnknownNameError
-from gaitopt.problem.problem import load_problem
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.runs.jobs import SOLVED
 from gaitopt.runs.sweep import TABLE_FILE, SweepPlan
