@@ -172,8 +172,11 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
                     continue
                 if _is_continuous(point, successor, offset, jumps=key.kind == BREAKPOINT):
                     return successor, reason, FIRST_STEPS * distance
-    if point.gait.dynamics.friction_drops and candidates:
-        reason = f"{reason}, and the return map jumps: static friction is above kinetic friction"
+    dynamics = point.gait.dynamics
+    if dynamics.stick_comes_first and candidates:
+        jump = "static friction is above kinetic friction"
+        jump = jump if dynamics.friction_drops else "a slipping impact has no friction"
+        reason = f"{reason}, and the return map jumps: {jump}"
     tried = " or ".join(map(str, candidates)) or "none"
     return None, f"{reason}; no mode sequence goes on from here (tried {tried})", 0.0
 
@@ -290,10 +293,10 @@ def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dyna
 def _is_continuous(point: CurvePoint, successor: CurvePoint, offset: float, *, jumps: bool) -> bool:
     """Whether the successor tends to the gait at the event as the parameter does.
 
-    Where friction drops at the onset of slip, or a torque ``jumps``, the return map may jump at an event. A gait beyond
-    the jump does not belong to this family, however near it lies.
+    Where friction drops at the onset of slip or in a slipping impact, or a torque ``jumps``, the return map may jump at
+    an event. A gait beyond the jump does not belong to this family, however near it lies.
     """
-    if not (point.gait.dynamics.friction_drops or jumps):
+    if not (point.gait.dynamics.stick_comes_first or jumps):
         return True
     closer = _attempt(point, successor.curve.cycle, offset * CLOSER)
     if closer is None:

@@ -133,8 +133,8 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     for phase, mode in cycle.resets:
         place, last_arc = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, phases[phase][-1]
         for kind, value in last_arc.dynamics.impact_margins(mode, last_arc.states[-1]).items():
-            # a grazing touchdown is also a second touchdown; equal coefficients leave no doubt about an onset
-            if kind != "touchdown_rate" and (drops or kind != "impact_onset"):
+            # a grazing touchdown is also a second touchdown; without a jump the slip velocity decides about an onset
+            if kind != "touchdown_rate" and (gait.dynamics.stick_comes_first or kind != "impact_onset"):
                 values[MonitorKey(kind, **place)] = MonitorValue(float(value) / margin_unit(kind, scales))
     return values
 

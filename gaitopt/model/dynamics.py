@@ -19,6 +19,7 @@ import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays, read_only
 from gaitopt.model.buffered import buffered, buffered_map
+from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin_unit
@@ -81,6 +82,14 @@ class Dynamics(ReadOnlyArrays):
         """Whether friction drops when a contact begins to slip: static above kinetic."""
         coefficients = self.system.contact_coefficients(self.p).values()
         return any(bool(static > kinetic) for static, kinetic, _ in coefficients)
+
+    @property
+    def stick_comes_first(self) -> bool:
+        """Whether an impact sticks if sticking and slipping are both consistent; the return map then jumps at an edge.
+
+        That is so with two coefficients of friction, and where a slipping impact has no friction.
+        """
+        return self.system.law is ImpactLaw.FRICTIONLESS or self.friction_drops
 
     @cached_property
     def scales(self) -> Scales:

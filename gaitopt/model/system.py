@@ -56,7 +56,7 @@ class Expressions:
         self._impacts: dict[Mode, Impact] = {}
         self._torques: dict[tuple[str, Mode | None], SX] = {}
 
-        self.transitions = transitions(walker, friction)
+        self.transitions = transitions(walker, friction, law)
         self._static, self._kinetic, self._viscous = friction.coefficients(coefficients)
         BUILT.watch(vars(self))
 

@@ -17,7 +17,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from gaitopt.model.cycle import BREAKPOINT, Cycle
-from gaitopt.model.friction import COULOMB, Friction
+from gaitopt.model.friction import COULOMB, Friction, ImpactLaw
 from gaitopt.model.modes import FOOT, NEXT_STATE, Mode
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
@@ -290,6 +290,7 @@ class Transitions:
     ----------
     walker : the class of the walker.
     friction : the friction law of its feet.
+    law : tangential law of its slipping impacts.
 
     Attributes
     ----------
@@ -298,8 +299,8 @@ class Transitions:
     unloaded : margins that are zero where a foot lands and where it takes off: ``GROUND_FORCES`` of massless feet.
     """
 
-    def __init__(self, walker: type[Walker], friction: Friction) -> None:
-        self.walker, self._friction = walker, friction
+    def __init__(self, walker: type[Walker], friction: Friction, law: ImpactLaw) -> None:
+        self.walker, self._friction, self._law = walker, friction, law
         self.modes = walker.modes()
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
@@ -461,7 +462,8 @@ class Transitions:
                 self._row("impact_slip_velocity", at_rest=(FOOT,), candidates=(stick,)),
                 self._row("impact_painleve"),
             ]
-        if mode.slips and self._friction.may_drop:
+        # with one coefficient and one law for both, this margin has the sign of the slip velocity
+        if mode.slips and (self._friction.may_drop or (self._law is ImpactLaw.FRICTIONLESS and not of_stop)):
             rows.append(self._row("impact_onset", at_rest=(FOOT,), candidates=(stick,)))
         if walker.pushes and not of_stop:
             rows += map(self._row, PUSH)
@@ -500,6 +502,6 @@ class Transitions:
 
 
 @lru_cache(maxsize=64)
-def transitions(walker: type[Walker], friction: Friction = COULOMB) -> Transitions:
-    """The table of a walker under a friction law."""
-    return Transitions(walker, friction)
+def transitions(walker: type[Walker], friction: Friction = COULOMB, law: ImpactLaw = ImpactLaw.COULOMB) -> Transitions:
+    """The table of a walker under a friction law and a law of slipping impacts."""
+    return Transitions(walker, friction, law)

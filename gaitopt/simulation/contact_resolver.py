@@ -27,7 +27,6 @@ from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CANNOT_SLIP, CONE, Ending, Transition, grounded
 from gaitopt.simulation.events import EDGE, LOOK_AHEAD, Point, bends_decide, falls_at_start
@@ -78,7 +77,7 @@ class ContactResolver:
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self._system, self._natural = dynamics, dynamics.system, NaturalDynamics(dynamics)
         self._friction = dynamics.static_friction
-        self._stick_first = stick_comes_first(dynamics)
+        self._stick_first = dynamics.stick_comes_first
         table = dynamics.system.transitions
         stuck = table.margin_names(Mode.STICK)
         self._normal_force, self._cone = stuck.index("normal_force"), {m: stuck.index(CONE[m]) for m in CONE}
@@ -229,8 +228,3 @@ def is_consistent_impact(mode: Mode, f_t: Any, f_n: Any, slip_velocity: Any, fri
 def comes_down(approach: Any, speed: float) -> Any:
     """Whether the swing foot moves towards the ground, in units of ``speed``; a float, or an array."""
     return approach < -EDGE * speed
-
-
-def stick_comes_first(dynamics: Dynamics) -> bool:
-    """Whether an impact sticks if sticking and slipping are both consistent, as with two coefficients of friction."""
-    return dynamics.system.law is ImpactLaw.FRICTIONLESS or dynamics.friction_drops

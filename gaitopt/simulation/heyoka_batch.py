@@ -30,7 +30,6 @@ from gaitopt.simulation.contact_resolver import (
     is_at_edge,
     is_consistent_impact,
     is_within_cone,
-    stick_comes_first,
 )
 from gaitopt.simulation.engine import MAX_ARC_STEPS
 from gaitopt.simulation.events import (
@@ -218,7 +217,7 @@ class BatchResolver:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._system, self._natural = dynamics.system, NaturalDynamics(dynamics)
-        self._friction, self._stick_first = dynamics.static_friction, stick_comes_first(dynamics)
+        self._friction, self._stick_first = dynamics.static_friction, dynamics.stick_comes_first
         self._one_by_one = ContactResolver(dynamics)
         system, p = dynamics.system, dynamics.p
         self._modes, self._data = system.walker.modes(), _segment_data(dynamics)

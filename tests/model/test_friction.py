@@ -225,3 +225,18 @@ def test_the_commands_know_both_coefficients(run, empty_folder):
     code, out, _ = run("show", name)
     assert code == 0
     assert "friction.static" in out
+
+
+def test_a_frictionless_impact_slips_only_where_sticking_needs_more_friction_than_there_is():
+    problem = go.load_problem("compass-torque-impact-slip").replace({"impact_law": "frictionless"})
+    branch = go.continuation(go.solve(problem), "friction", 0.3)
+    end = branch.specials[-1]
+    assert (end.type, end.status) == ("end", "converged")
+    assert end.reason.startswith("static friction holds the impact: it can no longer slip, and the return map jumps")
+    assert end.gait.measures["impulse_ratio"] == pytest.approx(end.value, rel=1e-9)
+    for factor, mode in ((1 - 1e-6, Mode.SLIP_FORWARD), (1 + 1e-6, Mode.STICK)):
+        dynamics = end.gait.dynamics.at({"friction": factor * end.value})
+        assert Simulator(dynamics).step(end.gait.state).step.impact.mode is mode
+    assert go.verify(branch.points[-1].gait).passed
+    beyond = go.solve(problem.replace({"friction": 0.29}))
+    assert (beyond.status, "impact_onset" in [cause.what for cause in beyond.causes]) == ("infeasible", True)
