@@ -51,6 +51,7 @@ from gaitopt.runs.basin import Basin as Basin
 from gaitopt.runs.front import Front as Front
 from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
+from gaitopt.show.robots import robot_description as robot_description
 from gaitopt.show.style import figure_style as figure_style
 from gaitopt.solver.following import Family as Family
 from gaitopt.solver.program import NonlinearProgram as NonlinearProgram

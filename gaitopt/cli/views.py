@@ -34,11 +34,35 @@ def list_problems(terminal: Terminal) -> int:
     return 0
 
 
-def show(terminal: Terminal, problem: ProblemArgument, changes: SetOption = None) -> int:
-    """Print a problem in SI units, with all defaults."""
+class RobotFormat(StrEnum):
+    """Formats of a robot for other programs."""
+
+    URDF = "urdf"
+    MJCF = "mjcf"
+
+
+def show(
+    terminal: Terminal,
+    problem: ProblemArgument,
+    changes: SetOption = None,
+    robot: Annotated[
+        RobotFormat | None,
+        typer.Option("--format", help="Print the walker's links as a file for other programs instead."),
+    ] = None,
+) -> int:
+    """Print a problem in SI units, with all defaults; or its walker as URDF or MJCF (MuJoCo)."""
     from gaitopt.show.tables import print_problem
 
     loaded = load(problem, changes)
+    if robot is not None:
+        from gaitopt.show.robots import robot_description
+
+        text = robot_description(loaded.walker, robot.value)
+        terminal.show(
+            {"format": robot.value, "text": text},
+            lambda console, _: console.print(text, markup=False, highlight=False, soft_wrap=True, end=""),
+        )
+        return 0
     if terminal.json:
         terminal.print_json({**loaded.resolved(), "hash": loaded.digest})
     else:

@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import pairwise
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, NoReturn, cast
 from xml.parsers import expat
@@ -25,7 +24,7 @@ from pydantic import Field
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.declaration import NAME, NAME_WORDS
-from gaitopt.model.links import Link, difference
+from gaitopt.model.links import SAME, Link
 from gaitopt.model.units import Inertia, Positive, Slope
 from gaitopt.model.walker import Walker
 
@@ -404,33 +403,61 @@ class _Reader:
             self.refuse(self._links[self.feet[1]], f"and {self.feet[0]} are feet of one rigid body, {stance.name}")
         made = list(dict.fromkeys(bodies.values()))
         chains = [_carriers(stance), _carriers(swing)]
-        shared = [body for body in chains[0] if body in chains[1]]
-        legs = [[body for body in chain if body not in shared] for chain in chains]
-        if len(legs[0]) != len(legs[1]) or not legs[0]:
-            chosen = [" - ".join(body.name for body in leg) or "no link of its own" for leg in legs]
-            words = f"{chosen[0]} and {chosen[1]}; both need the same number of links"
-            self.refuse(self._links[self.feet[1]], f"is the foot of a leg unlike the other one: {words}")
-        ends = {stance: first, swing: second} | {upper: lower.origin for leg in legs for lower, upper in pairwise(leg)}
+        top = next(body for body in chains[0] if body in chains[1])
+        chains = [chain[: chain.index(top)] for chain in chains]
+        way = [*chains[0], top, *chains[1][::-1]]
+        legs = [way[: len(way) // 2], way[::-1][: len(way) // 2]]
+        hips, ends, tops = list[Array](), dict[Body, Array](), dict[Body, Array]()
+        for leg, end, path in zip(legs, (first, second), (way, way[::-1]), strict=True):
+            for body, above in zip(leg, path[1:], strict=False):
+                ends[body], end = end, (body if body.parent is above else above).origin
+                tops[body] = end
+            hips.append(end)
         flips = dict[Body, float]()
         for body in sorted(made, key=lambda body: len(_carriers(body))):
             flips[body] = 1.0 if body.parent is None else flips[body.parent]
-            if body in legs[0] or body in legs[1]:
-                up = float(body.origin[1] - ends[body][1])
+            if body in ends:
+                up = float(tops[body][1] - ends[body][1])
                 flips[body] = flips[body] if up == 0 else math.copysign(1.0, up)
-        others = [body for body in made if body not in legs[0] and body not in legs[1]]
+                body.origin = tops[body] if body.parent is None else body.origin
         radii = {stance: feet[0][2], swing: feet[1][2]}
+        self._check_alike(legs, hips, tops, ends, flips, radii)
+        others = [body for body in made if body not in ends]
         links = tuple(
             self._link(body, flips, ends.get(body), body in radii, radii.get(body, 0.0))
             for body in (*others, *legs[0][::-1], *legs[1][::-1])
         )
         by_name = {link.name: link for link in links}
-        for one, other in zip(*legs, strict=True):
-            unlike = difference(by_name[one.name], by_name[other.name])
-            if unlike is not None:
-                values = " and ".join(_words(getattr(by_name[body.name], unlike)) for body in (other, one))
-                words = f"is unlike link {one.name}: {unlike} {values}; both legs must be alike"
-                self.refuse(self._links[other.name], words)
         return links, {**_posture(legs[0], by_name, -SPREAD), **_posture(legs[1], by_name, SPREAD)}
+
+    def _check_alike(
+        self,
+        legs: list[list[Body]],
+        hips: list[Array],
+        tops: Mapping[Body, Array],
+        ends: Mapping[Body, Array],
+        flips: Mapping[Body, float],
+        radii: Mapping[Body, float],
+    ) -> None:
+        """Refuse legs that differ: in the plane, from the foot up to the hip, each link from its upper joint."""
+        for one, other in zip(*legs, strict=True):
+            stated = [
+                {
+                    "mass": body.mass,
+                    "inertia": body.inertia,
+                    "centre of mass": _point(flips[body] * (body.moment / body.mass - tops[body])),
+                    "lower end": _point(flips[body] * (ends[body] - tops[body])),
+                    "radius of the foot": radii.get(body, 0.0),
+                }
+                for body in (other, one)
+            ]
+            for what, value in stated[0].items():
+                if np.abs(np.subtract(value, stated[1][what])).max() > SAME * max(1.0, np.abs(value).max()):
+                    words = f"is unlike link {one.name}: {what} {_words(value)} and {_words(stated[1][what])}"
+                    self.refuse(self._links[other.name], f"{words}; both legs must be alike")
+        if np.abs(hips[0] - hips[1]).max() > SAME:
+            words = f"the hip of {legs[1][-1].name} at {_vector(hips[1])} m is not that of {legs[0][-1].name}"
+            self.refuse(self._links[self.feet[1]], f"{words}, {_vector(hips[0])} m: they must be one from the side")
 
     def _link(self, body: Body, flips: Mapping[Body, float], end: Array | None, foot: bool, radius: float) -> Link:
         """A body as a link, whose frame is the pose of the file, or that pose upside down."""

@@ -227,8 +227,11 @@ def test_what_is_no_planar_robot_is_refused_with_file_line_and_name(old: str, ne
         (("stance_foot", "swing_fot"), r"has no link 'swing_fot', which feet names; did you mean swing_foot\?"),
         (("stance_foot", "nothing"), r"has no link 'nothing', which feet names; links: torso, "),
         (("stance_foot", "stance_shin"), "link stance_shin: and stance_foot are feet of one rigid body, stance_shin"),
-        (("stance_foot", "swing_thigh"), "link swing_thigh: is the foot of a leg unlike the other one"),
-        (("stance_foot", "torso"), "link torso: is the foot of a leg unlike the other one: .* and no link of its own"),
+        (
+            ("stance_foot", "swing_thigh"),
+            "link swing_thigh: is unlike link stance_shin: mass 6.8 and 3.2; both legs",
+        ),
+        (("stance_foot", "torso"), "link torso: is unlike link stance_shin: mass 12 and 3.2; both legs must be alike"),
     ],
 )
 def test_feet_that_are_no_feet_are_refused(names: tuple[str, str], words: str) -> None:

@@ -66,7 +66,7 @@ class RoundFeetCompass(Walker):
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
-        """Both legs, each as far as the centre of its arc, and the mass at the hip."""
+        """Both legs, each as far as the centre of its arc, with half of the mass at the hip."""
         legs = {
             "tip": (0, -p.leg_length),
             "foot": True,
@@ -78,7 +78,8 @@ class RoundFeetCompass(Walker):
         return (
             Link(name="stance_leg", parent="swing_leg", joint="hip", angle=q.theta1, **legs),
             Link(name="swing_leg", angle=-q.theta2, **legs),
-            Link(name="hip_mass", parent="stance_leg", angle=q.theta1, mass=p.hip_mass),
+            Link(name="stance_hip", parent="stance_leg", angle=q.theta1, mass=p.hip_mass / 2),
+            Link(name="swing_hip", parent="swing_leg", angle=-q.theta2, mass=p.hip_mass / 2),
         )
 
     @staticmethod

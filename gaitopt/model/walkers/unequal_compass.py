@@ -39,6 +39,6 @@ class UnequalCompass(CompassBiped):
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
         """The compass, with another mass on the leg that swings."""
-        stance, swing, hip = super().links(q, p)
+        stance, swing, *hips = super().links(q, p)
         other = replace(swing, mass=p.other_leg_mass, com=(0, p.other_leg_com - p.leg_length))
-        return stance, other, hip
+        return stance, other, *hips
