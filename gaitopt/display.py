@@ -22,6 +22,11 @@ FRAME_HEIGHT = 620
 """Height of a page inside a notebook [pixels]."""
 
 
+def counted(n: int, noun: str) -> str:
+    """A number and its noun, "1 gait" or "2 gaits"."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 @dataclass(frozen=True, slots=True)
 class Page:
     """One HTML page that needs no network: a notebook shows it, ``save`` writes it to a file."""

@@ -16,6 +16,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from gaitopt.display import counted
+
 SOLVED = 1e-10
 """Violation at which the bar is full."""
 LINE_EVERY = 5.0
@@ -81,7 +83,7 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
 def value_progress(console: Console, what: str, parameter: str) -> Iterator[Callable[[int, float], None]]:
     """Yield a callback that shows the number of gaits and the parameter beside a clock."""
     with word_progress(console, what) as say:
-        yield lambda n, value: say(f"{n} gaits, {parameter} = {value:.6g}")
+        yield lambda n, value: say(f"{counted(n, 'gait')}, {parameter} = {value:.6g}")
 
 
 @contextmanager

@@ -8,6 +8,7 @@ The library alone has what takes functions or arrays: ``events`` of ``continuati
 ``check_walker`` and ``equations_of_motion``.
 """
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -28,7 +29,7 @@ from gaitopt.api.progress import (
 )
 from gaitopt.api.stored import compared, save, stored_gait
 from gaitopt.callbacks import Stop
-from gaitopt.errors import ProblemError, SolveError, StorageError, UnknownNameError
+from gaitopt.errors import GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait, Method, method_of
 from gaitopt.model.control import Control
@@ -269,7 +270,8 @@ def find(
     steps : maximum number of steps of a cycle; None for that of the problem.
     starts : number of start states of the search by simulation.
     seed : of the samples.
-    within : range of the start states by name of a section coordinate, in place of the walker's default.
+    within : range of the start states by name of a section coordinate, which then stays as it is; the other ranges
+        are the walker's first, and then surround the gaits that are known.
     workers : number of processes; None for one per core.
     scheduler : address of an existing Dask scheduler that runs the search instead, ``tcp://host:8786``.
     output : run folder in which the finished parts of the search are kept; True for that of the problem with an open
@@ -287,6 +289,11 @@ def find(
         If ``within`` names something that is no section coordinate.
     StorageError
         If the folder belongs to something else or cannot be written.
+
+    Warns
+    -----
+    GaitoptWarning
+        If gaits lie near the wall of the last box of start states, or outside of it.
     """
     unknown = with_open_modes(_loaded(problem))
     unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
@@ -294,11 +301,15 @@ def find(
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
     with shown(progress, job_progress, "parts of the search") as show:
         if folder is None:
-            return search(plan, ResumableJobs(workers=processes, progress=show, should_stop=should_stop))
-        from gaitopt.runs.jobs import FindPlan
+            gaits = search(plan, ResumableJobs(workers=processes, progress=show, should_stop=should_stop))
+        else:
+            from gaitopt.runs.jobs import FindPlan
 
-        kept = FindPlan(problem=plan.problem, search=plan, folder=folder)
-        return kept.complete(processes, progress=show, should_stop=should_stop)
+            kept = FindPlan(problem=plan.problem, search=plan, folder=folder)
+            gaits = kept.complete(processes, progress=show, should_stop=should_stop)
+    for sentence in gaits.searched["warnings"]:
+        warnings.warn(sentence, GaitoptWarning, stacklevel=2)
+    return gaits
 
 
 def explain(

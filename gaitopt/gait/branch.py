@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gaitopt.arrays import Array, ReadOnlyArrays
-from gaitopt.display import Reported
+from gaitopt.display import Reported, counted
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import (
@@ -224,7 +224,7 @@ class Branch(Reported):
         if not self.points:
             return f"<Branch over {self.parameter}: no points>"
         low, high = self.values.min(), self.values.max()
-        counts = f"{len(self)} points, {len(self.specials)} special points"
+        counts = f"{counted(len(self), 'point')}, {counted(len(self.specials), 'special point')}"
         return (
             f"<Branch {self.points[0].gait.problem.name} over {self.parameter} from {low:.6g} to {high:.6g}: {counts}>"
         )

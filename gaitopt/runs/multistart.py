@@ -12,6 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from gaitopt.display import counted
 from gaitopt.gait.records import SolvedRecord, is_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.runs.grid import check_jobs_fit
@@ -44,7 +45,7 @@ class Optimum:
     starts: tuple[int, ...]
 
     def __repr__(self) -> str:
-        words = f"period {self.record['period']:.6g} s, radius {self.radius:.4g}, {len(self.starts)} starts"
+        words = f"period {self.record['period']:.6g} s, radius {self.radius:.4g}, {counted(len(self.starts), 'start')}"
         return f"<Optimum {self.problem.name}: objective {self.objective:.9g}, {words}>"
 
     @property

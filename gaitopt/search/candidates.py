@@ -14,6 +14,7 @@ Three searches propose them:
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import ceil, floor, log10
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap, step_map
 
 Phases = tuple[tuple[Mode, float], ...]
+Within = Mapping[str, tuple[float, float]]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
@@ -45,6 +47,13 @@ RATE_OF_FLIGHT = 2.0
 """Half width of rates for walkers that fly, which come down from some height."""
 SMALLEST_SCALE = 0.3
 """Smallest size of the sampled boxes relative to the default box: walkers make small steps too."""
+FASTEST = 5.0
+"""Bound of the rates and slip velocities of a box that grows, in natural units; a running person reaches three."""
+MARGIN, SMALLEST_MARGIN = 0.5, 5e-3
+"""Distance of a box from the gaits that it surrounds, relative to their largest angle or rate, and at least, in natural
+units."""
+WALL = 0.1
+"""Distance from the wall of a box, relative to its width, below which a state lies near the wall."""
 SHORTEST_STEP = 0.05
 """Minimum period of a step in natural units; two feet that rest side by side solve the equations with period 0."""
 SAME = 1e-3
@@ -55,7 +64,8 @@ TYPICAL_PERIOD = 1.7
 WALK = 8
 """Steps of a walk that is searched for near-returns."""
 TRIES = 40
-"""Maximum number of starts of Newton's method per job, from the closest near-returns."""
+"""Maximum number of starts of Newton's method per job: from the closest near-returns, then from the starts of the walks
+that return, which lead to unstable gaits too."""
 WALKS, GUESSES = 250, 4
 """Number of start states of a simulation job, and of guesses of a complementarity job."""
 
@@ -69,6 +79,7 @@ MAX_POINTS = 150
 class StartBox:
     """Range of the start states by section coordinate; chosen by the user, or the walker's ``default``."""
 
+    names: tuple[str, ...]
     lower: Array
     upper: Array
     default: bool
@@ -77,6 +88,11 @@ class StartBox:
     def sizes(self) -> Array:
         """Widths, shape (n_xi,)."""
         return self.upper - self.lower
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Minimum and maximum by name."""
+        return dict(zip(self.names, zip(self.lower.tolist(), self.upper.tolist(), strict=True), strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +106,7 @@ class SearchJob:
     method: str
     number: int
     seed: int
-    within: Mapping[str, tuple[float, float]]
+    within: Within
     parameter: str = ""
     n_steps: int = 1
 
@@ -102,7 +118,7 @@ def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) ->
     return {"method": job.method, "starts": starts, "candidates": candidates}
 
 
-def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[float, float]]) -> StartBox:
+def start_box(problem: Problem, dynamics: Dynamics, within: Within) -> StartBox:
     """The box of start states: that of the walker, changed by ``within``."""
     names = problem.walker.section_names(slipping=True)
     units = dict(zip(dynamics.system.state_names, dynamics.state_units, strict=True))
@@ -113,7 +129,42 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Mapping[str, tuple[f
     lower, upper = centre - half, centre + half
     for name, span in within.items():
         lower[names.index(name)], upper[names.index(name)] = span
-    return StartBox(lower=lower, upper=upper, default=not within)
+    return StartBox(names=names, lower=lower, upper=upper, default=not within)
+
+
+def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
+    """A box that surrounds section states, so that none lies near its wall; numbers have two digits.
+
+    Two digits make the box, and the search in it, independent of the rounding of the states.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n, n_xi), n > 0.
+    """
+    walker = problem.walker
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD)]
+    natural, n = states / units, len(walker.section)
+    margins = np.repeat(
+        [
+            MARGIN * max(np.abs(part).max(initial=0.0), SMALLEST_MARGIN / MARGIN)
+            for part in np.split(natural, [n], axis=1)
+        ],
+        [n, units.size - n],
+    )
+    lower, upper = (natural.min(axis=0) - margins) * units, (natural.max(axis=0) + margins) * units
+    for k, width in enumerate(upper - lower):
+        digits = 1 - floor(log10(width))
+        lower[k] = round(floor(lower[k] * 10.0**digits) / 10.0**digits, digits)
+        upper[k] = round(ceil(upper[k] * 10.0**digits) / 10.0**digits, digits)
+    names = walker.section_names(slipping=True)
+    return StartBox(names=names, lower=lower, upper=upper, default=False)
+
+
+def natural_limits(problem: Problem, dynamics: Dynamics) -> Array:
+    """Largest size of every section coordinate in a box that grows, shape (n_xi,)."""
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD)]
+    n = len(problem.walker.section)
+    return units * np.repeat([problem.walker.largest_angle, FASTEST], [n, units.size - n])
 
 
 def _step_map(job: SearchJob) -> StepMap:
@@ -144,11 +195,13 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
         distances = np.abs((history[n_returns:] - history[:-n_returns]) / box.sizes).max(axis=2)
         distances = np.where(np.isnan(distances), np.inf, distances)
         nearest = np.argmin(distances, axis=0)
-        closest = distances[nearest, np.arange(nearest.size)]
-        for row in np.argsort(closest)[: min(TRIES, int(np.isfinite(closest).sum()))]:
+        closest, first = distances[nearest, np.arange(nearest.size)], distances[0]
+        tries = [(n_returns + nearest[row], row) for row in np.argsort(closest) if np.isfinite(closest[row])]
+        tries += [(0, row) for row in np.argsort(first) if np.isfinite(first[row])]
+        for k, row in tries[:TRIES]:
             if should_stop():
                 raise KeyboardInterrupt
-            state = history[n_returns + nearest[row], row]
+            state = history[k, row]
             mode = Mode.SLIP_FORWARD if state[-1] else Mode.STICK
             n = state.size if state[-1] else state.size - 1
             steps = maps[mode].damped_fixed_point(state[:n], box.sizes[:n])

@@ -10,14 +10,29 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
+from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.display import Reported
+from gaitopt.display import Reported, counted
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidates import GUESSES, SAME, WALKS, SearchJob, find_candidates
+from gaitopt.search.candidates import (
+    GUESSES,
+    SAME,
+    WALKS,
+    WALL,
+    SearchJob,
+    StartBox,
+    Within,
+    box_around,
+    find_candidates,
+    natural_limits,
+    start_box,
+)
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import recorded_claims, verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
@@ -32,10 +47,12 @@ GUESSED = 8
 """Number of guesses of the search by complementarity."""
 ATTEMPTS = 3
 """Maximum number of candidates of one gait from which it is solved."""
+BOXES = 5
+"""Maximum number of boxes of start states; the second one mostly contains all gaits with room to spare."""
+PART = 4
+"""A box around gaits gets this fraction of the start states of the first box: most walks that start there go on."""
 SAME_GAIT = 1e-6
 """Relative difference of states below which two gaits of one mode sequence are the same."""
-
-Within = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +64,9 @@ class Gaits(Reported, Sequence[Gait]):
     problem : the problem of the search.
     gaits : verified gaits.
     starts : for every gait the starts that led to it.
-    searched : number of starts by method, and the candidates that were rejected, with the reasons.
+    searched : number of ``starts`` by method; ``boxes`` of start states, one after the other; ``warnings`` about gaits
+        near the wall of the last one; number of ``candidates``; those ``rejected``, with the reasons; parts that
+        ``failed``; ``n_steps`` of the longest cycle.
     """
 
     problem: Problem
@@ -56,8 +75,9 @@ class Gaits(Reported, Sequence[Gait]):
     searched: Mapping[str, Any] = field(repr=False)
 
     def __repr__(self) -> str:
-        stable = sum(is_stable(gait) for gait in self.gaits)
-        return f"<Gaits of {self.problem.name}: {len(self)}, {stable} of them stable>"
+        starts = counted(sum(self.searched["starts"].values()), "start")
+        words = counted_gaits([is_stable(gait) for gait in self.gaits])
+        return f"<Gaits of {self.problem.name}: {words}, found from {starts}; there may be more>"
 
     def __len__(self) -> int:
         return len(self.gaits)
@@ -138,6 +158,8 @@ def gaits_of(
         "rejected": rejected,
         "failed": [result.reason for result in results if isinstance(result, FailedJob)],
         "n_steps": most,
+        "boxes": [],
+        "warnings": [],
     }
     return Gaits(
         problem=problem,
@@ -183,6 +205,13 @@ def is_stable(gait: Gait) -> bool:
     return (gait.spectral_radius or 0.0) < 1
 
 
+def counted_gaits(stable: Sequence[bool]) -> str:
+    """The number of gaits, and of stable ones; ``stable`` says which are."""
+    if len(stable) < 2:
+        return f"1 gait, {'stable' if stable[0] else 'unstable'}" if stable else "no gait"
+    return f"{len(stable)} gaits, {'none' if not any(stable) else sum(stable)} of them stable"
+
+
 def longest_cycle(problem: Problem) -> int:
     """Largest number of steps of a cycle that a problem with an open mode sequence asks for."""
     return getattr(problem.modes, "steps", 1)
@@ -214,19 +243,23 @@ class SearchPlan:
                 f"within {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
             )
 
-    def job(self, problem: Problem, method: str, number: int, parameter: str = "") -> Job:
-        """A job of the search; its key is the same in every run."""
+    def job(
+        self, problem: Problem, method: str, number: int, parameter: str = "", *, within: Within | None = None
+    ) -> Job:
+        """A job of the search, by default in the box of the first round; its key is the same in every run."""
         search_job = SearchJob(
             problem=problem,
             method=method,
             number=number,
             seed=self.seed,
-            within=self.within,
+            within=self.within if within is None else within,
             parameter=parameter,
             n_steps=longest_cycle(self.problem),
         )
         identity = {entry.name: getattr(search_job, entry.name) for entry in fields(search_job)}
-        return Job(key=key_of(identity | {"problem": problem.digest, "within": dict(self.within)}), argument=search_job)
+        return Job(
+            key=key_of(identity | {"problem": problem.digest, "within": dict(search_job.within)}), argument=search_job
+        )
 
 
 def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
@@ -242,28 +275,93 @@ def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = 
 def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) -> Gaits:
     """The gaits that two searches find, and further gaits on the families of these.
 
+    Walks then start anew in a box around the gaits that are known, again and again, until the box contains all gaits
+    and none of them lies near its wall. Without a gait the box is halved: the smaller the slope, the smaller the steps.
+
     Parameters
     ----------
     jobs : does the jobs of the search; its ``should_stop`` ends the search with a KeyboardInterrupt.
     progress : of the solver.
     """
     plan.check()
-    counts = {"complementarity": -(-GUESSED // GUESSES), "simulation": -(-plan.starts // WALKS)}
-    searches = [plan.job(plan.problem, method, number) for method, count in counts.items() for number in range(count)]
-    results = jobs.complete(find_candidates, searches, len(searches))
-    gaits = gaits_of(plan.problem, results, progress=progress, should_stop=jobs.should_stop)
-    families = family_jobs(plan, gaits)
-    if not families:
-        return gaits
-    results += jobs.complete(find_candidates, families, len(families))
-    return gaits_of(plan.problem, results, known=gaits, progress=progress, should_stop=jobs.should_stop)
+    problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // WALKS)
+    boxes = [start_box(problem, dynamics, plan.within)]
+    pending = [
+        *(plan.job(problem, "complementarity", number) for number in range(-(-GUESSED // GUESSES))),
+        *(plan.job(problem, "simulation", number) for number in range(walks)),
+    ]
+    results, gaits, n_followed = list[SearchRecord | FailedJob](), gaits_of(problem, []), 0
+    while True:
+        results += jobs.complete(find_candidates, pending, len(pending))
+        before = [gait.to_record() for gait in gaits]
+        gaits = gaits_of(problem, results, known=gaits, progress=progress, should_stop=jobs.should_stop)
+        new = [gait for gait in gaits if not any(_same(gait.to_record(), known, SAME_GAIT) for known in before)]
+        families = family_jobs(plan, new, n_followed)
+        if families:
+            n_followed += len(new)
+            results += jobs.complete(find_candidates, families, len(families))
+            gaits = gaits_of(problem, results, known=gaits, progress=progress, should_stop=jobs.should_stop)
+        box = grown_box(plan, dynamics, boxes[-1], gaits)
+        if len(boxes) == BOXES or box.ranges == boxes[-1].ranges:
+            break
+        first = walks + (len(boxes) - 1) * (grown := -(-walks // PART))
+        pending = [plan.job(problem, "simulation", number, within=box.ranges) for number in range(first, first + grown)]
+        boxes.append(box)
+    stated = {"boxes": [box.ranges for box in boxes], "warnings": near_walls(plan, dynamics, boxes[-1], gaits)}
+    return replace(gaits, searched={**gaits.searched, **stated})
+
+
+def grown_box(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Sequence[Gait]) -> StartBox:
+    """The box of start states that follows ``box``; ranges that the user has given stay, as do those of designs."""
+    if plan.problem.free or plan.problem.objective:
+        return box
+    limits = natural_limits(plan.problem, dynamics)
+    lower, upper = box.lower / 2, box.upper / 2
+    if gaits:
+        around = box_around(plan.problem, dynamics, _section_states(gaits))
+        lower, upper = np.maximum(around.lower, -limits), np.minimum(around.upper, limits)
+    fixed = np.array([name in plan.within for name in box.names]) | (lower >= upper)  # all gaits beyond the limit
+    return replace(box, lower=np.where(fixed, box.lower, lower), upper=np.where(fixed, box.upper, upper), default=False)
+
+
+def _section_states(gaits: Iterable[Gait]) -> Array:
+    """Section coordinates of gaits at the start of every step, of walkers with unequal legs of every other one."""
+    return np.array(
+        [
+            step.arcs[0].states[0][gait.system.section(Mode.SLIP_FORWARD)]
+            for gait in gaits
+            for step in gait.steps[:: gait.system.walker.steps_per_cycle()]
+        ]
+    )
+
+
+def near_walls(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Sequence[Gait]) -> list[str]:
+    """One sentence for each coordinate in which gaits lie near the wall of a box or outside of it."""
+    if not gaits:
+        return []
+    around, sentences = box_around(plan.problem, dynamics, _section_states(gaits)), list[str]()
+    for k, name in enumerate(box.names):
+        lower, upper = box.ranges[name]
+        values = [_section_states([gait])[:, k] for gait in gaits]
+        rooms = [min((value - lower).min(), (upper - value).min()) / (upper - lower) for value in values]
+        near = [str(number) for number, room in enumerate(rooms) if room < WALL]
+        if near:
+            place = "outside of" if min(rooms) < 0 else "near the wall of"
+            whose = f"{'gait' if len(near) == 1 else 'gaits'} {', '.join(near)}"
+            wider = f"{min(lower, around.lower[k]):.6g}:{max(upper, around.upper[k]):.6g}"
+            sentences.append(
+                f"start states had {name} in {lower:.6g}:{upper:.6g}, and {name} of {whose} is {place} this range; "
+                f"search within {name}={wider} too, where more gaits may exist"
+            )
+    return sentences
 
 
 def best_gait(gaits: Gaits) -> Gait:
     """Of a design the gait with the best objective; otherwise a stable one, nearest to the guess if there is one."""
     problem = gaits.problem
     if not gaits:
-        return _none(problem, Status.NOT_CONVERGED, f"no gait was found from {gaits.searched['starts']} starts")
+        starts = ", ".join(f"{counted(n, 'start')} of {method}" for method, n in gaits.searched["starts"].items())
+        return _none(problem, Status.NOT_CONVERGED, f"no gait was found from {starts}")
     best = gaits[0]
     stable = [gait for gait in gaits if is_stable(gait)]
     if problem.objective:
@@ -279,15 +377,15 @@ def with_open_modes(problem: Problem) -> Problem:
     return problem if problem.is_open else problem.replace({"gait.phases": "auto"})
 
 
-def family_jobs(plan: SearchPlan, gaits: Gaits) -> list[Job]:
-    """The jobs that follow families in friction and slope; none for designs, whose parameters are not given."""
+def family_jobs(plan: SearchPlan, gaits: Iterable[Gait], first: int = 0) -> list[Job]:
+    """The jobs that follow families in friction and slope, numbered from ``first``; none for designs."""
     if plan.problem.free or plan.problem.objective:
         return []
     values = plan.problem.parameters
     varied = [key for key in values if key.partition(".")[0] == "friction" or key == "walker.slope"]
     return [
         plan.job(plan.problem.with_gait(gait.to_record()), "families", number, parameter)
-        for number, gait in enumerate(gaits)
+        for number, gait in enumerate(gaits, start=first)
         for parameter in varied
         if values[parameter]
     ]

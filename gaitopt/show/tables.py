@@ -8,12 +8,14 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import singledispatch
 from io import StringIO
+from itertools import chain, repeat
 from typing import Any, Literal
 
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from gaitopt.display import counted
 from gaitopt.gait.branch import TERMINAL, Branch, cascades
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import VerificationRecord
@@ -28,7 +30,7 @@ from gaitopt.runs.front import Front
 from gaitopt.runs.multistart import Optimum
 from gaitopt.runs.sweep import Sweep
 from gaitopt.search.explain import Explanation
-from gaitopt.search.find import Gaits
+from gaitopt.search.find import Gaits, counted_gaits
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.verify import OUTCOMES, Verification, recorded_claims
 from gaitopt.verification.walk import Walk
@@ -250,14 +252,19 @@ def sequence(record: Record) -> str:
 def print_gaits(console: Console, record: Record) -> None:
     """The gaits of a search, one line each, and the starts of the search."""
     searched = record["searched"]
-    tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
-    console.print(f"{record['problem']}: {len(record['gaits'])} gaits from {tried}", style="bold")
+    words = counted_gaits([gait["spectral_radius"] < 1 for gait in record["gaits"]])
+    console.print(f"{record['problem']}: {words} found; the search can miss gaits", style="bold")
     if record["gaits"]:
         _print_list(console, "gaits", record["gaits"])
     for lost in searched["rejected"]:
-        console.print(f"no gait: {lost['sequence']}, from {len(lost['starts'])} starts: {lost['reason']}")
+        console.print(f"no gait: {lost['sequence']}, from {counted(len(lost['starts']), 'start')}: {lost['reason']}")
     for reason in searched["failed"]:
         console.print(f"a part of the search failed: {reason}")
+    tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
+    console.print(f"searched: cycles of up to {counted(searched['n_steps'], 'step')}; starts: {tried}")
+    for place, ranges in zip(chain(["start states:"], repeat("then:")), searched["boxes"], strict=False):
+        spans = (f"{name} {lo:.4g}:{hi:.4g} {state_unit(name)}" for name, (lo, hi) in ranges.items())
+        console.print(f"{place} {', '.join(spans)}")
 
 
 def print_explanation(console: Console, record: Record) -> None:
@@ -350,7 +357,7 @@ def print_basin(console: Console, record: Record) -> None:
 def print_sweep(console: Console, record: Record) -> None:
     """Numbers of points of a grid by status."""
     statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
-    console.print(f"{record['problem']}: {record['jobs']} jobs, {statuses}")
+    console.print(f"{record['problem']}: {counted(record['jobs'], 'job')}, {statuses}")
     console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
     for job in record["set_aside"]:
         place = ", ".join(f"{key} = {value:g}" for key, value in job["at"].items())
@@ -374,7 +381,7 @@ def print_front(console: Console, record: Record) -> None:
 def print_optima(console: Console, optima: Sequence[Optimum], starts: int) -> None:
     """One line per distinct solution of many starts."""
     converged = sum(len(optimum.starts) for optimum in optima)
-    console.print(f"{starts} starts: {converged} found a gait, {len(optima)} of them distinct")
+    console.print(f"{counted(starts, 'start')}: {converged} found a gait, {len(optima)} of them distinct")
     for optimum in optima:
         times = f"{len(optimum.starts)} start{'s' if len(optimum.starts) > 1 else ''}"
         checked = "verified" if optimum.verified else "REFUTED"

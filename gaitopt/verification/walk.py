@@ -9,6 +9,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
+from gaitopt.display import counted
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait, WalkerMotion
 from gaitopt.gait.measures import measure
@@ -40,7 +41,7 @@ class Walk(WalkerMotion):
 
     def __repr__(self) -> str:
         count, ending = len(self.complete_steps), self.trajectory.ending
-        return f"<Walk {self.problem.name}: {count} step{'' if count == 1 else 's'}, {ending}>"
+        return f"<Walk {self.problem.name}: {counted(count, 'step')}, {ending}>"
 
     @cached_property
     def complete_steps(self) -> tuple[Step, ...]:

@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 
 from gaitopt import Status, find, load_problem, solve
-from gaitopt.errors import UnknownNameError
-from gaitopt.search.candidates import SearchJob, find_candidates, start_box
-from gaitopt.search.find import SearchPlan, family_jobs, gaits_of, with_open_modes
+from gaitopt.errors import GaitoptWarning, UnknownNameError
+from gaitopt.search.candidates import SearchJob, box_around, find_candidates, natural_limits, start_box
+from gaitopt.search.find import (
+    BOXES,
+    SearchPlan,
+    counted_gaits,
+    family_jobs,
+    gaits_of,
+    grown_box,
+    near_walls,
+    with_open_modes,
+)
 from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
@@ -47,7 +56,95 @@ def test_the_record_has_gaits_with_the_keys_of_solve_and_what_was_searched(wheel
     record = wheel.to_record()
     assert record["problem"] == "rimless-wheel-slip"
     assert record["gaits"][0].keys() >= wheel[0].to_record().keys()
-    assert record["searched"]["starts"] == {"complementarity": 8, "simulation": 250, "families": 2}
+    assert record["searched"]["starts"] == {"complementarity": 8, "simulation": 500, "families": 2}
+
+
+def test_the_last_box_surrounds_the_gait_and_is_stated_with_two_digits(wheel):
+    first, last = wheel.searched["boxes"]
+    lower, upper = last["dtheta"]
+    rate = wheel[0].state[wheel[0].system.state_names.index("dtheta")]
+    assert lower < 0.6 * rate < 1.4 * rate < upper
+    walker = wheel.problem.walker
+    assert first["dtheta"] == pytest.approx(np.array([-0.6, 0.6]) * (walker.gravity / walker.radius) ** 0.5)
+    assert (round(lower, 2), round(upper, 2)) == (lower, upper)
+    assert wheel.searched["warnings"] == []
+
+
+@pytest.mark.parametrize(("span", "place"), [((0.7, 3), "near the wall of"), ((1, 3), "outside of"), ((0.3, 1.2), "")])
+def test_gaits_near_the_wall_of_a_box_or_beyond_are_named_with_a_wider_range(wheel, span, place):
+    plan, dynamics = SearchPlan(problem=wheel.problem), wheel[0].dynamics
+    sentences = near_walls(plan, dynamics, start_box(wheel.problem, dynamics, {"dtheta": span}), wheel)
+    words = f"dtheta in {span[0]}:3, and dtheta of gait 0 is {place} this range; search within dtheta=0.38:3 too"
+    assert [words in sentence for sentence in sentences] == [True] * bool(place)
+
+
+@pytest.mark.slow
+def test_a_range_that_is_given_stays_and_a_gait_beyond_it_is_a_warning():
+    problem = open_problem("rimless-wheel-slip")
+    with pytest.warns(GaitoptWarning, match="dtheta of gait 0 is outside of this range") as warned:
+        gaits = find(problem, starts=1, within={"dtheta": (1, 3)}, progress=False)
+    assert [box["dtheta"] for box in gaits.searched["boxes"]] == [(1, 3)] * 2
+    assert gaits.to_record()["searched"]["warnings"] == [str(warning.message) for warning in warned]
+
+
+@pytest.mark.slow
+def test_a_search_that_resumes_has_the_boxes_and_the_gaits_of_one_without_a_stop(wheel, tmp_path):
+    done = []
+
+    def count(n, total):
+        done.append(n)
+
+    with pytest.raises(KeyboardInterrupt):
+        find(wheel.problem, starts=1, output=tmp_path / "run", progress=count, should_stop=lambda: len(done) > 3)
+    resumed = find(wheel.problem, starts=1, output=tmp_path / "run", progress=count)
+    assert len(done) == 6  # three parts in the first box, two families, one part in the box around the gait
+    assert resumed.searched == wheel.searched
+    assert [gait.state.tolist() for gait in resumed] == [gait.state.tolist() for gait in wheel]
+
+
+@pytest.mark.slow
+def test_without_a_gait_the_box_is_halved():
+    uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
+    boxes = find(uphill, starts=1, progress=False).searched["boxes"]
+    assert len(boxes) == BOXES
+    assert boxes[-1]["dtheta"][1] == pytest.approx(boxes[0]["dtheta"][1] / 2 ** (BOXES - 1))
+
+
+def test_a_box_ends_at_the_natural_limits(wheel):
+    limits, dynamics = natural_limits(wheel.problem, wheel[0].dynamics), wheel[0].dynamics
+    assert (box_around(wheel.problem, dynamics, limits[None] * 0.9).upper > limits).all()
+    fast = replace(wheel[0], steps=(replace(wheel[0].steps[0], arcs=(fast_arc(wheel[0], limits * 0.9),)),))
+    box = grown_box(SearchPlan(problem=wheel.problem), dynamics, start_box(wheel.problem, dynamics, {}), [fast])
+    assert box.upper[0] == limits[0]
+
+
+def fast_arc(gait, xi):
+    """The first arc of a gait, from other section coordinates."""
+    arc = gait.steps[0].arcs[0]
+    states = arc.states.copy()
+    states[0] = gait.dynamics.lift(xi)
+    return replace(arc, states=states)
+
+
+def test_the_summary_says_how_many_gaits_are_stable_and_that_there_may_be_more(wheel):
+    assert repr(wheel) == "<Gaits of rimless-wheel-slip: 1 gait, stable, found from 510 starts; there may be more>"
+    assert counted_gaits([]) == "no gait"
+    assert counted_gaits([False]) == "1 gait, unstable"
+    assert counted_gaits([False, False]) == "2 gaits, none of them stable"
+    assert counted_gaits([True, False]) == "2 gaits, 1 of them stable"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_garcias_walker_has_its_stable_and_its_unstable_gait(seed):
+    """Garcia, Chatterjee, Ruina & Coleman (1998), slope 0.009: a stable gait and a shorter, unstable one."""
+    numbers = {"leg_length": 1.0, "leg_mass": 1e-6, "leg_com": 1e-9, "hip_mass": 1.0, "gravity": 1.0, "slope": 0.009}
+    garcia = open_problem("compass-passive-stick", {f"walker.{key}": value for key, value in numbers.items()})
+    gaits = find(garcia.replace({"friction": 1.0}), starts=300, seed=seed, progress=False)
+    assert [gait.state[0] for gait in gaits] == pytest.approx([-0.200310900544287, -0.193937369810184], abs=2e-6)
+    assert [gait.period for gait in gaits] == pytest.approx([3.882, 3.096], abs=1e-3)
+    assert [gait.spectral_radius < 1 for gait in gaits] == [True, False]
+    assert gaits.searched["warnings"] == []
 
 
 def test_a_known_sequence_is_ignored(wheel):
@@ -66,7 +163,7 @@ def test_solve_without_a_gait_says_what_was_tried():
     uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
     gait = solve(uphill)
     assert gait.status is Status.NOT_CONVERGED
-    assert "1000" in gait.message
+    assert gait.message.endswith("8 starts of complementarity, 2000 starts of simulation")  # in five boxes
     assert gait.to_record()["phases"] == []
 
 
