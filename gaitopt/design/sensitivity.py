@@ -304,14 +304,22 @@ class Sensitivity:
         raise KeyError(name)
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
-        """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact."""
+        """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact.
+
+        The margin that ends a timed phase is left out at its end: where it is negative, the switch leaves its
+        breakpoint, and the gait goes on with another mesh.
+        """
         t, scales = self.equations, self.dynamics.scales
+        cycle, table = t.mesh.cycle, t.system.transitions
         for k, arc in enumerate(self.arcs):
             last, mode = t.mesh.arcs[k].intervals, arc.arc.mode
             for (name, curve), unit in zip(arc.margins.items(), self.dynamics.margin_units(mode), strict=True):
                 if name in EVENT_MARGINS:
                     continue
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
+                phase = t.mesh.arcs[k].phase
+                if phase in cycle.timed and t.mesh.arcs[k].end is None:
+                    ends = [s for s in ends if s < 0 or name != table.between(mode, cycle.after(phase)).guard]
                 for candidate in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), candidate
         for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins, strict=True):

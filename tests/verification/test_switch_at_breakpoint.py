@@ -99,6 +99,19 @@ def test_its_family_changes_where_the_switch_meets_and_leaves_the_breakpoint(gai
         assert branch[-1].gait.timed == ()
 
 
+@pytest.mark.parametrize(("weight", "within", "best"), [(-1, (0.14, 0.165), 0.165), (1, (0.125, 0.16), 0.125)])
+def test_a_design_moves_the_switch_off_its_breakpoint(files, weight, within, best):
+    """The step grows with friction; the optimum lies beyond the place where the switch leaves the breakpoint."""
+    free = f"friction: {{free: {[*within]}, guess: 0.15}}"
+    text = TRACKED.replace("friction: 0.15", free) + f"objective: {{step_length: {weight}}}\n"
+    (files / "design.yaml").write_text(text)
+    design = go.solve(go.load_problem(files / "design.yaml"))
+    assert design.converged, design.message
+    assert design.freed["friction"] == pytest.approx(best, abs=1e-6)
+    assert design.timed == ()
+    assert go.verify(design).passed
+
+
 @pytest.mark.slow
 def test_a_design_keeps_its_margins_on_both_sides_of_the_jump(files):
     text = TRACKED.replace("kp: 20", "kp: {free: [16, 24], guess: 20}") + "objective: {speed: -1}\n"
