@@ -253,7 +253,7 @@ def print_gaits(console: Console, record: Record) -> None:
     """The gaits of a search, one line each, and the starts of the search."""
     searched = record["searched"]
     words = counted_gaits([gait["spectral_radius"] < 1 for gait in record["gaits"]])
-    console.print(f"{record['problem']}: {words} found; the search can miss gaits", style="bold")
+    console.print(f"{record['problem']}: found {words}; the search can miss gaits", style="bold")
     if record["gaits"]:
         _print_list(console, "gaits", record["gaits"])
     for lost in searched["rejected"]:
