@@ -4,15 +4,21 @@ A law may come from any package. Each error is one sentence that names the class
 """
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+from math import inf, isfinite
 from types import SimpleNamespace
+from typing import Any
 from weakref import WeakSet
 
+import numpy as np
 from casadi import SX, tanh, vertcat
+from pydantic.fields import FieldInfo
 
 from gaitopt.errors import ProblemError
-from gaitopt.model.control import Control, Instant, is_parameter
+from gaitopt.model.control import Control, Instant, is_parameter, parameter_names
 from gaitopt.model.declaration import MODEL, NAME, NAME_WORDS, Reader, calling, shown
+from gaitopt.model.units import UNITS, Within
 
 ATTRIBUTES = ("type", "version", "jumps", "restarts")
 _PASSED: WeakSet[type[Control]] = WeakSet()
@@ -57,16 +63,74 @@ def _class_faults(law: type[Control]) -> Iterator[str]:
     if not law.restarts:
         yield "restarts is False, but gaitopt computes gaits only of laws whose clock restarts at every impact"
     for name, field in law.model_fields.items():
-        if name not in Control.model_fields and (hasattr(Control, name) or name in ATTRIBUTES):
-            yield f"the key {name} has the name of an attribute or method of Control: rename it"
-        if not NAME.fullmatch(name):
-            yield f"the key {name} must have {NAME_WORDS}"
-        if field.alias is not None or field.validation_alias is not None:
-            yield f"the key {name} has an alias: problem files name it as the class does"
-        if field.exclude:
-            yield f"the key {name} is excluded from records of the law"
+        if name not in Control.model_fields:
+            yield from (f"the key {name} {why}" for why in _field_faults(name, field))
     if not law.model_config.get("frozen"):
         yield "model_config must keep frozen=True"
+
+
+def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
+    """Messages about one field of a class."""
+    if hasattr(Control, name) or name in ATTRIBUTES:
+        yield "has the name of an attribute or method of Control: rename it"
+    if not NAME.fullmatch(name):
+        yield f"must have {NAME_WORDS}"
+    if field.alias is not None or field.validation_alias is not None:
+        yield "has an alias: problem files name it as the class does"
+    if field.exclude:
+        yield "is excluded from records of the law"
+    for part in field.metadata:
+        if isinstance(part, Within) and part.unit not in UNITS:
+            yield f"has a range in {shown(part.unit)}, which is no natural unit: {', '.join(UNITS)}"
+
+
+def check_clock(law: Control) -> None:
+    """Check breakpoints, horizon, period and segment data of a law.
+
+    Raises
+    ------
+    ProblemError
+        If breakpoints are no increasing times, segment data differ in length or hold something else than numbers, or
+        one of these depends on a parameter.
+    """
+    kind, name = type(law), type(law).__name__
+    read: dict[str, Callable[[Control], Any]] = {
+        "breakpoints": lambda one: tuple(one.breakpoints),
+        "horizon": lambda one: one.horizon,
+        "period": lambda one: one.period,
+        "data": lambda one: [np.asarray(one.data(k)) for k in range(len(law.breakpoints) + 1)],
+    }
+    stated = dict[str, Any]()
+    for key, value in read.items():
+        with calling(kind, key):
+            stated[key] = value(law)
+    times, horizon, period = stated["breakpoints"], stated["horizon"], stated["period"]
+    if not (all(map(_is_time, times)) and all(a < b for a, b in pairwise((0.0, *times)))):
+        raise ProblemError(f"{name}: breakpoints are {shown(times)}, but must be increasing times above 0 [s]")
+    if not (horizon == inf or (_is_time(horizon) and horizon > max(times, default=0.0))):
+        raise ProblemError(f"{name}: horizon is {shown(horizon)}, but must be a time after the breakpoints [s]")
+    if not (period is None or _is_time(period)):
+        raise ProblemError(f"{name}: period is {shown(period)}, but must be a time above 0 [s], or None")
+    for segment, data in enumerate(stated["data"]):
+        if data.ndim != 1 or data.dtype.kind not in "iuf" or not np.isfinite(data).all():
+            raise ProblemError(f"{name}: data({segment}) is {shown(data)}, but must be a row of finite numbers")
+    lengths = sorted({data.size for data in stated["data"]})
+    if len(lengths) > 1:
+        words = f"{' or '.join(map(str, lengths))} numbers, but must have as many in every segment"
+        raise ProblemError(f"{name}: data has {words}")
+    varied = symbolic(law, parameter_names(law, SX.sym("p", len(law.parameters))))
+    for key, value in read.items():
+        try:
+            same = repr(value(varied)) == repr(stated[key])
+        except Exception:  # noqa: BLE001 - a law that computes with symbols in place of numbers may raise anything
+            same = False
+        if not same:
+            words = "depends on a parameter, which may vary: annotate that one as Annotated[float, Fixed]"
+            raise ProblemError(f"{name}: {key} {words}")
+
+
+def _is_time(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and value > 0
 
 
 def symbolic(law: Control, p: SimpleNamespace) -> Control:
@@ -80,12 +144,12 @@ def symbolic(law: Control, p: SimpleNamespace) -> Control:
     return type(law).model_construct(**values)
 
 
-def torques(law: Control, now: Instant, friction: SX) -> SX:
+def torques(law: Control, now: Instant, p: SX) -> SX:
     """The torques of a law, checked and within its limits, shape (n_u,) [N m].
 
     Parameters
     ----------
-    friction : SX - coefficients of the friction law, on which the accelerations of a slipping foot depend.
+    p : SX - all parameters, on which ``Instant.accelerations`` may depend.
 
     Raises
     ------
@@ -102,16 +166,10 @@ def torques(law: Control, now: Instant, friction: SX) -> SX:
         if name not in walker.actuators:
             has = f"has the actuators {', '.join(walker.actuators)}" if walker.actuators else "has no actuators"
             raise ProblemError(f"{kind.__name__}: torques names {shown(name)}, but {walker.model} {has}")
-    symbols = [now.t, now.robot.z, now.robot.p, now.r, friction, *_leaves(now.p)]
-    read = Reader(kind, SimpleNamespace(symbols=vertcat(*symbols)), SimpleNamespace())
+    read = Reader(kind, SimpleNamespace(symbols=vertcat(now.t, now.robot.z, p, now.r)), SimpleNamespace())
     limits = vars(now.p.limits)
     result = []
     for name in walker.actuators:
         u = read.scalar(f"torques[{name!r}]", stated.get(name, SX(0)), "all")
         result.append(limits[name] * tanh(u / limits[name]) if name in limits else u)
     return vertcat(SX(0, 1), *result)
-
-
-def _leaves(names: SimpleNamespace) -> Iterator[SX]:
-    for value in vars(names).values():
-        yield from _leaves(value) if isinstance(value, SimpleNamespace) else (value,)

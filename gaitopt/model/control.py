@@ -79,8 +79,12 @@ class Instant:
 class Control(BaseModel, ABC, metaclass=PluginClass):
     """Base of the control laws; derive from it, declare the parameters as fields, and define ``torques``.
 
-    A field of type float is a parameter, and so is every entry of a mapping from names to floats. All other fields are
-    structure: problems that differ in them have systems of their own.
+    A field of type float is a parameter, and so is every entry of a mapping from names to floats: it can be set, freed,
+    swept and continued by its key, ``control.kp`` or ``control.gains.hip``. All other fields are structure, and so are
+    floats annotated with ``Fixed``: problems that differ in them have systems of their own. Where a walker restricts
+    the keys of a law, ``section`` and ``faults`` say how.
+
+    In the body of a subclass ``type`` is the law's name: write ``WalkerType`` in place of ``type[Walker]`` there.
 
     Class attributes
     ----------------
@@ -136,6 +140,12 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """What is wrong with the law for a walker: keys below ``control``, and a message for each."""
+        for name in self.limits:
+            if name not in walker.actuators:
+                yield (
+                    ("limits", name),
+                    f"no actuator is called {name}; there are {', '.join(walker.actuators) or 'none'}",
+                )
         for name, target in self.targets.items():
             yield from (((name, *path), message) for path, message in target.faults(walker))
 

@@ -48,7 +48,7 @@ class Expressions:
     def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
         self.walker, self._control, self._law = walker, control, law
         self.eom = equations_of_motion(walker)
-        self._coefficients = coefficients = SX.sym("c", len(friction.parameters))
+        coefficients = SX.sym("c", len(friction.parameters))
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
@@ -78,7 +78,7 @@ class Expressions:
             uses = "actual" if actual or uses == "actual" else "held"
             return self._accelerations(mode, slip, actual)
 
-        torque = BUILT.watch(torques(self._control, self._instant(accelerations), self._coefficients))
+        torque = BUILT.watch(torques(self._control, self._instant(accelerations), self.p))
         if uses != "actual" or slip is None:
             self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
         return torque
@@ -339,6 +339,11 @@ class HybridSystem:
     def flow(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> dz/dt."""
         return {"dz": self._symbols.rate(mode)}
+
+    @compiled("tzpr")
+    def torques(self, mode: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> actuator torques (n_u)."""
+        return {"torque": self._symbols.torque(mode)}
 
     @compiled("tzpr")
     def margins(self, mode: Mode) -> dict[str, SX]:

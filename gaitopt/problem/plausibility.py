@@ -6,6 +6,7 @@ must be at least tan(slope).
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -16,9 +17,11 @@ from pydantic import BaseModel
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
+from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN
-from gaitopt.model.control import NoControl
+from gaitopt.model.contract import check_clock
+from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import state_mechanism
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
@@ -35,6 +38,8 @@ from gaitopt.problem.schema import (
 )
 from gaitopt.problem.statement import ProblemStatement
 
+JUMP = 1e-9
+"""Largest relative difference of a torque before and after a breakpoint where it is continuous: rounding."""
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""
 LIGHT = 1e-6
@@ -57,6 +62,7 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
         why = within.objection(lower, upper, scales)
         if why:
             yield Fault(path, why)
+    yield from _control_faults(problem)
     if problem.start is None:
         return
     foot, upright, _ = _geometry_at_guess(problem)
@@ -66,6 +72,52 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
         yield Fault(STATE, "the walker has fallen: a step begins upright")
 
 
+def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
+    """Faults of the control law with this walker: torques that are no numbers, or jump at a breakpoint."""
+    law, walker = problem.control, type(problem.walker)
+    if isinstance(law, NoControl | ConstantTorque) or law.source[0]:  # a gait that is to be tracked is not known yet
+        return
+    try:
+        check_clock(law)
+        key = (walker, problem.impact_law, problem.friction_law, *law.structure)
+        system = _controlled(_Controlled(key=key, problem=problem))
+        mode = walker.released(Mode.STICK) if problem.is_open else problem.cycle.phases[0]
+        function = system.torques(mode)
+    except ProblemError as error:
+        yield Fault(("control",), str(error))
+        return
+    z = np.zeros(system.n_z) if problem.start is None else np.array([*problem.start.state.values()])
+    p, times, name = system.values(problem.parameters), law.breakpoints, type(law).__name__
+    where = "with all coordinates zero" if problem.start is None else "at the guess"
+    at_start, at_end = (np.full(len(walker.actuators), np.nan) for _ in range(2))
+    for segment, time in enumerate((0.0, *times)):
+        at_start = np.asarray(function(time, z, p, law.data(segment))).ravel()
+        for k, actuator in enumerate(walker.actuators):
+            u = at_start[k]
+            if not np.isfinite(u):
+                yield Fault(("control",), f"{name}: the torque of {actuator} is {u:g} {where}, but must be a number")
+            elif segment and not law.jumps and abs(u - at_end[k]) > JUMP * max(abs(u), abs(at_end[k])):
+                jump = f"from {at_end[k]:.6g} to {u:.6g} N m at its breakpoint {time:g} s"
+                remedy = "make it continuous there, or set jumps = True"
+                yield Fault(("control",), f"{name}: the torque of {actuator} jumps {jump}: {remedy}")
+        if segment < len(times):
+            at_end = np.asarray(function(times[segment], z, p, law.data(segment))).ravel()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Controlled:
+    """``key`` determines a system's functions; ``problem`` builds them the first time."""
+
+    key: tuple[object, ...]
+    problem: ProblemStatement = field(compare=False)
+
+
+@built_once(maxsize=16)
+def _controlled(stated: _Controlled) -> HybridSystem:
+    problem = stated.problem
+    return HybridSystem(type(problem.walker), problem.control, problem.impact_law, problem.friction_law)
+
+
 def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     """Remarks: numbers that are possible, but probably a mistake."""
     scales, walker = natural_units(problem.walker), problem.walker
@@ -73,8 +125,8 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
         why = within.remark(lower, upper, scales)
         if why:
             yield Fault(path, why)
-    for name, field in type(walker).model_fields.items():
-        is_mass, value = (field.description or "").endswith("[kg]"), getattr(walker, name)
+    for name, info in type(walker).model_fields.items():
+        is_mass, value = (info.description or "").endswith("[kg]"), getattr(walker, name)
         if is_mass and 0 < value < LIGHT * scales.mass:
             yield Fault(("walker", name), f"{value:g} is unusual: {value / scales.mass:.1g} of the whole mass")
     steps = () if problem.is_open else problem.cycle.steps
@@ -155,8 +207,8 @@ def _numbers(value: object) -> list[tuple[Key, float]]:
 def _ranges(section: type[BaseModel]) -> Mapping[str, tuple[Within, ...]]:
     """Ranges of the fields of a section; without those that have none."""
     ranges = {
-        name: tuple(part for part in field.metadata if isinstance(part, Within))
-        for name, field in section.model_fields.items()
+        name: tuple(part for part in info.metadata if isinstance(part, Within))
+        for name, info in section.model_fields.items()
     }
     return {name: within for name, within in ranges.items() if within}
 

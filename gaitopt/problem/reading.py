@@ -16,7 +16,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import check_walker, section_posture
-from gaitopt.model.control import Control, NoControl
+from gaitopt.model.control import Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default
 from gaitopt.model.modes import Mode
@@ -207,38 +207,48 @@ class _StatementReader:
 
     def _numbers(self, model: type[Model], data: Mapping[str, Any], path: Key) -> Model | None:
         """A section in which numbers may be free; a freed number has its guess."""
-        freed = {key: data[key] for key in model.model_fields if _is_free(data.get(key))}
-        self._free |= {".".join(map(str, (*path, key))): UNREAD for key in freed}
-        parts = {key: self._section(FreeSection, value, (*path, key)) for key, value in freed.items()}
-        unknowns = {key: part for key, part in parts.items() if part is not None}
+        freed: dict[tuple[str, ...], Any] = {}
+        for key, entry in ((key, data.get(key)) for key in model.model_fields):
+            if _is_free(entry):
+                freed[key,] = entry
+            elif isinstance(entry, Mapping) and is_parameter(model.model_fields[key]):
+                freed |= {(key, str(name)): value for name, value in entry.items() if _is_free(value)}
+        self._free |= {".".join(map(str, (*path, *keys))): UNREAD for keys in freed}
+        parts = {keys: self._section(FreeSection, value, (*path, *keys)) for keys, value in freed.items()}
+        unknowns = {keys: part for keys, part in parts.items() if part is not None}
         section_faults: list[Fault] = []
-        plain = {**data, **{key: part.guess for key, part in unknowns.items()}}
+        plain: Mapping[str, Any] = data
+        for keys, part in unknowns.items():
+            plain = _with(plain, keys, part.guess)
         section = read_section(model, plain, path, section_faults)
         for fault in section_faults:
-            key = fault.path[len(path)] if len(fault.path) > len(path) else None
-            if key in unknowns:
+            place = fault.path[len(path) :]
+            owner = next((keys for keys in freed if place[: len(keys)] == keys), None)
+            if owner in unknowns:
                 self._fault((*fault.path, "guess"), fault.message)
-            elif key not in freed:  # faults of an unknown's mapping are already reported
+            elif owner is None:  # faults of an unknown's mapping are already reported
                 self._faults.append(fault)
         if section is None:
             return None
-        for name, part in unknowns.items():
-            span = self._read_bounds(section, plain, part, (*path, name))
+        for keys, part in unknowns.items():
+            span = self._read_bounds(section, plain, part, path, keys)
             if span is not None:
-                self._free[".".join(map(str, (*path, name)))] = span
+                self._free[".".join(map(str, (*path, *keys)))] = span
         return section
 
-    def _read_bounds(self, section: BaseModel, plain: Mapping[str, Any], part: FreeSection, path: Key) -> Free | None:
-        key, guess = str(path[-1]), getattr(section, str(path[-1]))
-        if not isinstance(guess, float):
+    def _read_bounds(
+        self, section: BaseModel, plain: Mapping[str, Any], part: FreeSection, above: Key, keys: tuple[str, ...]
+    ) -> Free | None:
+        path, guess = (*above, *keys), _at(section, keys)
+        if not isinstance(guess, float) or not is_parameter(type(section).model_fields[keys[0]]):
             self._fault(path, "cannot be free: only a real number can be an unknown; give a value")
             return None
         bounds = []
         for index, bound in enumerate(part.free):
             bound_faults: list[Fault] = []
-            other = read_section(type(section), {**plain, key: bound}, (), bound_faults)
+            other = read_section(type(section), _with(plain, keys, bound), (), bound_faults)
             self._faults += [Fault((*path, "free", index), fault.message) for fault in bound_faults]
-            bounds += [] if other is None else [getattr(other, key)]
+            bounds += [] if other is None else [_at(other, keys)]
         if len(bounds) < 2:
             return None
         lower, upper = bounds
@@ -446,6 +456,18 @@ class _StatementReader:
             path = tuple(next(iter(self._free), "control.reference").split("."))
             remedy = "add an objective or constraints, or give numbers"
             self._fault(path, f"too many unknowns: no objective or constraint determines them; {remedy}")
+
+
+def _with(data: Mapping[str, Any], keys: tuple[str, ...], value: object) -> dict[str, Any]:
+    """The data with another value below some keys."""
+    key, *rest = keys
+    return {**data, key: _with(data[key], (*rest,), value) if rest else value}
+
+
+def _at(section: BaseModel, keys: tuple[str, ...]) -> Any:
+    """A field of a section, or an entry of a mapping in it."""
+    value = getattr(section, keys[0])
+    return value[keys[1]] if len(keys) > 1 else value
 
 
 def _is_free(value: object) -> bool:

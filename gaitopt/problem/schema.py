@@ -323,6 +323,9 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         value_types = get_args(entry_field.annotation)
         if "additionalProperties" in entry and is_angle(FieldInfo.from_annotation(value_types[-1])):
             entry["additionalProperties"] = {"anyOf": [entry["additionalProperties"], ANGLE_TEXT]}
+        if key in may_be_free and isinstance(entry.get("additionalProperties"), dict):
+            value = entry["additionalProperties"]
+            entry["additionalProperties"] = {"anyOf": [*value.get("anyOf", [value]), _free(value)]}
         number = entry.get("type") == "number" or {"type": "number"} in entry.get("anyOf", [])
         if not number or not (is_angle(entry_field) or key in may_be_free):
             continue

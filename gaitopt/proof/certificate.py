@@ -428,7 +428,8 @@ def _hypotheses(problem: Problem, system: HybridSystem, record: CertificateRecor
     """The printed statement, rebuilt from the problem and the certificate's data."""
     law = problem.control
     designed = [*problem.free, *(f"control.{name}" for name in system.control.unknowns(system.walker))]
-    control, curve = str(law.type), None
+    version = law.record.get("version")
+    control, curve = law.type if version is None else f"{law.type}, version {version}", None
     scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
     not_proved = [scuffing]
     for name, target in law.targets.items():

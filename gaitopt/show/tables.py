@@ -157,7 +157,9 @@ def print_problem(console: Console, problem: Problem) -> None:
     for key, value in parameters:
         group, _, name = key.partition(".")
         if group == "control":
-            contact.append((name, number(value), unit_of(key) or "N m"))
+            described = type(problem.control).model_fields.get(name.partition(".")[0])
+            unit = "N m" if described is None else (described.description or "").partition(" [")[2].partition("]")[0]
+            contact.append((name, number(value), with_degrees(value, unit)))
     if problem.reference is not None:
         ends = {str(getattr(target, "beyond_end", "")) for target in problem.control.targets.values()} - {""}
         contact.append(("reference", problem.reference.name, f"beyond its end: {', '.join(ends)}" if ends else ""))

@@ -1,0 +1,269 @@
+"""The contract between control laws and walkers: a fault of a law is one sentence that names the place."""
+
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+import pytest
+from casadi import SX, Function, jacobian, sqrt, vertcat
+from oracles import CASES, numbers
+from pydantic import Field
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.model.control import Control, Fixed, Instant
+from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.units import Angle, NonNegative, Within
+from gaitopt.model.walkers.compass_biped import CompassBiped
+
+STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.3])
+
+
+def stated(law: type[Control], control: str | None = None) -> go.Problem:
+    source = go.load_problem("compass-passive-a")
+    lines = source.text.splitlines()
+    kept = [line for line in lines if not line.startswith("control")]
+    return go.parse_problem("\n".join([*kept, f"control: {control or f'{{type: {law.type}}}'}"]), controls=[law])
+
+
+class Regulator(Control):
+    """A law that uses everything an instant offers."""
+
+    type = "regulator"
+    kp: NonNegative = 2.0
+    angle: Angle = 0.1
+    gains: dict[str, NonNegative] = {"slow": 1.0, "fast": 3.0}  # noqa: RUF012 - pydantic copies defaults
+    sign: int = -1
+
+    def torques(self, now: Instant) -> dict[str, SX]:
+        slow = now.p.gains.slow * now.dq.theta1 + now.p.gains.fast * now.ds.theta2
+        return {"hip": self.sign * now.p.kp * (now.s.theta1 - now.p.angle) - slow + now.t * now.dq.x}
+
+
+def test_every_number_is_a_parameter_and_the_rest_is_structure() -> None:
+    law = Regulator(angle="10 deg")
+    assert law.parameters == {"kp": 2.0, "angle": np.radians(10), "gains.slow": 1.0, "gains.fast": 3.0}
+    assert law.structure == Regulator(kp=7.0).structure
+    assert law.structure != Regulator(sign=1).structure
+    system = HybridSystem(CompassBiped, law)
+    p = [*CASES["compass_biped"].p, *law.parameters.values()]
+    (u,) = numbers(system.torques(Mode.SLIP_FORWARD)(0.5, STATE, p, []))
+    expected = -2 * (0.1 - np.radians(10)) - 0.7 + 3 * 0.4 + 0.5 * 0.3
+    np.testing.assert_allclose(u, [0, expected], rtol=1e-14)
+
+
+def test_own_fields_are_the_symbols_of_the_parameters() -> None:
+    class Own(Regulator):
+        type = "own"
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            return {"ankle": self.kp * self.gains["fast"]}
+
+    system = HybridSystem(CompassBiped, Own())
+    (u,) = numbers(system.torques(Mode.STICK)(0, STATE, [*CASES["compass_biped"].p, 5.0, 0, 0, 7.0], []))
+    assert list(u) == [35.0, 0.0]
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 50.0])
+def test_limits_saturate_smoothly(size: float) -> None:
+    law = Regulator(limits={"hip": 1.5}, kp=size, gains={"slow": 0.0, "fast": 0.0}, angle=0.0)
+    system = HybridSystem(CompassBiped, law)
+    assert list(law.parameters)[-1] == "limits.hip"
+    (u,) = numbers(system.torques(Mode.STICK)(0, STATE, [*CASES["compass_biped"].p, *law.parameters.values()], []))
+    assert u[1] == pytest.approx(1.5 * np.tanh(-size * 0.1 / 1.5), rel=1e-13)
+    assert abs(u[1]) < 1.5
+
+
+class Linearising(Control):
+    """Cancels the motion of theta1 - theta2 and asks for an acceleration of it."""
+
+    type = "linearising"
+    asked: float = 0.7
+    actual: bool = False
+
+    def torques(self, now: Instant) -> dict[str, SX]:
+        drift, response = now.accelerations(actual=self.actual)
+        a, b = drift[0] - drift[1], response[0, 1] - response[1, 1]
+        return {"hip": (now.p.asked - a) / b}
+
+
+@pytest.mark.parametrize("mode", [Mode.STICK, Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD])
+def test_accelerations_are_those_of_the_flow(mode: Mode) -> None:
+    """With the law of the actual mode the flow has the asked acceleration; with the held foot only while it sticks."""
+    for actual in (False, True):
+        law = Linearising(actual=actual)
+        system = HybridSystem(CompassBiped, law)
+        state = np.array([*STATE[:5], 0.3 * mode.direction])
+        (dz,) = numbers(system.flow(mode)(0, state, [*CASES["compass_biped"].p, 0.7], []))
+        agrees = abs(dz[3] - dz[4] - 0.7) < 1e-10
+        assert bool(agrees) is (actual or mode is Mode.STICK)
+
+
+def test_weight_under_another_gravity_is_the_gradient_of_its_potential() -> None:
+    eom = go.equations_of_motion(CompassBiped)
+    gravity = SX.sym("g", 2)
+    total = -sum((b.mass * (gravity.T @ b.position) for b in eom.mechanism.bodies), SX(0))
+    n = len(CompassBiped.shape)
+    gap = eom.gravity_force(gravity)[:n] - jacobian(total, eom.q[:n]).T
+    own = eom.gravity_force(eom.mechanism.gravity) - eom.G
+    f = Function("f", [eom.z, eom.p, gravity], [gap, own])
+    for values in f(STATE, CASES["compass_biped"].p[: eom.p.numel()], [0.3, -9.0]):
+        np.testing.assert_allclose(np.asarray(values), 0, atol=1e-12)
+
+
+def broken(result: Any) -> type[Control]:
+    class Broken(Control):
+        type = "broken"
+        width: float = 1.0
+
+        def torques(self, now: Instant) -> Any:
+            return result(now)
+
+    return Broken
+
+
+@pytest.mark.parametrize(
+    ("result", "words"),
+    [
+        (lambda now: None, "torques returns None, but must return a mapping from actuators to torques"),
+        (lambda now: {"knee": 1.0}, "torques names 'knee', but compass_biped has the actuators ankle, hip"),
+        (lambda now: {"hip": SX.sym("foreign")}, "torques['hip'] holds foreign, which is none of the symbols"),
+        (lambda now: {"hip": vertcat(now.t, now.t)}, "torques['hip'] has shape (2, 1), but must be one number"),
+        (lambda now: {"hip": "much"}, "torques['hip'] is 'much', but must be one number"),
+        (lambda now: {"hip": now.q.knee}, "torques raises AttributeError"),
+        (lambda now: {"hip": sqrt(now.q.theta1 - 3)}, "the torque of hip is nan at the guess, but must be a number"),
+        (lambda now: {"hip": 1 / now.t}, "the torque of hip is inf at the guess, but must be a number"),
+        (lambda now: {"hip": 1.0 if now.t > 0 else 0.0}, "torques raises"),
+    ],
+)
+def test_wrong_torques_are_named(result: Any, words: str) -> None:
+    with pytest.raises(ProblemError) as caught:
+        stated(broken(result))
+    assert "Broken: " + words in str(caught.value)
+    assert "control" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+class Stairs(Control):
+    """Torques that change at a breakpoint."""
+
+    type = "stairs"
+    time: Annotated[float, Fixed] = 0.3
+    step: float = 0.1
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return (self.time,)
+
+    def data(self, segment: int) -> Any:
+        return np.array([float(segment)])
+
+    def torques(self, now: Instant) -> dict[str, SX]:
+        return {"hip": now.r[0] * now.p.step}
+
+
+def test_a_jump_at_a_breakpoint_must_be_declared() -> None:
+    with pytest.raises(ProblemError, match=r"torque of hip jumps from 0 to 0.1 N m at its breakpoint 0.3 s: make it"):
+        stated(Stairs)
+
+    class Declared(Stairs):
+        type = "declared"
+        jumps: ClassVar[bool] = True
+
+    assert stated(Declared).control.parameters == {"step": 0.1}
+
+    class Ramp(Stairs):
+        type = "ramp"
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            return {"hip": now.r[0] * now.p.step * (now.t - 0.3)}
+
+    assert stated(Ramp).control.breakpoints == (0.3,)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ({"breakpoints": property(lambda self: (self.step,))}, "breakpoints depends on a parameter, which may vary"),
+        ({"breakpoints": property(lambda self: (0.3, 0.2))}, "but must be increasing times above 0 [s]"),
+        ({"breakpoints": property(lambda self: (0.0,))}, "but must be increasing times above 0 [s]"),
+        ({"horizon": property(lambda self: 0.1)}, "horizon is 0.1, but must be a time after the breakpoints [s]"),
+        ({"period": property(lambda self: -1.0)}, "period is -1.0, but must be a time above 0 [s], or None"),
+        ({"data": lambda self, segment: np.zeros(segment)}, "0 or 1 numbers, but must have as many in every segment"),
+        ({"data": lambda self, segment: np.array([np.nan])}, "but must be a row of finite numbers"),
+        ({"data": lambda self, segment: np.array([self.step])}, "data depends on a parameter"),
+    ],
+)
+def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:
+    law = type("Clock", (Stairs,), {"type": "clock", "__module__": __name__, **attributes})
+    with pytest.raises(ProblemError) as caught:
+        stated(law)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ({"type": 3}, "type is 3, but must be a word"),
+        ({"type": "x", "version": 2}, "version is 2, but must be a word, such as '1'"),
+        ({"type": "x", "jumps": "no"}, "jumps is 'no', but must be True or False"),
+        ({"type": "x", "restarts": False}, "only of laws whose clock restarts at every impact"),
+        ({"type": "x", "__annotations__": {"a__b": float}, "a__b": 1.0}, "the key a__b must have a name of ASCII"),
+        (
+            {"type": "x", "__annotations__": {"k": Annotated[float, Field(alias="kk")]}, "k": 1.0},
+            "the key k has an alias",
+        ),
+        (
+            {"type": "x", "__annotations__": {"k": Annotated[float, Within(unit="furlong")]}, "k": 1.0},
+            "the key k has a range in 'furlong', which is no natural unit",
+        ),
+    ],
+)
+def test_wrong_classes_are_named(attributes: dict[str, Any], words: str) -> None:
+    law = type("Wrong", (Regulator,), {"__module__": __name__, **attributes})
+    with pytest.raises(ProblemError) as caught:
+        stated(law, "{type: none}")
+    assert words in str(caught.value)
+
+
+def test_a_class_without_torques_is_refused() -> None:
+    class Idle(Control):
+        type = "idle"
+
+    with pytest.raises(ProblemError, match="controls: Idle: lacks torques"):
+        stated(Idle)
+    with pytest.raises(ProblemError, match=r"controls is .*, but must be a list of classes: controls=\[MyControl\]"):
+        go.load_problem("compass-passive-a", controls=Regulator)  # type: ignore[arg-type]
+    with pytest.raises(ProblemError, match=r"is no subclass of gaitopt\.Control"):
+        go.load_problem("compass-passive-a", controls=[int])  # type: ignore[list-item]
+
+
+def test_limits_name_actuators() -> None:
+    with pytest.raises(ProblemError, match=r"control.limits.knee: no actuator is called knee; there are ankle, hip"):
+        stated(Regulator, "{type: regulator, limits: {knee: 1}}")
+
+
+def test_a_fixed_number_cannot_be_free() -> None:
+    class Declared(Stairs):
+        type = "declared"
+        jumps: ClassVar[bool] = True
+
+    with pytest.raises(ProblemError, match=r"control.time: cannot be free"):
+        stated(Declared, "{type: declared, time: {free: [0.1, 0.4], guess: 0.3}}")
+
+
+def test_the_version_of_a_law_enters_the_digest_and_must_be_the_installed_one() -> None:
+    problem = stated(Regulator)
+    assert problem.resolved()["control"]["version"] == "1"
+
+    class Later(Regulator):
+        version = "2"
+
+    assert stated(Later).digest != problem.digest
+    from gaitopt.problem.problem import restore_problem
+
+    with pytest.raises(ProblemError, match=r"control.version.*'1' is not the version of regulator here, '2'"):
+        restore_problem(problem.resolved(), controls=[Later])
+    with pytest.raises(ProblemError, match="no control law is called 'regulator'"):
+        restore_problem(problem.resolved())
+    assert restore_problem(problem.resolved(), controls=[Regulator]).digest == problem.digest

@@ -1,0 +1,41 @@
+"""A control law of one's own, and a walker whose damper does the same as the law: two ways to the same gait."""
+
+from typing import Annotated, Any
+
+from casadi import SX
+from pydantic import Field
+
+from gaitopt.model.control import Control, Instant
+from gaitopt.model.units import TurningDamping
+from gaitopt.model.walker import Damper, Mechanism
+from gaitopt.model.walkers.compass_biped import CompassBiped
+
+
+class HipDamper(Control):
+    """The hip motor brakes like a viscous damper between the legs."""
+
+    type = "hip_damper"
+
+    damping: Annotated[TurningDamping, Field(description="torque per rate of the hip [N m s/rad]")] = 0.01
+
+    def torques(self, now: Instant) -> dict[str, SX]:
+        """Against the rate of the angle between the legs."""
+        return {"hip": -now.p.damping * (now.dq.theta1 + now.dq.theta2)}
+
+
+class DampedCompass(CompassBiped):
+    """A passive compass with a damper in its hip."""
+
+    model = "damped_compass"
+
+    damping: TurningDamping = 0.01
+
+    @classmethod
+    def mechanism(cls, q: Any, p: Any) -> Mechanism:
+        """The compass with a damper between the legs."""
+        plain = CompassBiped.mechanism(q, p)
+        across = q.theta1 + q.theta2
+        return Mechanism(
+            **{name: getattr(plain, name) for name in plain.__dataclass_fields__ if name != "dampers"},
+            dampers=(Damper(coefficient=p.damping, across=across),),
+        )

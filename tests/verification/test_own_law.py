@@ -1,0 +1,142 @@
+"""A control law of one's own, end to end: it is a law like those of gaitopt."""
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_laws import DampedCompass, HipDamper
+
+import gaitopt as go
+
+SOURCE = "compass-passive-a"
+
+
+def damped(damping: float = 0.01, more: str = "") -> go.Problem:
+    text = damped_text(more).replace("damping: 0.01", f"damping: {damping}")
+    return go.parse_problem(text, controls=[HipDamper])
+
+
+def damped_text(more: str = "") -> str:
+    return f"{go.load_problem(SOURCE).text}\ncontrol: {{type: hip_damper, damping: 0.01}}\n{more}"
+
+
+@pytest.fixture(scope="module")
+def gait() -> go.Gait:
+    found = go.solve(damped(), progress=False)
+    assert found.converged, found.message
+    return found
+
+
+def test_the_law_does_what_a_damper_of_the_walker_does(gait: go.Gait) -> None:
+    text = go.load_problem(SOURCE).text.replace("model: compass_biped", "model: damped_compass")
+    other = go.solve(go.parse_problem(text, walkers=[DampedCompass]), progress=False)
+    assert other.converged
+    passive = go.solve(SOURCE, progress=False)
+    np.testing.assert_allclose(gait.state, other.state, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.sort(np.abs(gait.multipliers)), np.sort(np.abs(other.multipliers)), rtol=1e-7)
+    assert abs(gait.spectral_radius - passive.spectral_radius) > 1e-4
+
+
+def test_both_engines_verify_the_gait(gait: go.Gait) -> None:
+    assert go.verify(gait).passed
+    ends = [go.simulate(gait, steps=3, engine=engine).trajectory.section_states[-1] for engine in ("scipy", "heyoka")]
+    np.testing.assert_allclose(ends[0], ends[1], rtol=1e-9, atol=1e-10)
+
+
+def test_a_changed_parameter_is_followed_and_continued(gait: go.Gait) -> None:
+    there = go.solve(damped().replace({"control.damping": 0.02}), progress=False)
+    assert there.converged
+    branch = go.continuation(gait, "control.damping", 0.02)
+    assert branch.values[-1] == 0.02
+    assert branch.column("period")[-1] == pytest.approx(there.period, rel=1e-9)
+
+
+def test_a_design_finds_a_parameter(gait: go.Gait) -> None:
+    speed = gait.measures["speed"]
+    text = damped_text(f"constraints: {{speed: {float(speed)!r}}}\n").replace(
+        "damping: 0.01", "damping: {free: [0, 0.1], guess: 0.02}"
+    )
+    found = go.solve(go.parse_problem(text, controls=[HipDamper]), progress=False)
+    assert found.converged, found.message
+    assert found.freed["control.damping"] == pytest.approx(0.01, rel=1e-6)
+
+
+def test_limits_can_be_free(gait: go.Gait) -> None:
+    text = damped_text("constraints: {speed: {min: 0.1}}\nobjective: torque_squared\n").replace(
+        "damping: 0.01", "damping: 0.01, limits: {hip: {free: [0.001, 1], guess: 0.5}}"
+    )
+    problem = go.parse_problem(text, controls=[HipDamper])
+    assert problem.free["control.limits.hip"].guess == 0.5
+    assert problem.parameters["control.limits.hip"] == 0.5
+    assert problem.with_fixed({"control.limits.hip": 0.25}).parameters["control.limits.hip"] == 0.25
+
+
+def test_wide_limits_change_nothing(gait: go.Gait) -> None:
+    text = damped_text().replace("damping: 0.01", "damping: 0.01, limits: {hip: 100}")
+    limited = go.solve(go.parse_problem(text, controls=[HipDamper]), progress=False)
+    np.testing.assert_allclose(limited.state, gait.state, rtol=1e-6, atol=1e-12)
+
+
+def test_workers_sweep_a_parameter(gait: go.Gait, tmp_path: Path) -> None:
+    swept = go.sweep(
+        damped(), {"control.damping": (0.01, 0.012, 2)}, workers=2, output=tmp_path / "sweep", progress=False
+    )
+    assert swept.column("period")[0] == pytest.approx(gait.period, rel=1e-9)
+    assert np.isfinite(swept.column("period")).all()
+
+
+def test_pickles_name_the_class(gait: go.Gait) -> None:
+    problem = pickle.loads(pickle.dumps(damped()))  # noqa: S301 - our own
+    assert problem.control == HipDamper(damping=0.01)
+    assert type(problem.control) is HipDamper
+    assert pickle.loads(pickle.dumps(gait)).system.control == gait.system.control  # noqa: S301 - our own
+
+
+def test_find_meets_the_gait(gait: go.Gait) -> None:
+    open_text = damped_text()
+    problem = go.parse_problem(open_text, controls=[HipDamper]).replace({"gait.phases": "auto"})
+    found = go.find(problem, starts=24, progress=False)
+    assert any(abs(one.period - gait.period) < 1e-6 for one in found.gaits)
+
+
+def test_the_gait_is_proved(gait: go.Gait, tmp_path: Path) -> None:
+    pytest.importorskip("flint")
+    proof = go.prove(gait, output=tmp_path / "proof.json", progress=False)
+    assert proof.proved, proof
+    refused = go.check_proof(tmp_path / "proof.json")
+    assert not refused.proved
+    assert "no control law is called 'hip_damper'" in refused.claims[0].words
+    assert go.check_proof(tmp_path / "proof.json", controls=[HipDamper]).proved
+
+
+def test_a_registered_law_goes_through_the_command_line(gait: go.Gait, tmp_path: Path) -> None:
+    package = tmp_path / "own_laws-1.0.dist-info"
+    package.mkdir()
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: own-laws\nVersion: 1.0\n")
+    (package / "entry_points.txt").write_text("[gaitopt.controls]\nhip_damper = own_laws:HipDamper\n")
+    file, run = tmp_path / "damped.yaml", tmp_path / "run"
+    file.write_text(damped_text())
+    here = [str(tmp_path), str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
+
+    def gaitopt(*words: str, plugin: bool = True) -> subprocess.CompletedProcess[str]:
+        places = os.pathsep.join(here if plugin else here[1:])
+        command = [sys.executable, "-m", "gaitopt", *words]
+        env = {**os.environ, "PYTHONPATH": places}
+        return subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+
+    solved = gaitopt("solve", str(file), "-o", str(run), "--json", "--quiet")
+    assert solved.returncode == 0, solved.stderr
+    assert json.loads(solved.stdout)["period"] == pytest.approx(gait.period, rel=1e-9)
+    shown = gaitopt("show", str(file))
+    assert "damping" in shown.stdout
+    assert "N m s/rad" in shown.stdout
+    assert "hip_damper" in gaitopt("schema").stdout
+    missing = gaitopt("simulate", str(run), plugin=False)
+    assert missing.returncode != 0
+    assert "no control law is called 'hip_damper'" in missing.stderr
+    assert "Traceback" not in missing.stderr
