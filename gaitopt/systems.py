@@ -17,7 +17,6 @@ from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.control import Control
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.reference import (
     BeyondEnd,
     BezierCurve,
@@ -30,8 +29,6 @@ from gaitopt.model.reference import (
     control_points,
 )
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.virtual_constraints import Law, VirtualConstraints
-from gaitopt.problem.faults import Fault, raise_faults
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
@@ -46,8 +43,6 @@ FITTED_POINTS = 101
 """Points at which the first guess of a free curve is fitted."""
 SHORTEST_PIECE = 1 / 64
 """Shortest piece in periods; a motion that is not smooth on this scale is no walk."""
-SINGULAR = 1e-9
-"""Ratio of the singular values below which a matrix has no inverse: its rounding, with a reserve."""
 MAX_SYSTEMS = 16
 """Number of systems that are kept with their compiled functions, some megabytes each."""
 
@@ -69,9 +64,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     control, source = problem.control.structure, _source(problem)
     tracked = () if source is None else (source.digest, type(source.walker))
     key = (type(problem.walker), problem.impact_law, problem.friction_law, *control, *tracked)
-    system = _shared_system(_Structure(key=key, problem=problem, should_stop=should_stop))
-    _check_decoupling(problem, system)
-    return system
+    return _shared_system(_Structure(key=key, problem=problem, should_stop=should_stop))
 
 
 def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
@@ -170,30 +163,6 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
         arc = replace(arc, times=times, states=states)
         pieces.append(piece(arc))
     return Reference(pieces=tuple(pieces), horizon=arc.end)
-
-
-def _check_decoupling(problem: Problem, system: HybridSystem) -> None:
-    """Check that the decoupling matrix of a linearising law has an inverse at the guess of the gait.
-
-    Raises
-    ------
-    ProblemError
-        If it is singular.
-    """
-    law = problem.control
-    if not isinstance(law, VirtualConstraints) or law.law is not Law.LINEARISING or problem.start is None:
-        return
-    state = [problem.start.state[name] for name in system.state_names]
-    mode = Mode.STICK if problem.is_open else problem.cycle.phases[0]
-    known = system.quantities(mode)(t=0, z=state, p=system.values(problem.parameters), r=system.data(0))
-    sizes = np.linalg.svd(np.asarray(known["decoupling"]), compute_uv=False)
-    if not sizes[-1] > SINGULAR * sizes[0]:
-        motors = ", ".join(law.driven_by(type(problem.walker)))
-        words = (
-            f"the decoupling matrix of {', '.join(law.outputs)} is singular at the guess: the motors {motors} cannot"
-        )
-        message = f"{words} accelerate these outputs independently; choose other outputs or motors, or law: pd"
-        raise_faults([Fault(("control", "outputs"), message)], problem.place)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

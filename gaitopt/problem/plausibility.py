@@ -28,6 +28,7 @@ from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import DURATION, Scales, Within, symmetric
+from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key
 from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
@@ -50,6 +51,8 @@ NO_ENERGY = "no source of energy: a passive walker on level or uphill ground can
 STATE: Key = ("gait", "guess", "state")
 Span = tuple[Key, float, float, Within]
 """Path of a number or of a range of numbers, its lower and upper end, and its limits."""
+SINGULAR = 1e-9
+"""Ratio of the singular values below which a matrix has no inverse: its rounding, with a reserve."""
 
 
 def impossible(problem: ProblemStatement) -> Iterator[Fault]:
@@ -89,6 +92,15 @@ def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
     z = np.zeros(system.n_z) if problem.start is None else np.array([*problem.start.state.values()])
     p, times, name = system.values(problem.parameters), law.breakpoints, type(law).__name__
     where = "with all coordinates zero" if problem.start is None else "at the guess"
+    if isinstance(law, VirtualConstraints) and law.law is Law.LINEARISING and problem.start is not None:
+        known = system.quantities(mode)(t=0, z=z, p=p, r=law.data(0))
+        sizes = np.linalg.svd(np.asarray(known["decoupling"]), compute_uv=False)
+        if not sizes[-1] > SINGULAR * sizes[0]:
+            outputs, motors = ", ".join(law.outputs), ", ".join(law.driven_by(walker))
+            words = f"the decoupling matrix of {outputs} is singular {where}: the motors {motors} cannot accelerate"
+            remedy = "choose other outputs or motors, or law: pd"
+            yield Fault(("control", "outputs"), f"{words} these outputs independently; {remedy}")
+            return
     at_start, at_end = (np.full(len(walker.actuators), np.nan) for _ in range(2))
     for segment, time in enumerate((0.0, *times)):
         at_start = np.asarray(function(time, z, p, law.data(segment))).ravel()

@@ -271,9 +271,8 @@ def test_a_singular_decoupling_matrix_is_named():
         "control.outputs": ["theta2", "hip"],
         "control.reference": {"bezier": {"theta2": [-0.1, 0.1], "hip": [-0.2, 0.2]}},
     }
-    problem = go.load_problem(NAME).replace(changes)
     with pytest.raises(ProblemError, match=r"control.outputs: the decoupling matrix of theta2, hip is singular"):
-        go.solve(problem)
+        go.load_problem(NAME).replace(changes)
 
 
 @pytest.mark.parametrize(
