@@ -42,6 +42,8 @@ OTHERS = {
     "compass-unequal": True,
     "round-feet-passive": True,
     "torso-passive": True,
+    "compass-shaped": True,
+    "torso-upright": True,
 }
 STATE_TOLERANCE = 3e-12
 """Three times the integration error that a solution aims at, as rates have other units than angles."""
