@@ -187,7 +187,7 @@ def test_what_is_read_is_refused_with_its_file_or_as_before(copy, name):
     before, content, manifest = read(), file.read_bytes(), (Path(file.parts[0]) / "manifest.json").read_bytes()
     chance, wrong = random.Random(1), []
     for line, path, value, record, records in spoiled(file):
-        if chance.random() > 0.25:
+        if chance.random() > 0.12:
             continue
         rewrite(file, line, record, records)
         said, error = outcome(read)

@@ -97,6 +97,7 @@ def test_pickles_name_the_class(gait: go.Gait) -> None:
     assert pickle.loads(pickle.dumps(gait)).system.control == gait.system.control  # noqa: S301 - our own
 
 
+@pytest.mark.slow
 def test_find_meets_the_gait(gait: go.Gait) -> None:
     open_text = damped_text()
     problem = go.parse_problem(open_text, controls=[HipDamper]).replace({"gait.phases": "auto"})
@@ -104,6 +105,7 @@ def test_find_meets_the_gait(gait: go.Gait) -> None:
     assert any(abs(one.period - gait.period) < 1e-6 for one in found.gaits)
 
 
+@pytest.mark.slow
 def test_the_gait_is_proved(gait: go.Gait, tmp_path: Path) -> None:
     pytest.importorskip("flint")
     proof = go.prove(gait, output=tmp_path / "proof.json", progress=False)
