@@ -165,7 +165,7 @@ def test_the_same_gait_gives_the_same_bytes(tmp_path, extension):
 
 
 @pytest.mark.parametrize("command", ["plot", "report"])
-@pytest.mark.parametrize("problem", ["rimless-wheel-slip", "compass-torque-slip"])
+@pytest.mark.parametrize("problem", ["rimless-wheel-slip", pytest.param("compass-torque-slip", marks=pytest.mark.slow)])
 @pytest.mark.usefixtures("empty_folder")
 def test_a_repeated_command_writes_the_same_bytes(run, command, problem):
     """The first one solves the problem, the second one finds its gait in the run folder."""
