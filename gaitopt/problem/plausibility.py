@@ -199,20 +199,20 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
 
 
 def _section_spans(path: Key, section: type[BaseModel], values: Mapping[str, Any]) -> Iterator[Span]:
+    ranges = _ranges(section)
     for name, value in values.items():
-        numbers: dict[Key, float] = {(name, *key): number for key, number in _numbers(value)}
-        ranges = _ranges(section).get(name, ())
-        yield from (((*path, *key), number, number, within) for key, number in numbers.items() for within in ranges)
+        if name in ranges:
+            for key, number in _numbers(value):
+                yield from (((*path, name, *key), number, number, within) for within in ranges[name])
         if isinstance(value, BaseModel):
             yield from _section_spans((*path, name), type(value), dict(value))
 
 
 def _numbers(value: object) -> list[tuple[Key, float]]:
     """A number, or the numbers of a mapping by key."""
-    entries: dict[Key, object] = {(): value}
-    if isinstance(value, Mapping):
-        entries = {(str(key),): entry for key, entry in value.items()}
-    return [(key, entry) for key, entry in entries.items() if isinstance(entry, int | float)]
+    if not isinstance(value, Mapping):
+        return [((), value)] if isinstance(value, int | float) else []
+    return [((str(key),), entry) for key, entry in value.items() if isinstance(entry, int | float)]
 
 
 @lru_cache(maxsize=64)
