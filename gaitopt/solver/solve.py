@@ -124,7 +124,8 @@ def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Sol
 def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
     """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
 
-    A reference that ends before the step explains more than the violations of motions beyond its end.
+    A reference that ends before the step explains more than the violations of motions beyond its end, and an event
+    that is missing from the guess more than its time before the phase.
 
     Parameters
     ----------
@@ -141,6 +142,8 @@ def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: 
     for at in (solved(relaxed), failed):
         if at.size <= RESIDUAL_TOLERANCE:
             violated = violations(at)
+            if missing is not None and any(cause.what == "duration" for cause in violated):
+                break
             if violated:
                 return tuple(violated)
     return (missing or largest_residual(failed),)

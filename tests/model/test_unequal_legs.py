@@ -175,8 +175,10 @@ def test_batches_return_after_a_step_with_either_leg():
 @pytest.mark.slow
 def test_gaits_of_legs_that_differ_are_found_and_explained():
     problem = named("compass-unequal").problem.replace({"friction": 0.19})
-    (gait,) = go.find(problem.replace({"gait": {"phases": "auto"}}), workers=1)
-    assert sorted(step.impact.mode for step in gait.steps) == ["slip_forward", "stick"]
+    stable, unstable = go.find(problem.replace({"gait": {"phases": "auto"}}), workers=1)
+    assert sorted(step.impact.mode for step in stable.steps) == ["slip_forward", "stick"]
+    assert [step.impact.mode for step in unstable.steps] == ["slip_forward", "slip_forward"]
+    assert stable.spectral_radius < 1 < unstable.spectral_radius
     assert not go.explain(problem, workers=1).exists
 
 
