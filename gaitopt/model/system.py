@@ -326,6 +326,11 @@ class HybridSystem:
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
 
+    @property
+    def expressions(self) -> Expressions:
+        """The expressions of which its functions are made."""
+        return self._symbols
+
     def __copy__(self) -> "HybridSystem":
         return self
 

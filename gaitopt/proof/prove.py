@@ -27,6 +27,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
 from gaitopt.proof.certificate import (
     EXACT_VALUE,
+    MOST_UNKNOWNS,
     SCHEMA,
     BoxRecord,
     Statement,
@@ -377,7 +378,13 @@ def _digits(value: arb) -> str:
 
 
 def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[arb]]:
-    """Arcs with the steps of their integration, and approximate nodes and durations."""
+    """Arcs with the steps of their integration, and approximate nodes and durations.
+
+    Raises
+    ------
+    NotProved
+        If there are more of them than a certificate may have.
+    """
     arcs, nodes = [], list[arb]()
     for j, (arc, doubles) in enumerate(zip(orbit.arcs, gait.arcs, strict=True)):
         start = [*map(arb, map(float, doubles.states[0])), arb(float(doubles.start))]
@@ -402,6 +409,8 @@ def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[ar
             y, left = [value.mid() for value in step.end], left - h
             lengths.append(h)
             nodes += y[: orbit.n]
+            if len(nodes) + len(orbit.arcs) > MOST_UNKNOWNS:
+                raise NotProved(f"the orbit has more than {MOST_UNKNOWNS} unknowns: {left:.3g} s of arc {j + 1} remain")
             h *= min(ratio, LARGEST_GROWTH)
         arcs.append(replace(arc, fractions=tuple(length / duration for length in lengths[:-1])))
     return arcs, [*nodes, *(arb(float(arc.duration)) for arc in gait.arcs)]

@@ -497,3 +497,11 @@ def test_a_phase_that_ends_because_the_torques_jump_is_refused_by_name():
     assert claim.words == (
         "phase 1 (stick) ends at a breakpoint of the control law, where the torques jump: not covered"
     )
+
+
+def test_an_orbit_with_more_unknowns_than_a_certificate_may_have_is_not_proved(monkeypatch):
+    monkeypatch.setattr("gaitopt.proof.prove.MOST_UNKNOWNS", 10)
+    proof = prove(solve(load_problem("rimless-wheel-slip"), progress=False), progress=False)
+    (claim,) = proof.claims
+    assert not proof.proved
+    assert "the orbit has more than 10 unknowns" in claim.words

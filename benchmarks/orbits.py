@@ -1,0 +1,162 @@
+"""Make the set of reference orbits: ``python benchmarks/orbits.py [NAME ...]``; minutes if certificates are searched.
+
+Every named problem is solved, verified, and proved where proofs cover its walker. ``results/reference-orbits`` gets the
+JSON, certificate and picture of each, MJCF and URDF where the walker is a tree, and the checksums of all files. A
+certificate that is there is kept if it holds when it is checked again, and is that of the same problem.
+"""
+
+import argparse
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.progress import track
+
+import gaitopt as go
+from gaitopt.api.verbs import check_proof
+from gaitopt.errors import ProblemError
+from gaitopt.gait.measures import observe
+from gaitopt.proof.prove import exact_texts
+from gaitopt.show.film import skeleton
+from gaitopt.show.gaits import MODE_COLOURS
+from gaitopt.show.motion import resampled
+from gaitopt.show.orbits import orbit_record
+from gaitopt.show.style import dashes, encoded, figure_style
+
+VERSION = "1.0.0"
+"""Of the set; a change of a number or a key changes it."""
+FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
+POSTURES, SMOOTH = 8, 60
+"""Postures of a step in a picture, and points of a curve of one arc."""
+DPI, DIGITS, LEAST_SLIP = 90, 12, 0.05
+"""Resolution; digits of a position [m], below which rounding would fill the axis; half of its least range [mm]."""
+HEAD = """# Reference orbits
+
+{count} periodic orbits of walkers with dry friction, of which {proved} are proved: existence, mode sequence and
+multipliers. [docs/reference-orbits.md](../../docs/reference-orbits.md) describes the format, and how to use the set
+without gaitopt. `python recompute.py NAME.json` recomputes an orbit with numpy and scipy. Data: CC-BY-4.0; version
+{version}; checksums in `SHA256SUMS` (`sha256sum -c SHA256SUMS`). `python benchmarks/orbits.py` at the root of the
+repository remakes the set.
+
+| orbit | mechanism | modes; impact | period [s] | spectral radius | proof | links |
+|---|---|---|---|---|---|---|
+"""
+
+
+def main() -> None:
+    """Write the files of the named orbits, or of all; then the list and the checksums."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help="orbits to remake; all by default")
+    names = parser.parse_args().names or go.problem_names()
+    (FOLDER / "certificates").mkdir(parents=True, exist_ok=True)
+    for name in track(names, "orbits"):
+        write_orbit(name)
+    orbits = [json.loads((FOLDER / f"{name}.json").read_text()) for name in go.problem_names()]
+    (FOLDER / "README.md").write_text(readme(orbits))
+    files = sorted(path for path in FOLDER.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    sums = [f"{sha256(path)}  {path.relative_to(FOLDER)}\n" for path in files if path.name != "SHA256SUMS"]
+    (FOLDER / "SHA256SUMS").write_text("".join(sums))
+
+
+def write_orbit(name: str) -> None:
+    """All files of one orbit."""
+    gait = go.solve(name, progress=False)
+    if not gait.converged or not go.verify(gait).passed:
+        raise SystemExit(f"{name} is {gait.status}, or its verification fails: {gait.message}")
+    file = FOLDER / "certificates" / f"{name}.json"
+    theorem, unproved = prove(gait, file)
+    certificate = {"file": f"certificates/{name}.json", "sha256": sha256(file)} if theorem else None
+    exact = exact_texts(gait.problem, gait.dynamics.parameters)
+    record = orbit_record(gait, exact, theorem=theorem, certificate=certificate, unproved=unproved)
+    (FOLDER / f"{name}.json").write_text(compact({"version": VERSION, **record}))
+    (FOLDER / f"{name}.png").write_bytes(picture(gait))
+    for kind, ending in (("mjcf", "mjcf.xml"), ("urdf", "urdf")):
+        try:
+            (FOLDER / f"{name}.{ending}").write_text(go.robot_description(gait.problem.walker, kind))
+        except ProblemError:  # no tree of links
+            break
+
+
+def prove(gait: go.Gait, file: Path) -> tuple[dict | None, str | None]:
+    """The theorem about a gait, whose certificate is in ``file``; or why there is none."""
+    problem = json.loads(json.dumps(gait.problem.resolved()))
+    proof = check_proof(file) if file.exists() and json.loads(file.read_text())["resolved"] == problem else None
+    if proof is None or not proof.proved:
+        proof = go.prove(gait, progress=False)
+        if not proof.proved:
+            return None, "; ".join(claim.words for claim in proof.claims if not claim.proved)
+        file.write_text(json.dumps({**proof.certificate, "theorem": proof.to_record()}, indent=1) + "\n")
+    return json.loads(json.dumps(proof.to_record())), None
+
+
+def compact(record: dict) -> str:
+    """JSON with one line per list of numbers or texts."""
+    text = json.dumps(record, indent=1, ensure_ascii=False)
+    return re.sub(r"\[\s+([^\[\]{}]*?)\s+\]", lambda found: "[" + " ".join(found[1].split()) + "]", text) + "\n"
+
+
+def sha256(path: Path) -> str:
+    """Checksum of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def picture(gait: go.Gait) -> bytes:
+    """Postures, ratio of the contact forces with the cone, and position of the stance foot, as PNG."""
+    with figure_style():
+        figure = Figure(figsize=(6.4, 6.0))
+        posture, ratio, slip = figure.subplots(3, 1, height_ratios=(2, 1, 1))
+    walked, began, x = 0.0, 0.0, gait.system.n_shape
+    for step in gait.steps:
+        for arc in step.arcs:
+            fine = resampled(arc, SMOOTH)
+            style = {"color": MODE_COLOURS[arc.mode.contact], "linestyle": dashes(arc.mode)}
+            force = observe(fine).force
+            if arc.mode.touching:
+                ratio.plot(began + fine.times, force[:, 0] / np.where(force[:, 1] == 0, np.nan, force[:, 1]), **style)
+            slip.plot(began + fine.times, 1e3 * fine.states[:, x].round(DIGITS), **style)
+            drawn = skeleton([resampled(arc, max(2, round(POSTURES * arc.duration / step.period)))])
+            for points in drawn.points:
+                for a, b in drawn.legs:
+                    stance = 0 in (a, b) or drawn.contact in (a, b)
+                    posture.plot(
+                        walked + points[[a, b], 0], points[[a, b], 1], lw=1.2, alpha=0.9 if stance else 0.4,
+                        color=style["color"],
+                    )  # fmt: skip
+        began, walked = began + step.period, walked + step.final_impact.step_length
+    for side in (-1, 1):
+        ratio.axhline(side * gait.dynamics.static_friction, color="0.5", lw=0.9, ls="-.")
+    posture.set_aspect("equal", adjustable="datalim")
+    posture.set(title=f"{gait.problem.name}: {gait.cycle}", xlabel="x [m]", ylabel="y [m]")
+    posture.title.set_fontsize(8)
+    ratio.tick_params(labelbottom=False)
+    ratio.set(ylabel="f_t / f_n", xlabel="")
+    slip.set(ylabel="foot x [mm]", xlabel="t [s]")
+    low, high = slip.get_ylim()
+    slip.set_ylim(min(low, -LEAST_SLIP), max(high, LEAST_SLIP))
+    ratio.set_xlim(slip.get_xlim())
+    return encoded(figure, "png", DPI)
+
+
+def readme(orbits: list[dict]) -> str:
+    """The list of the orbits."""
+    rows = []
+    for orbit in orbits:
+        motion, name = orbit["orbit"], orbit["name"]
+        modes = ", ".join(phase["mode"] for phase in motion["phases"])
+        impacts = ", ".join(event["impact"] for event in motion["events"] if event["to"] == "impact")
+        tree = f"[MJCF]({name}.mjcf.xml), [URDF]({name}.urdf)" if (FOLDER / f"{name}.urdf").exists() else ""
+        proof = f"[proved](certificates/{name}.json)" if orbit["proved"] else "not proved"
+        radius = f"{motion['spectral_radius']['value']:.4f}"
+        rows.append(
+            f"| [{name}]({name}.json) ([picture]({name}.png)) | {orbit['mechanism']} | {modes}; impact: {impacts} | "
+            f"{motion['period']['value']:.6f} | {radius} | {proof} | {tree} |\n"
+        )
+    count = sum(orbit["proved"] for orbit in orbits)
+    return HEAD.format(version=VERSION, count=len(orbits), proved=count) + "".join(rows)
+
+
+if __name__ == "__main__":
+    main()

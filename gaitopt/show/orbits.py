@@ -1,0 +1,358 @@
+"""A gait as a reference orbit: one JSON object that states its equations, so that no other program is needed.
+
+    M ddq + h = E u + (0, f_t, f_n)'        M (dq_plus - dq_minus) = S' F
+
+Expressions are texts of ordinary arithmetic in named states and parameters. Parameters are exact decimals. A proof adds
+an enclosure to each number of the orbit, as decimals rounded outward.
+"""
+
+from collections import Counter
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import casadi as ca
+from casadi import SX, Function, cse, jacobian, vec, vertcat
+
+from gaitopt.arrays import Array
+from gaitopt.building import building
+from gaitopt.errors import ProblemError
+from gaitopt.gait.gait import Gait, trajectory_header, trajectory_rows
+from gaitopt.model.system import HybridSystem
+from gaitopt.problem.scalars import state_unit, unit_of
+
+FORMAT = "gaitopt-orbit-1"
+MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
+VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
+LONGEST = 60
+"""Characters up to which a subexpression that occurs once is written in place."""
+ENCLOSED = ("step_length", "speed", "work", "cost_of_transport", "required_friction")
+"""Scalars that a proof encloses besides the period."""
+OPERATIONS: Mapping[int, str] = {
+    ca.OP_ADD: "{} + {}",
+    ca.OP_SUB: "{} - {}",
+    ca.OP_MUL: "{}*{}",
+    ca.OP_DIV: "{}/{}",
+    ca.OP_POW: "{}**{}",
+    ca.OP_CONSTPOW: "{}**{}",
+    ca.OP_ATAN2: "atan2({}, {})",
+    ca.OP_NEG: "-{}",
+    ca.OP_SQ: "{}**2",
+    ca.OP_TWICE: "2*{}",
+    ca.OP_INV: "1/{}",
+    ca.OP_SQRT: "sqrt({})",
+    ca.OP_EXP: "exp({})",
+    ca.OP_LOG: "log({})",
+    ca.OP_SIN: "sin({})",
+    ca.OP_COS: "cos({})",
+    ca.OP_TAN: "tan({})",
+    ca.OP_ASIN: "asin({})",
+    ca.OP_ACOS: "acos({})",
+    ca.OP_ATAN: "atan({})",
+    ca.OP_TANH: "tanh({})",
+    ca.OP_FABS: "abs({})",
+}
+"""Operations as text; operands are names, numbers, calls or in parentheses."""
+WORDS = (
+    "All numbers are in SI units, angles in radians. x is along the slope, downhill; y along its normal. Absolute "
+    "angles count from the normal, positive towards downhill.",
+    "q = (shape, x, y), where (x, y) is the stance foot; on the ground y = 0. The state is (q, dq) without y and dy.",
+    "Motion: M ddq + h = E u + (0, f_t, f_n) with ddy = 0, where the force (f_t, f_n) of the ground acts on the rows "
+    "of x and y. stick: dx = 0 and |f_t| <= static*f_n. slip_forward: dx > 0, s = 1; slip_backward: dx < 0, s = -1; "
+    "f_t = -s*kinetic*f_n - viscous*dx. Always f_n > 0.",
+    "Touchdown is where the expression `touchdown` rises to zero after negative values. Impact of the swing foot, "
+    "while the stance foot is free: M (dq_plus - dq_minus) = S' (F_t, F_n), where S is `swing_jacobian`, and "
+    "(S dq_plus)_n = 0. stick: (S dq_plus)_t = 0. slip: F_t = -s*kinetic*F_n, s the sign of (S dq_plus)_t; by the "
+    "frictionless impact law F_t = 0.",
+    "Then the feet swap roles: the new shape is `relabel`, its rates are `relabel_jacobian` times those of the old "
+    "shape, dx is (S dq_plus)_t, and x starts again from zero at the new stance foot. Time t counts from the impact.",
+)
+UNEQUAL = (
+    "The legs differ: in every second step the parameters listed in `exchanged` take each other's values. The orbit "
+    "returns after an even number of steps."
+)
+FURTHER = (
+    "This walker has further parts, all of them expressions here. `stops` are gaps of joint stops, positive while "
+    "free; a stop locks where its gap reaches zero, by a plastic impact, and stays locked until the foot's next "
+    "impact. `switches` trigger where their margins fall to zero. `springs` are forces on the left of the equation of "
+    "motion in the states that name them. `push` is an impulse of the ground on the stance foot just before the impact."
+)
+
+
+@building
+def formulas(
+    symbols: Mapping[str, SX], expressions: Mapping[str, Any]
+) -> tuple[list[tuple[str, str]], dict[str, list[list[str]]]]:
+    """Expressions as texts; what occurs several times, or is long, is defined once under a name.
+
+    Parameters
+    ----------
+    symbols : by the name that they have in the texts; other symbols keep their own names.
+    expressions : matrices by name.
+
+    Returns
+    -------
+    definitions : (name, text) in an order in which each uses earlier ones only.
+    texts : the rows of every matrix by its name.
+
+    Raises
+    ------
+    ProblemError
+        If an expression has an operation without a formula.
+    """
+    matrices = {name: ca.densify(SX(value)) for name, value in expressions.items()}
+    outputs = cse([vertcat(*(vec(value.T) for value in matrices.values()))])
+    names = {symbol.name(): symbol.name() for symbol in ca.symvar(outputs[0])}
+    names |= {symbol.name(): name for name, symbol in symbols.items()}
+    inputs = ca.symvar(outputs[0])
+    function = Function("f", [vertcat(*inputs)], outputs)
+    steps = range(function.n_instructions())
+    operations = [function.instruction_id(k) for k in steps]
+    uses, current, operands = Counter[int](), dict[int, int](), list[list[int]]()
+    for k in steps:  # operands as numbers of the instructions that made them
+        plain = operations[k] in (ca.OP_CONST, ca.OP_INPUT)
+        operands.append([] if plain else [current[place] for place in function.instruction_input(k)[:2]])
+        uses.update(operands[k])
+        if operations[k] != ca.OP_OUTPUT:
+            current[function.instruction_output(k)[0]] = k
+    texts: dict[int, str] = {}
+    definitions: list[tuple[str, str]] = []
+    flat, rows = ["0"] * function.numel_out(0), function.sparsity_out(0).row()
+    for k in steps:
+        values = [texts[operand] for operand in operands[k]]
+        if operations[k] == ca.OP_OUTPUT:
+            flat[rows[function.instruction_output(k)[1]]] = _bare(values[0])
+        elif operations[k] == ca.OP_CONST:
+            texts[k] = _number(function.instruction_constant(k))
+        elif operations[k] == ca.OP_INPUT:
+            texts[k] = names[inputs[function.instruction_input(k)[1]].name()]
+        elif operations[k] == ca.OP_ASSIGN:
+            texts[k] = values[0]
+        elif operations[k] in OPERATIONS:
+            form = OPERATIONS[operations[k]]
+            texts[k] = form.format(*values) if form[0].isalpha() else f"({form.format(*values)})"
+            if (uses[k] > 1 or len(texts[k]) > LONGEST) and operations[k] != ca.OP_NEG:
+                definitions.append((f"a{len(definitions) + 1}", _bare(texts[k])))
+                texts[k] = definitions[-1][0]
+        else:
+            raise ProblemError(f"CasADi's operation {operations[k]} cannot be written as a formula")
+    entries = iter(flat)
+    return definitions, {
+        name: [[next(entries) for _ in range(value.shape[1])] for _ in range(value.shape[0])]
+        for name, value in matrices.items()
+    }
+
+
+def _bare(text: str) -> str:
+    """A text without the parentheses around all of it."""
+    if not text.startswith("("):
+        return text
+    depth = 0
+    for k, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            return text[1:-1] if k == len(text) - 1 else text
+    return text
+
+
+def _number(value: float) -> str:
+    text = repr(int(value)) if value == int(value) and abs(value) < 2**53 else repr(value)
+    return text if value >= 0 else f"({text})"
+
+
+def parameter_names(system: HybridSystem) -> dict[str, str]:
+    """The name in expressions of every parameter by its dotted key: ``leg_length``, ``friction_static``."""
+    return {key: key.removeprefix("walker.").replace(".", "_") for key in system.parameters}
+
+
+@building
+def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
+    """The equations of a gait, with all parameters; arguments and errors as for ``orbit_record``."""
+    system, walker, expressions = gait.system, gait.system.walker, gait.system.expressions
+    eom, mechanism, n = expressions.eom, expressions.eom.mechanism, len(walker.shape)
+    if walker.contacts:
+        raise ProblemError(f"{gait.problem.name}: {walker.model} has several contacts; an orbit has one foot at a time")
+    names = parameter_names(system)
+    symbols = dict(zip((*names.values(), "t"), ca.vertsplit(vertcat(expressions.p, expressions.t)), strict=True))
+    symbols |= {f"r{k}": expressions.r[k] for k in range(system.n_r)}
+    modes = list(dict.fromkeys(mode for mode, _ in gait.phases))
+    mu_s, mu_k, viscous = system.friction_coefficients(expressions.p)
+    equations = {
+        "M": eom.M,
+        "h": eom.B + eom.G,
+        "E": eom.E,
+        "swing_foot": mechanism.swing_foot,
+        "swing_jacobian": eom.W_swing,
+        "touchdown": mechanism.touchdown,
+        "relabel": mechanism.relabel,
+        "relabel_jacobian": jacobian(SX(mechanism.relabel), eom.q[:n]),
+        "energy": eom.energy,
+    }
+    friction = {"static": mu_s, "kinetic": mu_k, "viscous": viscous}
+    torques = {str(mode): expressions.torque(mode) for mode in modes}
+    bodies = [(body.mass, body.inertia, body.angle, body.position) for body in mechanism.bodies]
+    further: dict[str, Mapping[str, Any]] = {
+        "stops": mechanism.stops,
+        "switches": eom.switches,
+        "springs": {state: eom.force_of(energy) for state, energy in mechanism.potential_while.items()},
+        "push": {} if mechanism.push is None else {"foot": mechanism.push},
+    }
+    definitions, texts = formulas(
+        symbols,
+        {
+            **{f"equations.{name}": value for name, value in equations.items()},
+            **{f"friction.{name}": value for name, value in friction.items()},
+            **{f"torques.{mode}": value for mode, value in torques.items()},
+            **{f"further.{kind}.{name}": v for kind, values in further.items() for name, v in values.items()},
+            **{f"bodies.{k}": vertcat(*map(SX, body)) for k, body in enumerate(bodies)},
+            "gravity": mechanism.gravity,
+        },
+    )
+
+    def column(name: str) -> Any:
+        """A vector as a list, a scalar as its text."""
+        values = [row[0] for row in texts[name]]
+        is_vector = name.partition(".")[0] in ("torques", "gravity", "bodies") or name in VECTORS or len(values) > 1
+        return values if is_vector else values[0]
+
+    breaks, last = [0.0, *map(float, system.control.breakpoints), None], max(int(arc.segment) for arc in gait.arcs)
+    values = gait.dynamics.parameters
+    return {
+        "words": [*WORDS, *([UNEQUAL] if walker.exchanged else []), *([FURTHER] if any(further.values()) else [])],
+        "coordinates": {name: state_unit(name) for name in (*walker.shape, "x", "y")},
+        "states": {name: state_unit(name) for name in system.state_names},
+        "parameters": {
+            name: {"key": key, "exact": exact[key], "value": values[key], "unit": unit_of(key)}
+            for key, name in names.items()
+        },
+        "exchanged": dict(walker.exchanged),
+        "gravity": column("gravity"),
+        "bodies": [
+            dict(zip(("mass", "inertia", "angle", "position"), (*text[:3], text[3:]), strict=True))
+            for text in (column(f"bodies.{k}") for k in range(len(bodies)))
+        ],
+        "friction": {name: column(f"friction.{name}") for name in friction},
+        "impact_law": str(system.law),
+        "control": {
+            "type": system.control.type,
+            "actuators": list(walker.actuators),
+            "torques": {mode: column(f"torques.{mode}") for mode in torques},
+            "segments": [
+                {"start": breaks[k], "end": breaks[k + 1], "r": system.data(k).tolist()} for k in range(last + 1)
+            ],
+        },
+        "definitions": [list(definition) for definition in definitions],
+        "equations": {
+            name: texts[f"equations.{name}"] if name in MATRICES else column(f"equations.{name}") for name in equations
+        },
+        "further_parts": {
+            kind: {name: column(f"further.{kind}.{name}") for name in values} for kind, values in further.items()
+        },
+    }
+
+
+def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, Any]:
+    """The motion of a gait with the enclosures of a theorem: events, samples, period and multipliers."""
+    system, cycle, proved = gait.system, gait.cycle, theorem or {}
+
+    def enclosed(name: str, value: float | None) -> dict[str, Any]:
+        return {"value": value, "unit": unit_of(name), "enclosure": proved.get(name)}
+
+    phases, events, began, number = [], [], 0.0, 0
+    durations = proved.get("durations") or [None] * len(gait.phases)
+    for k, step in enumerate(gait.steps):
+        for index in range(len(step.phases)):
+            arcs = [arc for arc, phase in zip(step.arcs, step.arc_phases, strict=True) if phase == index]
+            end, mode, ending = began + arcs[-1].end, str(arcs[-1].mode), system.transitions.ending(cycle, number)
+            duration = {"value": arcs[-1].end - arcs[0].start, "enclosure": durations[number]}
+            phases.append({"step": k + 1, "mode": mode, "duration": duration, "ends_with": ending.guard})
+            event = {"time": end, "step": k + 1, "what": ending.guard, "from": mode}
+            before = {"state_before": _named(system, arcs[-1].states[-1])}
+            after, impact = cycle.after(number), step.final_impact
+            if after is not None:
+                events.append(event | {"to": str(after)} | before)
+            else:
+                impulse = dict(zip(("F_t", "F_n"), impact.impulse.tolist(), strict=True))
+                landed = {"state_after": _named(system, impact.state), "step_length": impact.step_length}
+                events.append(
+                    event | {"to": "impact", "impact": str(impact.mode)} | before | landed | {"impulse": impulse}
+                )
+            number += 1
+        began += step.period
+    header = trajectory_header(system)
+    units = {name: state_unit(name) for name in system.state_names} | {"mode": ""}
+    return {
+        "n_steps": len(gait.steps),
+        "period": enclosed("period", gait.period),
+        "initial_state": {
+            name: {"value": value, "unit": state_unit(name), "enclosure": proved.get("state", {}).get(name)}
+            for name, value in _named(system, gait.state).items()
+        },
+        "phases": phases,
+        "events": events,
+        "multipliers": _multipliers(gait, proved),
+        "spectral_radius": enclosed("spectral_radius", gait.spectral_radius),
+        "stable": gait.spectral_radius is not None and gait.spectral_radius < 1,
+        "scalars": {name: enclosed(name, gait.measures.get(name)) for name in ENCLOSED},
+        "samples": {
+            "columns": list(header),
+            "units": [units[name] if name in units else unit_of(name, system.walker.actuators) for name in header],
+            "rows": [list(row) for row in trajectory_rows(gait.steps)],
+        },
+    }
+
+
+def _named(system: HybridSystem, state: Array) -> dict[str, float]:
+    return dict(zip(system.state_names, map(float, state), strict=True))
+
+
+def _multipliers(gait: Gait, proved: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The multipliers, each with the enclosure in which it lies."""
+    numbers = [{"re": float(m.real), "im": float(m.imag)} for m in gait.multipliers]
+    boxes = list(proved.get("multipliers", []))
+    records = []
+    for number in numbers:
+        distances = [sum(abs(float(box[part][0]) - value) for part, value in number.items()) for box in boxes]
+        box = boxes[distances.index(min(distances))] if boxes else None
+        boxes = [other for other in boxes if other is not box]
+        records.append(number | {"enclosure": box})
+    return records
+
+
+def orbit_record(
+    gait: Gait,
+    exact: Mapping[str, str],
+    *,
+    theorem: Mapping[str, Any] | None = None,
+    certificate: Mapping[str, str] | None = None,
+    unproved: str | None = None,
+) -> dict[str, Any]:
+    """A gait as a reference orbit.
+
+    Parameters
+    ----------
+    exact : text of the exact value of every parameter by dotted key.
+    theorem : ``Proof.to_record`` of its proof; None if it has none.
+    certificate : ``file`` and ``sha256`` of the certificate.
+    unproved : why it has no proof.
+
+    Raises
+    ------
+    ProblemError
+        If the walker has several contacts, or an expression has an operation without a formula.
+    """
+    return {
+        "format": FORMAT,
+        "name": gait.problem.name,
+        "about": gait.problem.about,
+        "license": "CC-BY-4.0",
+        "mechanism": gait.system.walker.model,
+        "proved": theorem is not None,
+        "unproved": unproved,
+        "certificate": None
+        if theorem is None
+        else {**(certificate or {}), "not_proved": theorem["statement"]["not_proved"]},
+        "statement": statement_record(gait, exact),
+        "orbit": motion_record(gait, theorem),
+        "made_by": {name: version(name) for name in ("gaitopt", "casadi", "numpy")},
+    }

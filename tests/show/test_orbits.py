@@ -1,0 +1,147 @@
+"""The set of reference orbits: what its files state is complete, right, and enough to recompute the orbits."""
+
+import hashlib
+import json
+import runpy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.show.orbits import orbit_record
+
+ROOT = Path(__file__).parents[2]
+SET = ROOT / "results" / "reference-orbits"
+recompute = runpy.run_path(str(SET / "recompute.py"))["recompute"]
+ENOUGH = 1e-10
+"""The integration of ``recompute.py`` has a relative tolerance of 1e-11."""
+
+
+@cache
+def text(name: str) -> str:
+    return (SET / f"{name}.json").read_text()
+
+
+def orbit(name: str) -> dict[str, Any]:
+    return json.loads(text(name))
+
+
+def all_names() -> list[str]:
+    return sorted(path.stem for path in SET.glob("*.json") if path.stem != "schema")
+
+
+def departures(name: str, data: dict[str, Any]) -> tuple[float, float]:
+    """Largest differences of the ends of phases [s], and of the state after one cycle, from what the file states."""
+    times, after = recompute(data)
+    impacts = [0.0, *(event["time"] for event in orbit(name)["orbit"]["events"] if event["to"] == "impact")]
+    events = orbit(name)["orbit"]["events"]
+    stated = [event["time"] - impacts[event["step"] - 1] for event in events]
+    start = [entry["value"] for entry in orbit(name)["orbit"]["initial_state"].values()]
+    return float(np.abs(times - stated).max()), float(np.abs(after[-1] - start).max())
+
+
+def closed(name: str) -> bool:
+    """Whether the walker has nothing but a foot that sticks or slips."""
+    return not any(orbit(name)["statement"]["further_parts"].values()) and "flight" not in text(name)
+
+
+@pytest.mark.portable
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-unequal", "compass-pd-designed", "rimless-wheel-slip"])
+def test_an_orbit_is_recomputed_from_its_file_by_a_program_without_gaitopt(name):
+    source = (SET / "recompute.py").read_text()
+    assert "import gaitopt" not in source
+    assert "from gaitopt" not in source
+    assert max(departures(name, orbit(name))) < ENOUGH
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in all_names() if closed(name)])
+def test_every_orbit_of_a_single_foot_is_recomputed(name):
+    assert max(departures(name, orbit(name))) < ENOUGH
+
+
+def test_a_wrong_number_in_a_file_does_not_return():
+    spoiled = orbit("compass-passive-a")
+    spoiled["statement"]["parameters"]["gravity"]["value"] *= 1 + 1e-4
+    assert max(departures("compass-passive-a", spoiled)) > 1e-6
+
+
+def test_a_formula_that_is_no_arithmetic_is_refused():
+    spoiled = orbit("rimless-wheel-stick")
+    spoiled["statement"]["equations"]["touchdown"] = "theta.real"
+    with pytest.raises(ValueError, match="rimless-wheel-stick: a formula is not arithmetic"):
+        recompute(spoiled)
+
+
+def test_walkers_with_further_parts_are_refused_by_the_short_program():
+    with pytest.raises(ValueError, match="kneed-passive: stops, switches"):
+        recompute(orbit("kneed-passive"))
+
+
+@pytest.mark.parametrize("name", all_names())
+def test_a_file_has_the_stated_format(name):
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.validate(orbit(name), json.loads((SET / "schema.json").read_text()))
+
+
+def test_the_set_has_about_thirty_orbits_of_ten_mechanisms_and_laws():
+    orbits = [orbit(name) for name in all_names()]
+    assert {o["name"] for o in orbits} == set(go.problem_names())
+    laws = {(o["mechanism"], o["statement"]["control"]["type"], o["statement"]["impact_law"]) for o in orbits}
+    assert len({o["mechanism"] for o in orbits}) >= 10
+    assert len(laws) >= 15
+    assert {o["name"] for o in orbits if not o["proved"]} == {
+        "compass-push-off",
+        "compass-virtual-constraint-slip",
+        "hopper",
+        "kneed-passive",
+        "slip-run",
+        "slip-run-foot",
+        "telescopic-passive",
+    }
+
+
+def test_the_checksums_are_those_of_all_files():
+    sums = dict(line.split("  ")[::-1] for line in (SET / "SHA256SUMS").read_text().splitlines())
+    files = {str(path.relative_to(SET)): path for path in SET.rglob("*") if path.is_file()}
+    files = {name: path for name, path in files.items() if "__pycache__" not in name and name != "SHA256SUMS"}
+    assert sums == {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+    for certificate in (orbit(name)["certificate"] for name in all_names()):
+        assert certificate is None or sums[certificate["file"]] == certificate["sha256"]
+
+
+def test_every_number_of_a_proved_orbit_lies_near_its_enclosure():
+    for name in all_names():
+        motion = orbit(name)["orbit"]
+        numbers = [motion["period"], motion["spectral_radius"], *motion["initial_state"].values()]
+        numbers += [phase["duration"] for phase in motion["phases"]]
+        for number in numbers if orbit(name)["proved"] else []:
+            low, high = map(float, number["enclosure"])
+            assert low - 1e-11 <= number["value"] <= high + 1e-11, name
+        for m in motion["multipliers"]:
+            for part in ("re", "im") if m["enclosure"] else ():
+                low, high = map(float, m["enclosure"][part])
+                assert low - 1e-11 <= m[part] <= high + 1e-11, name
+
+
+def test_a_file_is_remade_as_it_is():
+    stored = orbit("compass-passive-static-kinetic")
+    exact = {entry["key"]: entry["exact"] for entry in stored["statement"]["parameters"].values()}
+    made = json.loads(json.dumps(orbit_record(go.solve(stored["name"], progress=False), exact)))
+    assert made["statement"] == stored["statement"]
+    assert made["orbit"]["period"]["value"] == pytest.approx(stored["orbit"]["period"]["value"], rel=1e-12)
+    for row, kept in zip(made["orbit"]["samples"]["rows"], stored["orbit"]["samples"]["rows"], strict=True):
+        assert row[1] == kept[1]
+        assert row[:1] + row[2:] == pytest.approx(kept[:1] + kept[2:], rel=1e-8, abs=1e-8)
+
+
+def test_exact_values_of_the_files_are_those_of_the_problems():
+    prove = pytest.importorskip("gaitopt.proof.prove", reason="needs pip install '.[proof]'")
+    gait = go.solve("compass-passive-a", progress=False)
+    exact = prove.exact_texts(gait.problem, gait.dynamics.parameters)
+    parameters = orbit("compass-passive-a")["statement"]["parameters"].values()
+    assert {entry["key"]: entry["exact"] for entry in parameters} == exact
+    assert exact["walker.slope"] == "1 deg"
