@@ -1,6 +1,6 @@
 """Make the set of reference orbits: ``python benchmarks/orbits.py [NAME ...]``; minutes if certificates are searched.
 
-Every named problem is solved, verified, and proved where proofs cover its walker. ``results/reference-orbits`` gets the
+Every problem is solved, verified, and proved where proofs cover its walker. ``results/reference-orbits`` gets the
 JSON, certificate and picture of each, MJCF and URDF where the walker is a tree, and the checksums of all files. A
 certificate that is there is kept if it holds when it is checked again, and is that of the same problem.
 """
@@ -49,16 +49,23 @@ repository remakes the set.
 def main() -> None:
     """Write the files of the named orbits, or of all; then the list and the checksums."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", metavar="NAME", help="orbits to remake; all by default")
-    names = parser.parse_args().names or go.problem_names()
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="orbits to remake, or named problems to add; by default all of the set"
+    )
+    names = parser.parse_args().names or members()
     (FOLDER / "certificates").mkdir(parents=True, exist_ok=True)
     for name in track(names, "orbits"):
         write_orbit(name)
-    orbits = [json.loads((FOLDER / f"{name}.json").read_text()) for name in go.problem_names()]
+    orbits = [json.loads((FOLDER / f"{name}.json").read_text()) for name in members()]
     (FOLDER / "README.md").write_text(readme(orbits))
     files = sorted(path for path in FOLDER.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
     sums = [f"{sha256(path)}  {path.relative_to(FOLDER)}\n" for path in files if path.name != "SHA256SUMS"]
     (FOLDER / "SHA256SUMS").write_text("".join(sums))
+
+
+def members() -> list[str]:
+    """Names of the orbits of the set."""
+    return sorted(path.stem for path in FOLDER.glob("*.json") if path.stem != "schema")
 
 
 def write_orbit(name: str) -> None:

@@ -89,7 +89,8 @@ def test_a_file_has_the_stated_format(name):
 
 def test_the_set_has_about_thirty_orbits_of_ten_mechanisms_and_laws():
     orbits = [orbit(name) for name in all_names()]
-    assert {o["name"] for o in orbits} == set(go.problem_names())
+    assert len(orbits) >= 30
+    assert {o["name"] for o in orbits} <= set(go.problem_names())
     laws = {(o["mechanism"], o["statement"]["control"]["type"], o["statement"]["impact_law"]) for o in orbits}
     assert len({o["mechanism"] for o in orbits}) >= 10
     assert len(laws) >= 15
