@@ -63,7 +63,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     """
     control, source = problem.control.structure, _source(problem)
     tracked = () if source is None else (source.digest, type(source.walker))
-    key = (type(problem.walker), problem.impact_law, problem.friction_law, *control, *tracked)
+    key = (type(problem.walker), problem.impact_law, problem.friction_law, problem.cycle_end, *control, *tracked)
     return _shared_system(_Structure(key=key, problem=problem, should_stop=should_stop))
 
 
@@ -95,6 +95,7 @@ def solve_sequence(
     SolveError
         If the reference of a control law is not a gait.
     """
+    problem.check_one_foot("solve")
     system = build_system(problem, should_stop=should_stop) if start is None else start.system
     began = time.perf_counter()
     designed = bool(free_parameters(problem, system))
@@ -178,7 +179,8 @@ class _Structure:
 def _shared_system(structure: _Structure) -> HybridSystem:
     problem = structure.problem
     control = _control(problem, structure.should_stop)
-    return HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
+    law = problem.friction_law
+    return HybridSystem(type(problem.walker), control, problem.impact_law, law, problem.cycle_end)
 
 
 def _control(problem: Problem, should_stop: Stop) -> Control:

@@ -65,7 +65,7 @@ def solved(name):
 
 def verified(name):
     gait = solved(name)
-    states = gait.state[gait.system.section(go.Mode.SLIP_FORWARD)] * np.linspace(1, 1.001, 20)[:, None]
+    states = gait.state[gait.system.section(go.Mode.SLIP_FORWARD).indices] * np.linspace(1, 1.001, 20)[:, None]
     assert go.verify(gait).passed
     for engine in ("scipy", "heyoka"):
         go.simulate(gait, steps=3, engine=engine)

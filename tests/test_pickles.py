@@ -59,7 +59,7 @@ def content(value):
 
 def results():
     wheel, gait = named(WHEEL), named("compass-passive-a")
-    section = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+    section = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices]
     branch = continuation(wheel, "friction", to=0.9, progress=False)
     return {
         "problem": load_problem("compass-pd-impact-slip"),

@@ -86,7 +86,7 @@ def test_walks_and_returns_of_several_threads_are_those_of_one(engine):
 
     def walked(name):
         gait = named(name)
-        states = gait.state[gait.system.section(Mode.SLIP_FORWARD)] * np.linspace(1, 1.001, 20)[:, None]
+        states = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices] * np.linspace(1, 1.001, 20)[:, None]
         walk = simulate(gait, steps=3, engine=engine).trajectory.section_states
         return walk.tobytes(), return_map(gait, states, engine=engine).states.tobytes()
 
@@ -145,7 +145,7 @@ def test_no_thread_uses_the_buffers_of_another(monkeypatch):
 
     def worked(_):
         gait = solve(problem, progress=False)
-        section = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+        section = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices]
         return_map(problem, section[None], engine="scipy")
         return verify(gait).passed and simulate(gait).complete_steps
 

@@ -297,7 +297,7 @@ class Curve:
     def __init__(self, problem: Problem, parameter: str, equations: MultipleShooting, p: Array, metric: Metric) -> None:
         self.problem, self.parameter, self.equations = problem, parameter, equations
         self.p, self.metric = p, metric
-        section = equations.system.section(equations.mesh.cycle.impact)
+        section = equations.system.section(equations.mesh.cycle).indices
         n_w, n_phases = equations.w.numel(), equations.n_phases
         self._indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
         self._scales = np.concatenate([metric.state[section], np.full(n_phases, metric.period), [metric.span]])

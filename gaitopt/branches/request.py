@@ -172,6 +172,10 @@ def _with_friction(gait: Gait, parameter: str) -> Gait:
             return gait
         value = gait.dynamics.static_friction
         coefficients = FrictionCoefficients(static=value, kinetic=value)
+    elif isinstance(friction, Mapping):
+        raise ProblemError(
+            f"every contact has a friction of its own: vary one of {', '.join(gait.system.friction.parameters)}"
+        )
     elif friction.static != friction.kinetic or friction.viscous:
         numbers = ", ".join(f"{name} = {value:g}" for name, value in friction)
         raise ProblemError(
@@ -180,6 +184,7 @@ def _with_friction(gait: Gait, parameter: str) -> Gait:
     else:
         coefficients = friction.static
     problem = replace(gait.problem, friction=coefficients)
-    system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, problem.friction_law)
+    law, end = problem.friction_law, problem.cycle_end
+    system = HybridSystem(gait.system.walker, gait.system.control, gait.system.law, law, end)
     dynamics = Dynamics.of(system, {**problem.parameters, **gait.dynamics.parameters})
     return replace(gait, problem=problem, dynamics=dynamics)

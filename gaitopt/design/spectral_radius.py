@@ -61,13 +61,13 @@ class ReturnMapGradient:
     @building
     def __init__(self, t: MultipleShooting) -> None:
         system, n_z = t.system, t.system.n_z
-        section = [int(i) for i in system.section(t.mesh.cycle.impact)]
+        section = [int(i) for i in system.section(t.mesh.cycle).indices]
         n = t.equalities.numel()
         V, adjoint = MX.sym("V", n, len(section)), MX.sym("Lambda", n, len(section))
         G = MX.sym("G", len(section), len(section))
         by_freed = MX.zeros(len(t.free), len(section))
         changed = jtimes(t.equalities[:-n_z], t.w, vertcat(V, by_freed))
-        xi = t.Z[system.section(Mode.SLIP_FORWARD), 0]
+        xi = t.Z[system.section(Mode.SLIP_FORWARD).indices, 0]
         start = system.lift_jacobian(xi, t.p)[:, : len(section)]
         reset = system.impact_jacobian(t.mesh.cycle.impact)(t.Z[:, -1], t.p)[section, :]
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]

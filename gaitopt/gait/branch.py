@@ -333,7 +333,9 @@ def branch_table(records: Sequence[BranchRecord]) -> tuple[list[str], list[list[
         row["type"] = "point" if record["record"] == "point" else record["type"]
         if gait is not None:
             row |= {f"state.{name}": value for name, value in gait["state"].items()}
-            row["phases"] = " ".join(Mode.from_record(phase) for phase in gait["phases"])
+            row["phases"] = (", " if first.get("contacts") else " ").join(
+                Mode.from_record(phase).brief for phase in gait["phases"]
+            )
         rows.append([row.get(column) for column in header])
     return header, rows
 

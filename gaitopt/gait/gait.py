@@ -20,8 +20,8 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame, sample_set
-from gaitopt.gait.measures import observe
-from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_record
+from gaitopt.gait.measures import contact_record, observe
+from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
 from gaitopt.model.cycle import Cycle
@@ -383,6 +383,7 @@ class Gait(WalkerMotion):
             "friction": coefficients.get("friction", coefficients),
             **self._motion_record(),
             **{name: self.measures.get(name) for name in MEASURES},
+            **contact_record(self.steps),
             "multipliers": [{"re": float(m.real), "im": float(m.imag)} for m in self.multipliers],
             "spectral_radius": self.spectral_radius,
             **({} if constraints is None else constraints.to_record()),
@@ -399,16 +400,17 @@ class Gait(WalkerMotion):
         if self.problem.is_open:  # no gait was found
             return {"n_steps": None, "phases": [], "impact": None, "state": None}
         cycle = self.problem.cycle
-        record: dict[str, Any] = {"n_steps": len(cycle.steps), "impact": str(cycle.impact)}
+        record: dict[str, Any] = {"n_steps": len(cycle.steps), "impact": cycle.impact.words}
         if not self.steps:
             return record | {"phases": [{**mode.record, "duration": None} for mode in cycle.phases], "state": None}
-        phases = [phase_record(*phase, timed=k in self.timed) for k, phase in enumerate(self.phases)]
+        firsts = zip(cycle.first_phases, self.steps, strict=True)
+        phases = [phase for first, step in firsts for phase in phase_records(step, self.timed, first)]
         record |= {"phases": phases, "state": self._state_record(self.state)}
         if len(self.steps) > 1:
             record["steps"] = [
                 StepRecord(
                     phases=phases[first : first + len(step.phases)],
-                    impact=str(step.final_impact.mode),
+                    impact=step.final_impact.mode.words,
                     period=step.period,
                     step_length=step.final_impact.step_length,
                     state=self._state_record(step.arcs[0].states[0]),

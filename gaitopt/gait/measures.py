@@ -5,6 +5,7 @@ Solver and simulator both provide arcs at Chebyshev points, so the same function
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -113,7 +114,7 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
         "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in cycle.steps),
         "required_friction": max(map(_peak, friction_ratios), default=None),
         "impulse_ratio": max((ratio for ratio in impulse_ratios if ratio is not None), default=None),
-        "min_normal_force": min(-curves.maximum(-contact.force[:, 1])[1] for contact in contacts),
+        "min_normal_force": min((-curves.maximum(-contact.force[:, 1])[1] for contact in contacts), default=None),
     }
     values: dict[str, float | None] = {}
     for name in MEASURES:
@@ -121,6 +122,38 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
         value = extrema[name] if formula is None else formula(cycle)
         values[name] = None if value is None or np.isnan(value) else value
     return values
+
+
+def contact_record(steps: Sequence[Step]) -> dict[str, Any]:
+    """Scalars of every named contact along complete steps, and the contacts whose forces are undetermined somewhere.
+
+    A contact whose share of a force is undetermined has no scalars of forces. Empty where contacts have no names.
+    """
+    walker = steps[0].arcs[0].dynamics.system.walker if steps else None
+    if walker is None or not walker.contacts:
+        return {}
+    values: dict[str, dict[str, Any]] = {
+        name: {"required_friction": None, "min_normal_force": None, "slip_distance": 0.0} for name in walker.contacts
+    }
+    shared = dict[str, None]()
+    for arc in (arc for step in steps for arc in step.arcs):
+        for contact in touching_contacts(arc, observe(arc)):
+            if contact.direction:
+                for name in contact.names:
+                    values[name]["slip_distance"] += abs(curves.integral(contact.slip, arc.duration))
+            if len(contact.names) > 1:
+                shared |= dict.fromkeys(contact.names)
+                continue
+            row = values[contact.names[0]]
+            lowest = -curves.maximum(-contact.force[:, 1])[1]
+            row["min_normal_force"] = min(
+                lowest, np.inf if row["min_normal_force"] is None else row["min_normal_force"]
+            )
+            if not contact.direction:
+                row["required_friction"] = max(_peak(friction_ratio(contact.force)), row["required_friction"] or 0.0)
+    for name in shared:
+        values[name] |= {"required_friction": None, "min_normal_force": None}
+    return {"contacts": values, **({"undetermined": [*shared]} if shared else {})}
 
 
 def measure_scales(scales: Scales) -> dict[str, float]:

@@ -9,8 +9,8 @@ number that is possible but wrong passes unless an identity relates it to others
 
 import math
 import re
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NotRequired, cast
+from collections.abc import Container, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired, cast
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
@@ -29,8 +29,11 @@ from pydantic_core import PydanticCustomError
 from typing_extensions import TypedDict, TypeIs
 
 from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import IMPACT, Mode
 from gaitopt.problem.scalars import SCALARS
+
+if TYPE_CHECKING:
+    from gaitopt.gait.trajectory import Step
 
 LARGEST, MOST, MOST_STEPS, MOST_MULTIPLIERS = 1e30, 1_000_000_000, 64, 100
 """Limits of a number, a count, the steps of a cycle and the multipliers; far beyond any walker."""
@@ -51,9 +54,9 @@ def _plain(text: str) -> str:
     return text
 
 
-def _mode(text: str) -> str:
-    Mode(text)
-    return text
+def _mode(words: str | dict[str, str]) -> str | dict[str, str]:
+    Mode.from_record(words)
+    return words
 
 
 Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
@@ -65,7 +68,10 @@ Text = Annotated[str, Field(strict=True, max_length=LONGEST_TEXT), AfterValidato
 Word = Annotated[str, Field(strict=True, max_length=200, pattern=r"^[\w .:,+=-]+$")]
 """A name, safe to print and to draw."""
 OutcomeWord = Annotated[str, Field(strict=True, pattern=r"^(holds|fails|not_examined|no_linear_range)$")]
-ModeText = Annotated[str, Field(strict=True, max_length=200), AfterValidator(_mode)]
+ModeText = Annotated[
+    Annotated[str, Field(strict=True, max_length=200)] | Annotated[dict[Word, Word], Len(1, 100)], AfterValidator(_mode)
+]
+"""What a foot does, or what every named contact does."""
 Numbers = Annotated[list[Number], Len(max_length=LONGEST_LIST)]
 
 
@@ -81,16 +87,33 @@ State = Annotated[dict[Word, Number], AfterValidator(_named)]
 
 @with_config(ConfigDict(extra="allow"))
 class PhaseRecord(TypedDict):
-    """A phase; stops and switches of its mode have their states under their names. ``until`` marks a timed phase."""
+    """A phase; stops and switches of its mode have their states under their names. ``until`` marks a timed phase.
+
+    ``impact`` is the mode just after the impact of a named contact with which it begins.
+    """
 
     mode: ModeText
     duration: Positive
     until: NotRequired[Literal["breakpoint"]]
+    impact: NotRequired[ModeText]
 
 
-def phase_record(mode: Mode, duration: float, *, timed: bool = False) -> PhaseRecord:
-    """The record of a phase of some duration [s], which may be timed."""
-    return cast(PhaseRecord, {**mode.record, "duration": duration, **({UNTIL: BREAKPOINT} if timed else {})})
+def phase_record(mode: Mode, duration: float, *, timed: bool = False, struck: Mode | None = None) -> PhaseRecord:
+    """The record of a phase of some duration [s], which may be timed.
+
+    ``struck`` is the mode just after the impact of a named contact with which it begins.
+    """
+    remarks = ({UNTIL: BREAKPOINT} if timed else {}) | ({} if struck is None else {IMPACT: struck.words})
+    return cast(PhaseRecord, {**mode.record, "duration": duration, **remarks})
+
+
+def phase_records(step: "Step", timed: Container[int] = (), first: int = 0) -> list[PhaseRecord]:
+    """The records of the phases of a step, of which ``first`` is the index of the first one."""
+    struck = step.landings
+    return [
+        phase_record(mode, duration, timed=k in timed, struck=struck.get(k - first))
+        for k, (mode, duration) in enumerate(step.phases, start=first)
+    ]
 
 
 @with_config(ConfigDict(extra="allow"))
@@ -102,7 +125,7 @@ class UntimedPhaseRecord(TypedDict):
 
 
 def _of_mode(phase: Mapping[str, Any]) -> Mapping[str, Any]:
-    if not all(isinstance(value, str) for key, value in phase.items() if key != "duration"):
+    if not all(isinstance(value, str) for key, value in phase.items() if key not in ("duration", "mode", IMPACT)):
         raise PydanticCustomError("stops", "Stops and switches must have a state in words")
     Mode.from_record(phase)
     return phase
@@ -193,6 +216,21 @@ class MeasureRecord(TypedDict):
     min_normal_force: Number | None
 
 
+class ContactRecord(TypedDict):
+    """Scalars of one named contact; None where they are not defined."""
+
+    required_friction: NotNegative | None
+    min_normal_force: Number | None
+    slip_distance: NotNegative
+
+
+class ContactsRecord(TypedDict):
+    """Numbers of a gait of a walker with several contacts; not in the records of others."""
+
+    contacts: NotRequired[dict[Word, ContactRecord]]
+    undetermined: NotRequired[list[Word]]
+
+
 class ZeroDynamicsRecord(TypedDict):
     """The zero dynamics of a gait under virtual constraints; None where they are not defined."""
 
@@ -208,7 +246,7 @@ class ConstraintRecord(TypedDict):
     zero_dynamics: NotRequired[ZeroDynamicsRecord]
 
 
-class GaitRecord(MeasureRecord, ConstraintRecord):
+class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord):
     """A gait: state after the impact before its first step, modes with durations, scalars and multipliers."""
 
     problem: NotRequired[Word]

@@ -11,8 +11,10 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.model.buffered import buffered
+from gaitopt.model.cycle import ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
 
@@ -32,6 +34,7 @@ class Arc(ReadOnlyArrays):
     segment : index of the control's segment.
     times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
     states : ndarray, shape (m, n_z) - states there.
+    struck : the mode just after the impact of a named contact with which the arc begins; None if it begins without one.
     """
 
     dynamics: Dynamics
@@ -39,6 +42,7 @@ class Arc(ReadOnlyArrays):
     segment: int
     times: Array
     states: Array
+    struck: Mode | None = None
 
     def __repr__(self) -> str:
         return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
@@ -65,11 +69,13 @@ class ImpactRecord(ReadOnlyArrays):
 
     Attributes
     ----------
-    mode : what the colliding foot does just after it.
+    mode : what the colliding foot does just after it; of named contacts, after they have swapped places. Where the
+        state is continuous at the end of a step, the contacts just before it.
     state : ndarray, shape (n_z,) - state just after it, with x counted from the new stance foot (x = 0).
     step_length : distance of the new stance foot from where the old one stood after its own impact [m].
-    impulse : ndarray, shape (2,) - (F_t, F_n) [N s].
-    stick_impulse : ndarray, shape (2,) - impulse of a sticking impact, eq. (9) [N s].
+    impulse : ndarray, shape (2 n,) - (F_t, F_n) of the n contacts, as they are called before it [N s].
+    stick_impulse : ndarray, shape (2,) - impulse of a sticking impact, eq. (9) [N s]; of named contacts, the sum of
+        those that land if all touching ones stick.
     push_work : work of the push of the other foot just before it [J].
     """
 
@@ -87,9 +93,16 @@ class ImpactRecord(ReadOnlyArrays):
         return abs(tangential) / normal if normal else None
 
 
-def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecord:
-    """The impact after which the foot is in ``mode``, from the state ``z_minus`` just before it, shape (n_z,)."""
+def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) -> ImpactRecord:
+    """The end of a step, after which the foot is in ``mode``, from the state ``z_minus`` just before it, shape (n_z,).
+
+    Parameters
+    ----------
+    before : mode just before it.
+    """
     system, p = dynamics.system, dynamics.p
+    if mode.is_named:
+        return _contact_record(dynamics, mode, z_minus, before)
     z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
     _, stick_impulse, *_ = (value.copy() for value in buffered(system.impact(Mode.STICK))(z_minus, p))
     x, work = system.n_shape, float(system.push(z=z_minus, p=p)["work"]) if system.walker.pushes else 0.0
@@ -103,6 +116,22 @@ def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array) -> ImpactRecor
         stick_impulse=stick_impulse,
         push_work=work,
     )
+
+
+def _contact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) -> ImpactRecord:
+    system, walker, p, x = dynamics.system, dynamics.system.walker, dynamics.p, dynamics.system.n_shape
+    impulses, stick_impulse, state = np.zeros(2 * len(walker.contacts)), np.zeros(2), z_minus.copy()
+    if system.cycle_end == TOUCHDOWN:
+        struck = walker.swapped(mode)
+        landing = [name for name in struck.touching if name not in before.touching]
+        massless = tuple(name for name in landing if name in walker.massless_contacts)
+        held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
+        z_plus, impulses = (value.copy() for value in buffered(system.contact_impact(struck, massless))(z_minus, p)[:2])
+        sticking = buffered(system.contact_impact(held, massless))(z_minus, p)[1].reshape(-1, 2)
+        stick_impulse = sticking[[walker.contacts.index(name) for name in landing]].sum(axis=0)
+        state = buffered(system.relabelled)(z_plus, p)[0].copy()
+    length, state[x] = float(state[x]), 0.0
+    return ImpactRecord(mode=mode, state=state, step_length=length, impulse=impulses, stick_impulse=stick_impulse)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,6 +155,18 @@ class Step:
             else:
                 merged.append((arc.mode, arc.duration))
         return tuple(merged)
+
+    @property
+    def landings(self) -> dict[int, Mode]:
+        """For every phase that begins with the impact of a named contact, by its index, the mode just after that."""
+        arcs = zip(self.arc_phases, self.arcs, strict=True)
+        return {phase: arc.struck for phase, arc in arcs if arc.struck is not None}
+
+    @property
+    def sequence(self) -> ModeSequence:
+        """Phases and impact; raises as ``final_impact``."""
+        modes = tuple(mode for mode, _ in self.phases)
+        return ModeSequence(modes, self.final_impact.mode, landings=tuple(self.landings.items()))
 
     @property
     def arc_phases(self) -> tuple[int, ...]:

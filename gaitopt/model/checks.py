@@ -7,8 +7,9 @@ stance foot at the former swing foot, at every touchdown
     V_plus = V_minus                potential energy of springs; dampers dissipate energy
     s_minus lies on the guard       for every s_plus from ``after_impact``, with all stops locked
 
-Of walkers with massless feet only the positions must agree. Return map, multipliers and costs rely on these equations,
-so that a walker that violates them is an error.
+Of walkers with massless feet only the positions must agree. A walker with several contacts has no such postures of its
+own: where it relabels its shape, bodies, springs and exchanged contacts are compared in any posture. Return map,
+multipliers and costs rely on these equations, so that a walker that violates them is an error.
 """
 
 from collections.abc import Mapping
@@ -19,7 +20,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, substitute, vec, vertcat
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, substitute, sum1, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -37,7 +38,7 @@ from gaitopt.model.declaration import (
     state_picture,
     state_tree,
 )
-from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.units import LARGEST, Scales
 from gaitopt.model.walker import Body, Walker
 
@@ -116,6 +117,8 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
         reason = _links_fault(walker, p)
         if reason is not None:
             return reason
+    if walker.contacts:
+        return _contacts_fault(walker, p)
     straight = _posture(walker, np.zeros(n + 2), np.zeros(n + 2), p)
     if not (np.isfinite(straight.bodies).all() and (straight.bodies[:, :2] >= 0).all()):
         return "a body has a mass or inertia that is negative or no number"
@@ -142,6 +145,47 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
             reason = _touchdown_fault(walker, (before, after), free, rates, scales)
         if reason is not None:
             return reason
+    return None
+
+
+def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
+    """Message about the first contradiction of a walker with several contacts; None if there is none."""
+    eom, n = equations_of_motion(walker), len(walker.shape)
+    contacts, names = eom.mechanism.contacts, (*walker.shape, "x", "y")
+    partner = {**walker.exchanged_contacts, **{other: one for one, other in walker.exchanged_contacts.items()}}
+    springs = vertcat(eom.mechanism.potential, *eom.mechanism.potential_while.values())
+    points = horzcat(*(contact.position for contact in contacts.values())).T
+    size = Function("size", [eom.p], [eom.length, eom.gravity, eom.mass])
+    at = Function("contacts", [eom.q, eom.p], [densify(eom.M), densify(points), densify(sum1(springs))])
+    length, gravity, mass = (float(np.asarray(value).item()) for value in size(p))
+    if not (length > 0 and gravity > 0 and mass > 0):
+        return "it has no length, no mass or no gravity to stand against"
+    scales = Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
+    random, massless = np.random.default_rng(0), {k for contact in contacts.values() for k in contact.places}
+    kept = [k for k, name in enumerate(names) if name not in massless]
+    for _ in range(CHECKED_TOUCHDOWNS):
+        q = random.uniform(-SPREAD, SPREAD, n + 2)
+        dq = random.standard_normal(n + 2) / scales.time
+        M, before, energy = (np.asarray(value) for value in at(q, p))
+        if not all(np.isfinite(value).all() for value in (M, before, energy)):
+            return f"its equations are no numbers at {_posture_words(walker, q[:n])}"
+        reason = _without_inertia(walker, M[np.ix_(kept, kept)])
+        if reason is not None or not walker.landing_contacts:
+            return reason
+        here = _posture(walker, q, dq, p)
+        q_plus = np.array([*here.relabel, *here.foot[0]])
+        reason = _jump(
+            here.bodies, _posture(walker, q_plus, np.array([*here.relabel_rate, *here.foot[1]]), p).bodies, scales
+        )
+        if reason is not None:
+            return reason
+        _, after, energy_after = (np.asarray(value) for value in at(q_plus, p))
+        for k, name in enumerate(contacts):
+            other = partner.get(name, name)
+            if np.abs(after[[*contacts].index(other)] - before[k]).max() > AGREEMENT * length:
+                return f"the contact {name} is not where {other} is after the feet have swapped places"
+        if abs(energy_after - energy).item() > AGREEMENT * max(scales.energy, abs(energy).item()):
+            return "its potential energy jumps when the feet swap roles: springs must act alike on both legs"
     return None
 
 

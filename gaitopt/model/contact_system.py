@@ -1,22 +1,30 @@
 """A walker with several contacts, its control and the ground in CasADi symbols; see ``gaitopt.model.system``."""
 
-from casadi import SX, jacobian, jtimes, sqrt, vertcat
+from casadi import SX, jacobian, jtimes, sqrt, substitute, vertcat
 
 from gaitopt.building import BUILT
 from gaitopt.model.contact_set import ContactImpact, ContactMotion, contact_impact, contact_motion
-from gaitopt.model.contact_transitions import ContactTransitions, share_name
+from gaitopt.model.contact_transitions import contact_transitions, impulse_name, share_name
 from gaitopt.model.control import Control
 from gaitopt.model.friction import ContactFriction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN, contact_section
 from gaitopt.model.system import Expressions
 from gaitopt.model.walker import Walker
 
 
 class ContactExpressions(Expressions):
-    """Expressions of a walker with named contacts; parameters and attributes as of ``Expressions``."""
+    """Expressions of a walker with named contacts; parameters and attributes as of ``Expressions``.
 
-    def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: ContactFriction) -> None:
+    Parameters
+    ----------
+    cycle_end : as of ``ContactTransitions``.
+    """
+
+    def __init__(
+        self, walker: type[Walker], control: Control, law: ImpactLaw, friction: ContactFriction, cycle_end: str
+    ) -> None:
         self.walker, self._control, self._law = walker, control, law
         self.eom = equations_of_motion(walker)
         coefficients = SX.sym("c", len(friction.parameters))
@@ -26,7 +34,7 @@ class ContactExpressions(Expressions):
         self._torques: dict[tuple[str, Mode | None], SX] = {}
         self._states: dict[Mode, ContactMotion] = {}
         self._collisions: dict[tuple[Mode, tuple[str, ...]], ContactImpact] = {}
-        self.transitions = ContactTransitions(walker)
+        self.transitions = contact_transitions(walker, cycle_end)
         of = friction.of(coefficients)
         self._static, self._kinetic, self._viscous = ({name: SX(c[k]) for name, c in of.items()} for k in range(3))
         BUILT.watch(vars(self))
@@ -76,11 +84,9 @@ class ContactExpressions(Expressions):
         """Margins of a mode, in the order of ``Transitions.margin_names``."""
         state, contacts, q, dq = self.state(mode), self.eom.mechanism.contacts, self.eom.q, self.eom.dq
         margins: dict[str, SX] = {"upright": self.eom.mechanism.upright, "regularity": state.regularity}
+        margins |= self.eom.sections
         for name, contact in contacts.items():
-            gap = contact.position[1] if contact.gap is None else contact.gap
-            margins[f"gap.{name}"] = (
-                gap if contact.counts.is_constant() else _either(gap, -contact.counts * self.eom.length)
-            )
+            margins[f"gap.{name}"] = self._gap(name)
             f_t, f_n = state.forces[name][0], state.forces[name][1]
             margins[f"normal_force.{name}"] = f_n
             margins[f"cone_forward.{name}"] = self._static[name] * f_n + f_t
@@ -89,6 +95,68 @@ class ContactExpressions(Expressions):
             margins[f"slip_velocity.{name}"] = mode.directions[name] * velocity
         margins |= {share_name(share.parts): share.value for share in state.shares}
         return vertcat(*(margins[name] for name in self.transitions.margin_names(mode)))
+
+    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
+        """Margins of an impact by name, in the order of ``Transitions.impact_margin_names``."""
+        assert before is not None
+        names = self.transitions.impact_margin_names(mode, before)
+        if not names:
+            return {}
+        result, contacts, eom = self.collision(mode, self.landing(mode, before)), self.eom.mechanism.contacts, self.eom
+        n = len(self.walker.coordinates())
+        margins: dict[str, SX] = {"impact_regularity": result.regularity}
+        for name in contacts:
+            impulse_t, impulse_n = result.impulses[name][0], result.impulses[name][1]
+            margins[f"impulse.{name}"] = impulse_n
+            margins[f"impulse_cone_forward.{name}"] = self._static[name] * impulse_n + impulse_t
+            margins[f"impulse_cone_backward.{name}"] = self._static[name] * impulse_n - impulse_t
+            margins[f"impact_slip_velocity.{name}"] = mode.directions[name] * result.velocities[name][0]
+            margins[f"lift_velocity.{name}"] = result.velocities[name][1]
+            margins[f"touchdown_rate.{name}"] = -jtimes(SX(self._gap(name)), eom.z[:n], eom.z[n:])
+        margins |= {impulse_name(share_name(share.parts)): share.value for share in result.shares}
+        return {name: margins[name] for name in names}
+
+    def landing(self, mode: Mode, before: Mode) -> tuple[str, ...]:
+        """The massless contacts that land in an impact."""
+        massless = self.walker.massless_contacts
+        return tuple(name for name in massless if name in mode.touching and name not in before.touching)
+
+    def reset(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
+        """The state after a step or an impact has ended a phase, as a function of that before it, shape (n_z,).
+
+        Parameters
+        ----------
+        mode, before : of the impact, with the contacts as they are called before it; it has none if none lands.
+        ends_step : relabels the shape, and counts x from the new base point. Deviations from the section are removed
+            where the motion would keep them: of heights of contacts that never leave the ground, and of the energy.
+        """
+        lands = any(name not in before.touching for name in mode.touching)
+        z = self.collision(mode, self.landing(mode, before)).z_plus if lands else self.eom.z
+        if not ends_step:
+            return z
+        end = self.transitions.cycle_end
+        if end == TOUCHDOWN:
+            z = substitute(self.relabelled, self.eom.z, z)
+        z[len(self.walker.coordinates()) - 1] = 0
+        if end != TOUCHDOWN or "energy" in self.walker.model_fields:
+            impact = self.walker.swapped(mode) if end == TOUCHDOWN else mode
+            n = self.eom.p.numel()
+            z = contact_section(self.walker, before, impact, end).projected(z=z, p=self.p[:n])["z_plus"]
+        return z
+
+    @property
+    def relabelled(self) -> SX:
+        """The state after the feet have swapped roles, x being the position of the new base point."""
+        eom, n = self.eom, len(self.walker.shape)
+        shape, base = eom.mechanism.relabel, eom.mechanism.swing_foot
+        rates, velocity = (jtimes(SX(value), eom.q, eom.dq) for value in (shape, base))
+        return vertcat(eom.state(shape, base[0], base[1]), eom.state(rates[:n], velocity[0], velocity[1]))
+
+    def _gap(self, name: str) -> SX:
+        """The margin that falls to zero where a contact lands."""
+        contact = self.eom.mechanism.contacts[name]
+        gap = contact.position[1] if contact.gap is None else contact.gap
+        return gap if contact.counts.is_constant() else _either(gap, -contact.counts * self.eom.length)
 
     def decision(self, mode: Mode) -> dict[str, SX]:
         """What decides whether a mode is consistent: dz, margins, their rates, and normal accelerations of contacts."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 from typing import Any, TypeVar
 
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, IMPACT, OFF, Mode
 from gaitopt.threads import cached_property
 
 T = TypeVar("T")
@@ -29,7 +29,7 @@ def mode_words(phases: Iterable[Mode], timed: Iterable[int] = ()) -> str:
     for k, mode in enumerate(phases):
         remarks = [f"{name} {state}" for name, state in mode.stops.items()] if mode.stops != stops else []
         remarks += [f"{UNTIL} {BREAKPOINT}"] if k in marked else []
-        words.append(f"{mode.contact} ({', '.join(remarks)})" if remarks else str(mode.contact))
+        words.append(f"{mode.contact.brief} ({', '.join(remarks)})" if remarks else mode.contact.brief)
         stops = mode.stops
     return ", ".join(words)
 
@@ -41,18 +41,21 @@ class ModeSequence:
     Attributes
     ----------
     phases : modes.
-    impact : the mode just after the impact.
+    impact : the mode just after the impact; where a step ends without one, the contacts of its last phase.
     timed : indices of the timed phases, ascending.
+    landings : of the phases that begin with the landing of a named contact within the step, each its index and the mode
+        just after that impact.
 
     Raises
     ------
     ValueError
-        If there is no phase, if two neighbours are equal, or if a flight is not the last phase.
+        If there is no phase, if two neighbours are equal, or if a flight of a foot is not the last phase.
     """
 
     phases: tuple[Mode, ...]
     impact: Mode
     timed: tuple[int, ...] = ()
+    landings: tuple[tuple[int, Mode], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.phases:
@@ -60,11 +63,11 @@ class ModeSequence:
         for k, (first, second) in enumerate(pairwise(self.phases), start=1):
             if first is second:
                 raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
-            if second.touching and not first.touching:
+            if second.touching and not first.touching and not first.is_named:
                 raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:
-        return f"{mode_words(self.phases, self.timed)}; {self.impact}"
+        return f"{mode_words(self.phases, self.timed)}; {self.impact.brief}"
 
 
 @dataclass(frozen=True)
@@ -82,13 +85,18 @@ class Cycle:
     def __post_init__(self) -> None:
         if not self.steps:
             raise ValueError("a cycle needs at least one step")
-        for phase in self.first_phases:
-            impact, first = self.impact_before(phase), self.phases[phase]
-            if impact is not None and impact.slips and first.contact is not impact.contact:
-                raise ValueError(
-                    f"after an impact with {impact} the foot is already slipping: "
-                    f"the first phase must be {impact}, not {first}"
-                )
+        for phase, first in enumerate(self.phases):
+            impact = self.impact_before(phase)
+            if impact is None or (phase not in self.first_phases and not impact.is_named):
+                continue
+            for name, word in impact.contacts.items():
+                goes_on = (word, OFF) if impact.is_named else (word,)
+                if impact.directions[name] and first.contacts[name] not in goes_on:
+                    who, follows = ("the foot", "first") if name == FOOT else (name, "next")
+                    raise ValueError(
+                        f"after an impact with {impact} {who} is already slipping: "
+                        f"the {follows} phase must be {impact}, not {first}"
+                    )
 
     @classmethod
     def of_one_step(cls, phases: tuple[Mode, ...], impact: Mode) -> "Cycle":
@@ -100,8 +108,11 @@ class Cycle:
         """The cycle in the record of a gait, or of one side of a mode change; a phase may be a mapping or a word."""
         steps = list[ModeSequence]()
         for step in record.get("steps", (record,)):
-            timed = (k for k, phase in enumerate(step["phases"]) if not isinstance(phase, str) and UNTIL in phase)
-            steps.append(ModeSequence(tuple(map(Mode.from_record, step["phases"])), Mode(step["impact"]), tuple(timed)))
+            phases = [phase if isinstance(phase, Mapping) else {"mode": phase} for phase in step["phases"]]
+            timed = (k for k, phase in enumerate(phases) if UNTIL in phase)
+            landings = ((k, Mode.from_record(phase[IMPACT])) for k, phase in enumerate(phases) if IMPACT in phase)
+            modes = tuple(map(Mode.from_record, step["phases"]))
+            steps.append(ModeSequence(modes, Mode.from_record(step["impact"]), tuple(timed), tuple(landings)))
         return cls(tuple(steps))
 
     @cached_property
@@ -158,9 +169,11 @@ class Cycle:
 
     def reset_after(self, phase: int) -> Mode | None:
         """The impact that ends a phase, of the foot or of a stop that locks; None where the state is continuous."""
-        after = self.after(phase)
+        after, step = self.after(phase), self.step_of(phase)
         if after is None:
-            return self.steps[self.step_of(phase)].impact
+            return self.steps[step].impact
+        if self.steps[step].landings:
+            return dict(self.steps[step].landings).get(phase + 1 - self.first_phases[step])
         return after if after.locked != self.phases[phase].locked else None
 
     def impact_before(self, phase: int) -> Mode | None:
@@ -179,22 +192,29 @@ class Cycle:
         words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase]})"
         return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
 
-    def onset_order(self, phase: int, *, jump: bool = False) -> int:
-        """Order of the zero of the slip velocity at the start of a slip phase.
+    def onset_order(self, phase: int, contact: str = FOOT, *, jump: bool = False) -> int:
+        """Order of the zero of the slip velocity of a contact at the start of a slip phase.
 
-        0 if the foot slips already; 1 if it leaves rest with an acceleration, just after a sticking impact, in a
-        reversal, or after a timed stick; 2 at the edge of the friction cone after any other stick, where velocity and
-        acceleration are zero, but 1 if friction drops there at the onset of slip (``jump``).
+        0 if it slips already; 1 if it leaves rest with an acceleration: just after a sticking impact, in a reversal,
+        after a timed stick, or where another contact comes to rest; 2 at the edge of its friction cone after any other
+        stick, where velocity and acceleration are zero, but 1 if friction drops there at the onset of slip (``jump``).
         """
         impact = self.impact_before(phase)
         if impact is not None:
-            return int(impact.sticks)
-        gentle = self.phases[phase - 1].sticks and not jump and phase - 1 not in self.timed
-        return 2 if gentle else 1
+            return int(contact in impact.touching and not impact.directions[contact])
+        before, mode = self.phases[phase - 1], self.phases[phase]
+        if before.is_named and before.directions[contact] == mode.directions[contact]:
+            return 0
+        others = (n for n, s in before.directions.items() if s and n != contact and mode.directions[n] != s)
+        gentle = (
+            contact in before.touching and not before.directions[contact] and not jump and phase - 1 not in self.timed
+        )
+        return 2 if gentle and not any(name in mode.touching for name in others) else 1
 
-    def starts_from_rest(self, phase: int) -> bool:
-        """Whether a slip phase starts from rest at a force beyond the cone: after an impact, a reversal or a jump."""
-        return self.phases[phase].slips and self.onset_order(phase) == 1
+    def starts_from_rest(self, phase: int) -> tuple[str, ...]:
+        """The contacts that begin to slip from rest, at a force beyond the cone: after an impact or a reversal."""
+        slipping = (name for name, direction in self.phases[phase].directions.items() if direction)
+        return tuple(name for name in slipping if self.onset_order(phase, name) == 1)
 
     def __str__(self) -> str:
         return " | ".join(map(str, self.steps))

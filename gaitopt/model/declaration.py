@@ -63,6 +63,7 @@ ATTRIBUTES = tuple(Walker.__annotations__)
 LISTS = (
     "shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked",
     "phases", "contacts", "massless_contacts", "landing_contacts",
+    "sections",
 )  # fmt: skip
 """Class attributes that are tuples of names."""
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
@@ -163,6 +164,9 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         else read.vector("Mechanism.relabel", stated.relabel, len(walker.shape), "shape"),
         stops=stops,
         switches={name: _checked_switch(walker, read, name, margin) for name, margin in stated.switches.items()},
+        sections={
+            name: _checked_switch(walker, read, name, margin, "sections") for name, margin in stated.sections.items()
+        },
         phases={
             name: read.scalar(f"Mechanism.phases[{name!r}]", phase, "shape") for name, phase in stated.phases.items()
         },
@@ -407,10 +411,10 @@ def _read_shape(walker: type[Walker], read: Reader, method: str, stated: object)
 
 
 def _checked_switch(
-    walker: type[Walker], read: Reader, name: str, margin: Callable[[SimpleNamespace], SX]
+    walker: type[Walker], read: Reader, name: str, margin: Callable[[SimpleNamespace], SX], entry: str = "switches"
 ) -> Callable[[SimpleNamespace], SX]:
-    """The margin of a switch, checked wherever it is evaluated."""
-    what = f"Mechanism.switches[{name!r}]"
+    """The margin of a switch, or of a section, checked wherever it is evaluated."""
+    what = f"Mechanism.{entry}[{name!r}]"
 
     def checked(rates: SimpleNamespace) -> SX:
         with calling(walker, what):
@@ -444,7 +448,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         if not _is_list(value, kind):
             words = "angles" if kind is object else f"{kind.__name__}(...)"
             yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {words}"
-    for name in ("stops", "switches", "phases", "potential_while", "contacts"):
+    for name in ("stops", "switches", "phases", "potential_while", "contacts", "sections"):
         value = getattr(mechanism, name)
         if not isinstance(value, Mapping):
             yield f"Mechanism.{name} is {shown(value)}, but must be a mapping from names to expressions"
@@ -454,14 +458,15 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
     if walker.pushes is (mechanism.push is None):
         yield f"pushes is {walker.pushes}, which Mechanism.push contradicts"
-    for name in ("stops", "switches", "phases", "contacts"):
+    for name in ("stops", "switches", "phases", "contacts", "sections"):
         names, declared = (*getattr(mechanism, name),), getattr(walker, name)
         if names != declared:
             yield f"Mechanism.{name} has {', '.join(map(str, names)) or 'none'}, but {name} are {declared}"
-    for name, margin in mechanism.switches.items():
-        if not callable(margin):
-            words = f"{shown(margin)}, but must be a function of the rates, lambda dq: ..."
-            yield f"Mechanism.switches[{name!r}] is {words}"
+    for entry, margins in (("switches", mechanism.switches), ("sections", mechanism.sections)):
+        for name, margin in margins.items():
+            if not callable(margin):
+                words = f"{shown(margin)}, but must be a function of the rates, lambda dq: ..."
+                yield f"Mechanism.{entry}[{name!r}] is {words}"
     states = ["contact", *walker.contacts, *(f"{stop} {state}" for stop in walker.stops for state in STOP_STATES)]
     states += [f"{switch} {state}" for switch in walker.switches for state in SWITCH_STATES]
     for name in mechanism.potential_while:

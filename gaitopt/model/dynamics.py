@@ -116,27 +116,27 @@ class Dynamics(ReadOnlyArrays):
         return self._margin_units[mode]
 
     def lift(self, xi: Array) -> Array:
-        """State just after an impact, shape (n_z,), from section coordinates with or without dx."""
-        full = np.zeros(len(self.system.walker.section_names(slipping=True)))
-        full[: xi.size] = xi
-        return buffered(self.system.lift)(full, self.p)[0].copy()
+        """State just after an impact of a foot, shape (n_z,), from section coordinates with or without dx."""
+        return self.system.section(Mode.SLIP_FORWARD).lift(xi, self.p, np.zeros(self.system.n_z))
 
-    def after_impact(self, mode: Mode, z: Array) -> Array:
-        """State just after an impact, shape (n_z,); at touchdown x starts from zero at the new stance foot."""
-        z_plus = buffered(self.system.impact(mode))(z, self.p)[0].copy()
-        if not mode.locked:
-            z_plus[self.system.n_shape] = 0.0
-        return z_plus
+    def after_impact(self, mode: Mode, z: Array, before: Mode | None = None, *, ends_step: bool = True) -> Array:
+        """State just after an impact, shape (n_z,); where a step ends, x starts from zero at the new base point.
+
+        Parameters
+        ----------
+        mode, before, ends_step : as of ``HybridSystem.reset``.
+        """
+        return buffered(self.system.reset(mode, before, ends_step=ends_step))(z, self.p)[0].copy()
 
     def margins(self, mode: Mode, segment: int, times: Array, states: Array) -> Array:
         """Margins of a mode at times (m,) and states (m, n_z), in the order of its transitions; shape (m, n)."""
         margins = buffered_map(self.system.margins(mode), times.size)
         return margins(times[:, None], states, self.p, self.system.data(segment))[0].copy()
 
-    def impact_margins(self, mode: Mode, z: Array) -> dict[str, float]:
-        """Margins by name of the impact that follows the state ``z``, shape (n_z,)."""
-        (values,) = buffered(self.system.impact_margins(mode))(z, self.p)
-        return dict(zip(self.system.transitions.impact_margin_names(mode), values.tolist(), strict=True))
+    def impact_margins(self, mode: Mode, z: Array, before: Mode | None = None) -> dict[str, float]:
+        """Margins by name of the impact that follows the state ``z``, shape (n_z,); see ``HybridSystem.reset``."""
+        (values,) = buffered(self.system.impact_margins(mode, before))(z, self.p)
+        return dict(zip(self.system.transitions.impact_margin_names(mode, before), values.tolist(), strict=True))
 
 
 def saltation(

@@ -33,7 +33,7 @@ class EquationsOfMotion:
     q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are no states.
     M : SX, shape (n_q, n_q) - mass matrix.
     B, G : SX, shape (n_q,) - velocity terms with dampers, and gravity with the springs that act in all modes.
-    switches : SX by name - margins of the switches.
+    switches, sections : SX by name - margins of the switches, and of the sections that may end a cycle.
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     moment : SX, shape (2, n_q) - Jacobian of the first moment of mass, sum m r.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
@@ -57,6 +57,7 @@ class EquationsOfMotion:
     moment: SX
     W_swing: SX
     switches: Mapping[str, SX]
+    sections: Mapping[str, SX]
     energy: SX
     dissipation: SX
     mass: SX
@@ -144,6 +145,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         ),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
         switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
+        sections={name: grounded(SX(margin(rates))) for name, margin in mechanism.sections.items()},
         energy=grounded(kinetic + potential),
         dissipation=grounded(dissipation),
         mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),

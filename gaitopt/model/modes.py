@@ -25,8 +25,13 @@ STOP_STATES, SWITCH_STATES = ("free", "locked"), ("off", "on")
 STATES = (*STOP_STATES, *SWITCH_STATES)
 NEXT_STATE = dict((STOP_STATES, SWITCH_STATES))
 _DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1, "flight": 0}
-_NAMED = {"stick": 0, "slip_forward": 1, "slip_backward": -1, OFF: 0}
+NAMED = {"stick": 0, "slip_forward": 1, "slip_backward": -1, OFF: 0}
 """States of a named contact."""
+LEAVES = "leaves"
+"""What a contact that touched the ground does in an impact after which it is off, in problem files."""
+IMPACT = "impact"
+"""Key of a phase that begins with an impact: what the contacts do just after it."""
+_AFTER_IMPACT = (*(word for word in NAMED if word != OFF), LEAVES)
 
 
 class Mode(str):
@@ -82,7 +87,7 @@ class Mode(str):
             named = [part.partition(": ") for part in parts if ": " in part]
             stops = parts[len(named) :] if named else others
             contacts = {name: word for name, _, word in named} or {FOOT: first}
-            words, states = _NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
+            words, states = NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
             strange = any(word not in words for word in contacts.values())
             if strange or any(state not in STATES for state in states.values()) or len(contacts) < len(named):
                 what = f"a contact can {', '.join(words)}" if named else f"a foot can {', '.join(words)}"
@@ -116,6 +121,11 @@ class Mode(str):
         """The mode with a state of every named contact."""
         return cls(", ".join(f"{name}: {word}" for name, word in contacts.items()))
 
+    @property
+    def is_named(self) -> bool:
+        """Whether the contacts have names."""
+        return ": " in self
+
     def with_states(self, changed: Mapping[str, str]) -> "Mode":
         """Other states of some named contacts, with the same stops and switches."""
         return self.with_contact(Mode.of_contacts({**self.contacts, **changed}))
@@ -127,10 +137,15 @@ class Mode(str):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
-        """In problem files: a word, or ``{mode: stick, knee: free}`` for a walker with stops."""
+        """In problem files: a word, or ``{mode: stick, knee: free}`` for a walker with stops.
+
+        Modes of named contacts are read with the walker at hand, see ``problem.reading``.
+        """
 
         def read(data: object) -> Mode:
             contact, stops = data, dict[str, Any]()
+            if isinstance(data, Mode):
+                return data
             if isinstance(data, dict):
                 contact, stops = data.get("mode"), {name: state for name, state in data.items() if name != "mode"}
             for value, allowed in [(contact, (*_DIRECTIONS,)), *((state, STATES) for state in stops.values())]:
@@ -142,28 +157,52 @@ class Mode(str):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
-        """Both forms."""
+        """All forms."""
         word = {"type": "string", "enum": list(_DIRECTIONS)}
+        touching = {"type": "object", "additionalProperties": {"type": "string", "enum": [*_AFTER_IMPACT]}}
+        contacts = {
+            "type": "object",
+            "description": "what each named contact does; off if left out. impact: just after an impact at the start",
+            "properties": {IMPACT: touching},
+            "additionalProperties": {"type": "string", "enum": list(NAMED)},
+            "not": {"required": ["mode"]},
+            "minProperties": 1,
+        }
         state = {"type": "string", "enum": list(STATES)}
         stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}
-        return {"anyOf": [word, stops]}
+        return {"anyOf": [word, stops, contacts]}
 
     @classmethod
     def from_record(cls, record: str | Mapping[str, Any]) -> "Mode":
-        """The mode of a phase in JSON, or the mode with this text."""
+        """The mode of a phase in JSON, of an impact, or with this text."""
         if isinstance(record, str):
             return cls(record)
-        return cls.of(record["mode"], {name: state for name, state in record.items() if state in STATES})
+        contact = record.get("mode", record)
+        if isinstance(contact, Mapping):
+            return cls.of_contacts(contact)
+        return cls.of(contact, {name: state for name, state in record.items() if state in STATES})
 
     @property
-    def record(self) -> dict[str, str]:
+    def brief(self) -> str:
+        """The text, without the contacts that are off: ``heel stick + toe slip_forward``."""
+        if not self.is_named:
+            return str(self)
+        return " + ".join(f"{name} {self.contacts[name]}" for name in self.touching) or str(Mode.FLIGHT)
+
+    @property
+    def words(self) -> str | dict[str, str]:
+        """The contacts as in JSON: the word of a foot, or a mapping of named contacts to their words."""
+        return dict(self.contacts) if self.is_named else str(self.contact)
+
+    @property
+    def record(self) -> dict[str, Any]:
         """As in JSON: ``mode``, and the state of every stop and switch by name."""
-        return {"mode": str(self.contact), **self.stops}
+        return {"mode": self.words, **self.stops}
 
     @property
-    def data(self) -> str | dict[str, str]:
-        """As in a problem file: a word, or a mapping where there are stops."""
-        return self.record if self.stops else str(self)
+    def data(self) -> str | dict[str, Any]:
+        """As in a problem file: a word, a mapping of named contacts, or a mapping where there are stops."""
+        return self.record if self.stops else self.words
 
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another state of the foot, with the same stops and switches."""

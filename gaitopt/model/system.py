@@ -19,17 +19,19 @@ from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from casadi import SX, Function, cse, horzcat, jacobian, jtimes, substitute, vec, vertcat
-from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
+from gaitopt.model.buffered import buffered
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
 from gaitopt.model.contract import torques
 from gaitopt.model.control import Control, Instant, parameter_names
+from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import FOOT_COORDINATES, state_after_impact
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import FOOT, Mode
+from gaitopt.model.section import TOUCHDOWN, Section, contact_section
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
@@ -219,7 +221,7 @@ class Expressions:
         """Normal velocity with which the swing foot lands."""
         return (self.eom.W_swing @ self.push.rates)[1]
 
-    def impact_margins(self, mode: Mode) -> dict[str, SX]:
+    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
         """Margins of an impact by name."""
         result, stick = self.impact(mode), self.impact(mode.with_contact(Mode.STICK))
         mu = self._static
@@ -285,11 +287,12 @@ class HybridSystem:
     control : the control law, of which the structure and the segment data matter here, but not the scalars.
     law : tangential law of slipping impacts.
     friction : friction law of the feet; its numbers are entries of ``p``.
+    cycle_end : what ends a cycle of a walker with named contacts: ``touchdown``, ``clock`` or the name of a margin.
 
     Attributes
     ----------
     parameters : dotted keys of ``p`` in order: walker, friction, control.
-    walker, control, law, friction : as given.
+    walker, control, law, friction, cycle_end : as given.
     transitions : the table of modes, margins and events.
     state_names : names of ``z`` in order.
     n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
@@ -302,8 +305,10 @@ class HybridSystem:
         control: Control,
         law: ImpactLaw = ImpactLaw.COULOMB,
         friction: Friction | ContactFriction = COULOMB,
+        cycle_end: str = TOUCHDOWN,
     ) -> None:
         self.walker, self.control, self.law, self.friction = walker, control, law, friction
+        self.cycle_end = cycle_end
         self.parameters = (
             *(f"walker.{name}" for name in walker.model_fields),
             *friction.parameters,
@@ -318,13 +323,14 @@ class HybridSystem:
         if isinstance(friction, ContactFriction):
             from gaitopt.model.contact_system import ContactExpressions  # it derives from ``Expressions``
 
-            self._contacts = ContactExpressions(walker, control, law, friction)
+            self._contacts = ContactExpressions(walker, control, law, friction, cycle_end)
             self._symbols: Expressions = self._contacts
         else:
             self._symbols = Expressions(walker, control, law, friction)
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
+        self._sections: dict[bool, TouchdownSection] = {}
 
     @property
     def expressions(self) -> Expressions:
@@ -338,7 +344,7 @@ class HybridSystem:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickled, (self.walker, self.control, self.law, self.friction)
+        return _unpickled, (self.walker, self.control, self.law, self.friction, self.cycle_end)
 
     @compiled("tzpr")
     def flow(self, mode: Mode) -> dict[str, SX]:
@@ -429,10 +435,40 @@ class HybridSystem:
         return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
 
     @compiled("zp")
-    def impact_margins(self, mode: Mode) -> dict[str, SX]:
-        """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode)``."""
-        margins = self._symbols.impact_margins(mode)
-        return {"margins": vertcat(*(margins[name] for name in self.transitions.impact_margin_names(mode)))}
+    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
+        """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode, before)``."""
+        margins, names = self._symbols.impact_margins(mode, before), self.transitions.impact_margin_names(mode, before)
+        return {"margins": vertcat(SX(0, 1), *(margins[name] for name in names))}
+
+    def reset(self, mode: Mode, before: Mode | None = None, *, ends_step: bool = True) -> Function:
+        """(z, p) -> z_plus: the state after the event that ends a phase; x is counted from the new base point.
+
+        Parameters
+        ----------
+        mode : just after the impact, with the contacts as they are called before it; see ``Transitions.struck``.
+        before, ends_step : mode just before it, and whether the step ends; needed where the contacts have names.
+        """
+        return self._reset(mode, before, ends_step) if mode.is_named else self._reset(mode, None, not mode.locked)
+
+    def reset_jacobian(self, mode: Mode, before: Mode | None = None, *, ends_step: bool = True) -> Function:
+        """(z, p) -> d z_plus / dz of ``reset``, shape (n_z, n_z)."""
+        if mode.is_named:
+            return self._reset_jacobian(mode, before, ends_step)
+        return self._reset_jacobian(mode, None, not mode.locked)
+
+    @compiled("zp")
+    def _reset(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
+        if before is not None:
+            return {"z_plus": self._contacts.reset(mode, before, ends_step=ends_step)}
+        z_plus = SX(self._symbols.impact(mode).z_plus)
+        if ends_step:
+            z_plus[self.n_shape] = 0
+        return {"z_plus": z_plus}
+
+    @compiled("zp")
+    def _reset_jacobian(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
+        (z_plus,) = self._reset(mode, before, ends_step).call([self._symbols.z, self._symbols.p])
+        return {"z_plus_by_z": jacobian(z_plus, self._eom.z)}
 
     @compiled("tzpr")
     def contact_decision(self, mode: Mode) -> dict[str, SX]:
@@ -455,10 +491,7 @@ class HybridSystem:
     @compiled("zp")
     def relabelled(self) -> dict[str, SX]:
         """(z, p) -> z_plus: the state after the feet have swapped roles, x being the position of the new base point."""
-        eom, n = self._eom, len(self.walker.shape)
-        shape, base = eom.mechanism.relabel, eom.mechanism.swing_foot
-        rates, velocity = (jtimes(SX(value), eom.q, eom.dq) for value in (shape, base))
-        return {"z_plus": vertcat(eom.state(shape, base[0], base[1]), eom.state(rates[:n], velocity[0], velocity[1]))}
+        return {"z_plus": self._contacts.relabelled}
 
     @property
     @compiled("zp")
@@ -531,10 +564,14 @@ class HybridSystem:
             name = re.sub(r"[\W_]+", "_", "_".join(map(str, key))).strip("_")
             self._functions[key] = Function(name, symbols, cse([*results.values()]), [*inputs], [*results])
 
-    def section(self, impact_mode: Mode) -> NDArray[np.intp]:
-        """Indices in ``z`` of the section coordinates after an impact of the given mode."""
-        names = self.walker.section_names(slipping=impact_mode.slips)
-        return np.array([self.state_names.index(name) for name in names])
+    def section(self, of: Cycle | Mode) -> Section:
+        """The section just after the event that ends a cycle, or just after an impact of a foot."""
+        if isinstance(of, Cycle) and self.walker.contacts:
+            return contact_section(self.walker, of.phases[-1], of.impact, self.cycle_end)
+        slipping = of.impact.slips if isinstance(of, Cycle) else of.slips
+        if slipping not in self._sections:
+            self._sections[slipping] = TouchdownSection(self, slipping=slipping)
+        return self._sections[slipping]
 
     def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p`` from values by dotted key, shape (n_p,); those of the control law are its own by default."""
@@ -556,6 +593,36 @@ class HybridSystem:
         return self.friction.of(p[self._friction_entries])
 
 
+class TouchdownSection(Section):
+    """The section of a walker that stands on one foot at a time; its class says which coordinates are free.
+
+    Parameters
+    ----------
+    slipping : whether the foot slips just after the impact; dx is then the last coordinate.
+    """
+
+    def __init__(self, system: HybridSystem, *, slipping: bool) -> None:
+        self._system, self._slipping, self.words = system, slipping, "slip" if slipping else "stick"
+        self.names = system.walker.section_names(slipping=slipping)
+        self.indices = np.array([system.state_names.index(name) for name in self.names])
+
+    def lift(self, xi: Array, p: Array, near: Array | None = None) -> Array:
+        """As of ``Section``, for coordinates with or without dx, whatever the state ``near``."""
+        full = np.zeros(len(self._system.walker.section_names(slipping=True)))
+        full[: xi.size] = xi
+        return buffered(self._system.lift)(full, p)[0].copy()
+
+    def tangent(self, z: Array, p: Array) -> Array:
+        """As of ``Section``."""
+        xi = z[self._system.section(Mode.SLIP_FORWARD).indices]
+        (flat,) = buffered(self._system.lift_jacobian)(xi, p)
+        return flat.reshape(z.size, -1, order="F")[:, : self.indices.size]
+
+    def holds(self, before: Mode, impact: Mode) -> bool:
+        """As of ``Section``."""
+        return impact.slips is self._slipping
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Definition:
     """What defines a system; control laws are equal if their pickles are."""
@@ -563,17 +630,26 @@ class _Definition:
     walker: type[Walker]
     law: ImpactLaw
     friction: Friction | ContactFriction
+    cycle_end: str
     control_pickle: bytes
     control: Control = field(compare=False)
 
 
 def _unpickled(
-    walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction | ContactFriction
+    walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction | ContactFriction, cycle_end: str
 ) -> HybridSystem:
-    pickled = pickle.dumps(control)
-    return _system(_Definition(walker=walker, law=law, friction=friction, control_pickle=pickled, control=control))
+    definition = _Definition(
+        walker=walker,
+        law=law,
+        friction=friction,
+        cycle_end=cycle_end,
+        control_pickle=pickle.dumps(control),
+        control=control,
+    )
+    return _system(definition)
 
 
 @built_once(maxsize=KEPT)
 def _system(definition: _Definition) -> HybridSystem:
-    return HybridSystem(definition.walker, definition.control, definition.law, definition.friction)
+    d = definition
+    return HybridSystem(d.walker, d.control, d.law, d.friction, d.cycle_end)

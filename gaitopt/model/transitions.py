@@ -19,6 +19,7 @@ from itertools import pairwise
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.friction import COULOMB, Friction, ImpactLaw
 from gaitopt.model.modes import FOOT, NEXT_STATE, Mode
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
 
@@ -227,6 +228,12 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
         violated="slip velocity after impact is {value:.4g} m/s in the direction of the mode",
         lost="the slip velocity after the impact falls to zero",
     ),
+    "impact_regularity": Margin(
+        unit="one",
+        violated="the impulses have no unique solution: regularity is {value:.4g}, must be positive (Painleve)",
+        lost="the impulses of the impact have no unique solution any more",
+        ending=Ending.PAINLEVE,
+    ),
     "impact_painleve": Margin(
         unit="mass",
         violated="apparent mass of the colliding foot is {value:.4g} kg, must be positive",
@@ -247,14 +254,20 @@ AT_BREAKPOINT = Margin(
     absent="no breakpoint of the control law ends it",
 )
 """The time to a breakpoint at which a phase ends."""
-MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS, BREAKPOINT: AT_BREAKPOINT}
+AT_PERIOD = Margin(
+    unit="time",
+    lost="the period of the control law ends",
+    absent="the period of the control law does not end in it",
+)
+"""The time to the end of the control law's period, which ends a cycle by the clock."""
+MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS, BREAKPOINT: AT_BREAKPOINT, CLOCK: AT_PERIOD}
 STOP = Margin(
     unit="one",
     lost="the stop locks, or the switch triggers, earlier in the step",
     absent="the stop does not lock, or the switch does not trigger",
     rises=True,
 )
-"""The gap of any joint stop, and the margin of any switch."""
+"""The gap of any joint stop, and the margin of any switch or section."""
 CONE: Mapping[Mode, str] = {Mode.SLIP_FORWARD: "cone_forward", Mode.SLIP_BACKWARD: "cone_backward"}
 """The margin of a sticking foot that falls to zero where each slip begins; for impacts ``impulse_`` precedes it."""
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
@@ -264,8 +277,11 @@ CANNOT_SLIP = "a massless foot cannot slip, and friction does not hold it"
 
 
 def kind(name: str) -> str:
-    """The margin of which that of a named contact is one: ``cone_forward`` of ``cone_forward.left``."""
-    return name.partition(".")[0]
+    """The margin of which that of a named contact is one: ``cone_forward`` of ``cone_forward.left``.
+
+    That of a group with different ones is of the kind of its first part.
+    """
+    return name.partition(".")[0].partition("+")[0]
 
 
 def margin(name: str) -> Margin:
@@ -295,17 +311,19 @@ class Transitions:
     Attributes
     ----------
     modes : all modes of the walker.
+    cycle_end : what ends a cycle; other than ``touchdown`` only where the contacts have names.
     landed : candidates after the impact that ends a step, with all stops free and all switches off.
     unloaded : margins that are zero where a foot lands and where it takes off: ``GROUND_FORCES`` of massless feet.
     """
 
     def __init__(self, walker: type[Walker], friction: Friction, law: ImpactLaw) -> None:
         self.walker, self._friction, self._law = walker, friction, law
+        self.cycle_end = TOUCHDOWN
         self.modes = walker.modes()
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
-        self._impacts: dict[Mode, Mapping[str, Transition]] = {}
+        self._impacts: dict[tuple[Mode, Mode | None], Mapping[str, Transition]] = {}
         self._breakpoints: dict[Mode, Transition] = {}
         self._checked: set[Cycle] = set()
 
@@ -315,16 +333,17 @@ class Transitions:
             self._phases[mode] = {row.guard: row for row in self._of_phase(mode)}
         return self._phases[mode]
 
-    def of_impact(self, mode: Mode) -> Mapping[str, Transition]:
+    def of_impact(self, mode: Mode, before: Mode | None = None) -> Mapping[str, Transition]:
         """Transitions to what replaces an impact, by its margins in the order of ``HybridSystem.impact_margins``.
 
         Parameters
         ----------
         mode : just after the impact; without stops for the impact of the foot, with a locked stop for that of a stop.
+        before : just before it; needed where the contacts have names.
         """
-        if mode not in self._impacts:
-            self._impacts[mode] = {row.guard: row for row in self._of_impact(mode)}
-        return self._impacts[mode]
+        if (mode, before) not in self._impacts:
+            self._impacts[mode, before] = {row.guard: row for row in self._of_impact(mode, before)}
+        return self._impacts[mode, before]
 
     @property
     def most_margins(self) -> int:
@@ -335,12 +354,20 @@ class Transitions:
         """Names of the margins of a mode, in the order of ``HybridSystem.margins``."""
         return tuple(self.of(mode))
 
-    def impact_margin_names(self, mode: Mode) -> tuple[str, ...]:
+    def impact_margin_names(self, mode: Mode, before: Mode | None = None) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``HybridSystem.impact_margins``."""
-        return tuple(self.of_impact(mode))
+        return tuple(self.of_impact(mode, before))
 
-    def between(self, mode: Mode, after: Mode | None) -> Transition:
+    def struck(self, cycle: Cycle, phase: int) -> Mode | None:
+        """The impact that ends a phase, with the contacts as they are called before it; None without an impact."""
+        return cycle.reset_after(phase)
+
+    def between(self, mode: Mode, after: Mode | None, struck: Mode | None = None) -> Transition:
         """The transition from ``mode`` to the next mode ``after`` of the step; None stands for the end of the step.
+
+        Parameters
+        ----------
+        struck : as of ``struck``; needed where the contacts have names.
 
         Raises
         ------
@@ -371,7 +398,7 @@ class Transitions:
         """The transition that ends a phase of a cycle."""
         if phase in cycle.timed:
             return self.at_breakpoint(cycle.phases[phase])
-        return self.between(cycle.phases[phase], cycle.after(phase))
+        return self.between(cycle.phases[phase], cycle.after(phase), self.struck(cycle, phase))
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
         """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""
@@ -444,7 +471,7 @@ class Transitions:
             rows.append(self._row(switch, at_rest=rests, candidates=self.at_rest(on) if rests else (on,)))
         return rows
 
-    def _of_impact(self, mode: Mode) -> list[Transition]:
+    def _of_impact(self, mode: Mode, before: Mode | None) -> list[Transition]:
         walker, of_stop, stick = self.walker, bool(mode.locked), mode.with_contact(Mode.STICK)
         if not mode.touching:
             return [self._row("lift_velocity")]

@@ -104,6 +104,8 @@ class Mechanism:
     push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands; None if the
         walker does not push off [N s].
     contacts : the points that can touch the ground by name, of a walker with several contacts.
+    sections : margins by name, any of which may end a cycle where it falls to zero, dimensionless; functions of the
+        rates, as ``switches``.
     length : natural unit of length [m]; by default the largest distance of a body from the stance foot, or from a
         contact, where all shape coordinates are zero.
     """
@@ -123,6 +125,7 @@ class Mechanism:
     dampers: tuple[Damper, ...] = ()
     push: SX | None = None
     contacts: Mapping[str, Contact] = field(default_factory=dict)
+    sections: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
     length: SX | None = None
 
 
@@ -171,6 +174,8 @@ class WalkerClass(PluginClass):
         defined = next((vars(base)["section"] for base in cls.__mro__ if "section" in vars(base)), None)
         if defined is not None:
             return cast(tuple[str, ...], defined)
+        if cast("type[Walker]", cls).contacts:  # what is free follows from the gait, see ``gaitopt.model.section``
+            return ()
         from gaitopt.model.closure import chosen_section
 
         return chosen_section(cast("type[Walker]", cls))
@@ -207,6 +212,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     landing_contacts : those whose landing ends a step: the shape is then relabelled, and the base point moves to
         ``swing_foot``.
     exchanged_contacts : contacts of one foot with those of the other; they swap places where a step ends.
+    sections : names of the margins any of which may end a cycle (``gait: {section: {margin: NAME}}``).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
@@ -232,6 +238,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     massless_contacts: ClassVar[tuple[str, ...]] = ()
     landing_contacts: ClassVar[tuple[str, ...]] = ()
     exchanged_contacts: ClassVar[Mapping[str, str]] = {}
+    sections: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:

@@ -24,8 +24,10 @@ from gaitopt.model.contract import check_clock
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import state_mechanism
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.friction import COULOMB, ContactFriction
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import DURATION, Scales, Within, symmetric
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
@@ -35,6 +37,7 @@ from gaitopt.problem.scalars import SCALARS, SLIPLESS_STEP
 from gaitopt.problem.schema import (
     FrictionCoefficients,
     HeadSection,
+    friction_section,
     state_section,
 )
 from gaitopt.problem.statement import ProblemStatement
@@ -69,7 +72,8 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     if problem.start is None:
         return
     foot, upright, _ = _geometry_at_guess(problem)
-    if not (problem.walker.flies or math.hypot(*foot) > FEET_APART * scales.length):
+    apart = problem.walker.flies or problem.walker.contacts or math.hypot(*foot) > FEET_APART * scales.length
+    if not apart:
         yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
     if upright < FALLEN:
         yield Fault(STATE, "the walker has fallen: a step begins upright")
@@ -82,7 +86,7 @@ def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
         return
     try:
         check_clock(law)
-        key = (walker, problem.impact_law, problem.friction_law, *law.structure)
+        key = (walker, problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
         system = _controlled(_Controlled(key=key, problem=problem))
         mode = walker.released(Mode.STICK) if problem.is_open else problem.cycle.phases[0]
         function = system.torques(mode)
@@ -127,7 +131,8 @@ class _Controlled:
 @built_once(maxsize=16)
 def _controlled(stated: _Controlled) -> HybridSystem:
     problem = stated.problem
-    return HybridSystem(type(problem.walker), problem.control, problem.impact_law, problem.friction_law)
+    law = problem.friction_law
+    return HybridSystem(type(problem.walker), problem.control, problem.impact_law, law, problem.cycle_end)
 
 
 def remarks(problem: ProblemStatement) -> Iterator[Fault]:
@@ -158,10 +163,12 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
 def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
     walker = problem.walker
-    if walker.flies or problem.free or not isinstance(problem.control, NoControl):
+    keeps_energy = walker.flies or walker.massless_contacts or problem.cycle_end != TOUCHDOWN
+    if keeps_energy or problem.free or not isinstance(problem.control, NoControl):
         return False
     downhill = _geometry_at_guess(problem)[2][0]
-    slides_back = problem.is_open or Mode.SLIP_BACKWARD in (*problem.cycle.phases, *problem.cycle.impacts)
+    modes = () if problem.is_open else (*problem.cycle.phases, *problem.cycle.impacts)
+    slides_back = problem.is_open or any("slip_backward" in mode.contacts.values() for mode in modes)
     if downhill > 0 or (downhill < 0 and slides_back):
         return False
     system = _system(type(walker))
@@ -178,8 +185,14 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
     walker, state = problem.walker, state_section(type(problem.walker))
     control = problem.control.section(type(walker))
     yield from _section_spans((), HeadSection, {"friction": problem.friction})
-    if not isinstance(problem.friction, float):
+    if isinstance(problem.friction, FrictionCoefficients):
         yield from _section_spans(("friction",), FrictionCoefficients, vars(problem.friction))
+    elif isinstance(problem.friction, Mapping):
+        for name, friction in problem.friction.items():
+            if isinstance(friction, FrictionCoefficients):
+                yield from _section_spans(("friction", name), FrictionCoefficients, vars(friction))
+            else:
+                yield from _section_spans(("friction",), friction_section((name,)), {name: friction})
     yield from _section_spans(("walker",), type(walker), vars(walker))
     if problem.start is not None:
         yield from _section_spans(STATE, state, problem.start.state)
@@ -247,8 +260,9 @@ def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array]:
 
     Without a guess all angles are zero.
     """
-    shape = [0.0 if problem.start is None else problem.start.state[name] for name in problem.walker.shape]
-    foot, upright, gravity = buffered(_geometry(type(problem.walker)))(shape, _values(problem.walker))
+    names = (*problem.walker.shape, *(("y",) if problem.walker.contacts else ()))
+    posture = [0.0 if problem.start is None else problem.start.state[name] for name in names]
+    foot, upright, gravity = buffered(_geometry(type(problem.walker)))(posture, _values(problem.walker))
     return foot.copy(), float(upright[0]), gravity.copy()
 
 
@@ -258,13 +272,17 @@ def _values(walker: Walker) -> list[float]:
 
 @built_once(maxsize=32)
 def _system(walker: type[Walker]) -> HybridSystem:
-    return HybridSystem(walker, NoControl())
+    contacts = walker.contacts
+    return HybridSystem(
+        walker, NoControl(), friction=ContactFriction.shared(contacts, COULOMB) if contacts else COULOMB
+    )
 
 
 @built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
-    """(shape, p) -> swing foot from the stance foot, upright, gravity."""
-    shape, p = SX.sym("shape", len(walker.shape)), SX.sym("p", len(walker.model_fields))
-    names = {name: shape[k] for k, name in enumerate(walker.shape)}
-    m = state_mechanism(walker, SimpleNamespace(**names, x=SX(0), y=SX(0)), parameter_namespace(walker, p))
-    return Function("geometry", [shape, p], [m.swing_foot, m.upright, m.gravity])
+    """(posture, p) -> swing foot from the stance foot, upright, gravity; the posture is the shape, and any height y."""
+    names, p = (*walker.shape, *(("y",) if walker.contacts else ())), SX.sym("p", len(walker.model_fields))
+    posture = SX.sym("posture", len(names))
+    q = {"x": SX(0), "y": SX(0)} | {name: posture[k] for k, name in enumerate(names)}
+    m = state_mechanism(walker, SimpleNamespace(**q), parameter_namespace(walker, p))
+    return Function("geometry", [posture, p], [m.swing_foot, m.upright, m.gravity])

@@ -17,6 +17,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import check_class
 from gaitopt.model.modes import Mode
 from gaitopt.model.registry import CONTROLS, WALKERS, Kind, registered_controls, registered_walkers
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
@@ -137,8 +138,8 @@ class Problem(ProblemStatement):
             As ``replace``.
         """
         values = gait.get("parameters", {}) if parameters is None else parameters
-        same_impact = gait["impact"] == self.cycle.impact
-        names = self.walker.section_names(slipping=self.cycle.impact.slips)
+        same_impact = Mode.from_record(gait["impact"]) == self.cycle.impact
+        names = self._guessed_names(self.cycle)
         state = {name: gait["state"][name] for name in names if same_impact or name != "dx"}
         same_phases = [Mode.from_record(phase) for phase in gait["phases"]] == list(self.cycle.phases)
         changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
@@ -176,11 +177,19 @@ class Problem(ProblemStatement):
         """
         if durations is None and not self.is_open and _phase_numbers(cycle) == _phase_numbers(self.cycle):
             durations = self.guess.durations
-        names = self.walker.section_names(slipping=cycle.impact.slips)
+        names = self._guessed_names(cycle)
         guess: dict[str, Any] = {"state": {name: float(state[name]) for name in names}}
         guess |= {} if durations is None else {"durations": list(durations)}
         gait = {**cycle_data(cycle.untimed), "guess": guess}
+        if self.cycle_end != TOUCHDOWN:
+            gait["section"] = problem_data(self)["gait"]["section"]
         return self.replace({"gait": gait, **self.free_guesses(parameters or {})})
+
+    def _guessed_names(self, cycle: Cycle) -> tuple[str, ...]:
+        """Names of the coordinates of a guess: those of the section, or all where the contacts have names."""
+        if self.walker.contacts:
+            return self.walker.state_names()
+        return self.walker.section_names(slipping=cycle.impact.slips)
 
     def free_guesses(self, values: Mapping[str, float]) -> dict[str, object]:
         """Overrides that make known values the guesses of the free numbers, clipped to their bounds."""

@@ -16,11 +16,13 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import check_walker, section_posture
+from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.control import Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, Mode
 from gaitopt.model.registry import refused_controls, refused_walkers
+from gaitopt.model.section import CLOCK, TOUCHDOWN, contact_section
 from gaitopt.model.transitions import transitions
 from gaitopt.model.units import SMALLEST, Angle, Number
 from gaitopt.model.walker import Walker
@@ -40,6 +42,7 @@ from gaitopt.problem.schema import (
     RangeSection,
     RobotSection,
     StepSection,
+    friction_section,
     is_angle,
     state_section,
 )
@@ -52,6 +55,8 @@ UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
 UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
 SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""
+CLOSE_STATE = 0.05
+"""In rad and SI units, or relative: with several contacts, values of solved coordinates only select a solution."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +85,7 @@ class _StatementReader:
         self._walker: Walker | None = None
         self._control: Control | None = None
         self._modes: Cycle | OpenSequence | None = None
+        self._cycle_end = TOUCHDOWN
 
     def fields(self) -> dict[str, Any]:
         """The fields of the problem."""
@@ -88,6 +94,7 @@ class _StatementReader:
         self._control = self._read_control()
         self._modes, guess = self._read_gait()
         fields |= {"walker": self._walker, "control": self._control, "modes": self._modes, "start": guess}
+        fields["cycle_end"] = self._cycle_end
         if self._model:
             objective, constraints = self._read_objective(), self._read_constraints()
             if not self._faults:
@@ -109,15 +116,48 @@ class _StatementReader:
         self._faults += [Fault((key,), "is missing") for key in ("walker", "gait") if key not in self._data]
         head = {key: value for key, value in self._data.items() if key in HeadSection.model_fields}
         several = head.get("friction")
-        coefficients = None
+        coefficients: Any = None
         if isinstance(several, Mapping) and not _is_free(several):
             head["friction"] = 0.0  # in place of the coefficients
             section = self._numbers(HeadSection, head, ())
-            coefficients = self._numbers(FrictionCoefficients, several, ("friction",))
+            if (
+                self._model is not None
+                and self._model.contacts
+                and not {*several} & {*FrictionCoefficients.model_fields}
+            ):
+                coefficients = self._read_friction(self._model, several)
+            else:
+                coefficients = self._numbers(FrictionCoefficients, several, ("friction",))
         else:
             section = self._numbers(HeadSection, head, ())
         fields = {} if section is None else {key: getattr(section, key) for key in HeadSection.model_fields}
         return fields | ({"friction": coefficients} if coefficients else {})
+
+    def _read_friction(self, model: type[Walker], laws: Mapping[str, Any]) -> dict[str, Any] | None:
+        """The friction law of every contact by name."""
+        numbers = {name: laws[name] for name in laws if not isinstance(laws[name], Mapping) or _is_free(laws[name])}
+        missing = [name for name in model.contacts if name not in laws]
+        self._faults += [Fault(("friction", name), "is missing: every contact has its friction") for name in missing]
+        read: dict[str, Any] = {}
+        section = self._numbers(
+            friction_section(tuple(name for name in model.contacts if name in numbers)), numbers, ("friction",)
+        )
+        for name, law in laws.items():
+            if name not in numbers:
+                foreign = name not in model.contacts
+                if foreign:
+                    self._fault(
+                        ("friction", name), f"is no contact of the {model.model}{near_miss(name, model.contacts)}"
+                    )
+                read[name] = self._numbers(FrictionCoefficients, law, ("friction", name))
+        if section is None or missing or any(law is None for law in read.values()):
+            return None
+        laws = {name: read[name] if name in read else getattr(section, name) for name in model.contacts}
+        for name, other in model.exchanged_contacts.items():
+            if laws[name] != laws[other]:
+                words = f"differs from that of {name}, with which it swaps places after every step: give both the same"
+                self._fault(("friction", other), words)
+        return laws
 
     def _read_walker(self) -> tuple[type[Walker] | None, Walker | None]:
         """The model, and the walker with its parameters."""
@@ -137,10 +177,6 @@ class _StatementReader:
             wrong = f"no walker is called {shown(name)}" if "model" in section else "is missing"
             reason = refused_walkers().get(name) if isinstance(name, str) else None
             self._fault(path, reason or f"{wrong}{near_miss(name, tuple(self._known.walkers))}")
-            return None, None
-        if model.contacts:
-            words = "has several contacts: its motions can be simulated, but its gaits cannot be solved yet"
-            self._fault(path, f"{name} {words}; name a walker that stands on one foot at a time")
             return None, None
         return self._read_parameters(model, {key: value for key, value in section.items() if key != "model"})
 
@@ -266,13 +302,17 @@ class _StatementReader:
         data, path = self._data["gait"], ("gait", "guess")
         if isinstance(data, Mapping) and data.get("phases") == OPEN:
             return self._read_open_gait(data)
+        landings: list[tuple[tuple[int, Mode], ...]] = []
+        if self._model is not None and self._model.contacts and isinstance(data, Mapping):
+            data, landings = self._with_contacts(self._model, data)
         several = isinstance(data, Mapping) and "steps" in data
         section: type[CycleSection] | type[GaitSection] = CycleSection if several else GaitSection
         gait = self._section(section, data, ("gait",))
         if gait is None:
             return None, None
         steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
-        cycle = self._read_cycle(steps, ("gait", "steps" if several else "phases"))
+        self._cycle_end = self._read_cycle_end(gait.section)
+        cycle = self._read_cycle(steps, ("gait", "steps" if several else "phases"), landings)
         guess = self._section(GuessSection, gait.guess, path)
         if guess is None:
             return cycle, None
@@ -281,12 +321,124 @@ class _StatementReader:
             needed = f"one duration per phase ({', '.join(phases)})"
             message = f"{len(guess.durations)} given, but the gait needs {needed}; or leave durations out"
             self._fault((*path, "durations"), message)
-        state = self._read_state(guess.state, steps[-1].impact)
+        if self._model is not None and self._model.contacts:
+            state = self._read_contact_state(guess.state, cycle)
+        else:
+            state = self._read_state(guess.state, steps[-1].impact)
         return cycle, None if state is None else Guess(state=state, durations=guess.durations)
+
+    def _with_contacts(
+        self, model: type[Walker], data: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
+        """The data of a gait with its mappings of contacts as modes, and the impacts within every step."""
+        landings: list[tuple[tuple[int, Mode], ...]] = []
+        is_step = "steps" not in data
+        stated = [data] if is_step else data["steps"]
+        is_touchdown = data.get("section", TOUCHDOWN) == TOUCHDOWN
+
+        def mode(entry: Any, path: Key, *words: str) -> Any:
+            if not isinstance(entry, Mapping):
+                self._fault(path, f"{shown(entry)} is not a mapping of contacts: {', '.join(model.contacts)}")
+                return Mode.FLIGHT
+            for name, word in entry.items():
+                if name not in model.contacts:
+                    self._fault((*path, name), f"is no contact of the {model.model}{near_miss(name, model.contacts)}")
+                elif word not in words:
+                    self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
+            known = {name: entry.get(name, OFF) for name in model.contacts}
+            return Mode.of_contacts({name: word if word in NAMED else OFF for name, word in known.items()})
+
+        steps = []
+        for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
+            place: Key = ("gait",) if is_step else ("gait", "steps", number)
+            if not isinstance(step, Mapping) or not isinstance(step.get("phases"), list | tuple):
+                return dict(data), []  # the schema says so
+            modes, struck = list[Mode](), list[tuple[int, Mode]]()
+            for k, phase in enumerate(step["phases"]):
+                words = dict(phase) if isinstance(phase, Mapping) else phase
+                impact = words.pop(IMPACT, None) if isinstance(words, dict) else None
+                modes.append(mode(words, (*place, "phases", k), *NAMED))
+                before = modes[k - 1].touching if k else ()
+                lands = bool(k) and any(name not in before for name in modes[k].touching)
+                if impact is not None:
+                    after = mode(impact, (*place, "phases", k, IMPACT), *NAMED, LEAVES)
+                    lands = any(name not in before for name in after.touching)
+                    if not k or not lands:
+                        words = "the step begins there" if not k else "no contact lands"
+                        self._fault((*place, "phases", k, IMPACT), f"{words}: leave it out")
+                struck += [(k, after if impact is not None else modes[k])] if lands else []
+            final = step.get("impact")
+            if not is_touchdown and modes:
+                if final is not None and mode(final, (*place, "impact"), *NAMED) is not modes[-1]:
+                    self._fault((*place, "impact"), "the cycle ends without an impact: leave it out")
+                final = modes[-1]
+            elif final is not None:
+                final = mode(final, (*place, "impact"), *NAMED, LEAVES)
+            steps.append({**step, "phases": modes} | ({} if final is None else {"impact": final}))
+            landings.append(tuple(struck))
+        return ({**data, **steps[0]} if is_step and steps else {**data, "steps": steps}), landings
+
+    def _read_cycle_end(self, section: Any) -> str:
+        """What ends a cycle: ``touchdown``, ``clock`` or the name of a margin."""
+        model, path = self._model, ("gait", "section")
+        end: str = section if isinstance(section, str) else section.margin
+        if model is None or end == TOUCHDOWN:
+            if model is not None and model.contacts and not model.landing_contacts:
+                words = "no landing ends a step of it; end the cycle by section: clock, or {margin: NAME}"
+                self._fault(path, f"the {model.model} has no landing contacts: {words}")
+            return TOUCHDOWN
+        if not model.contacts:
+            self._fault(path, f"{shown(end)} is for walkers with several contacts: a step of the {model.model} ends "
+                        "with a touchdown; leave it out")  # fmt: skip
+        elif end == CLOCK and (self._control is None or not self._control.period):
+            self._fault(path, "clock needs a control law with a period of its own, such as cyclic")
+        elif end != CLOCK and end not in model.sections:
+            known = ", ".join(model.sections) or "none"
+            self._fault((*path, "margin"), f"the {model.model} has no section {shown(end)}; there are: {known}")
+        return end
+
+    def _read_contact_state(self, data: Mapping[str, Any], cycle: Cycle | None) -> dict[str, float] | None:
+        """The complete state of a walker with several contacts, next to the values that the file gives."""
+        model, walker, path = self._model, self._walker, ("gait", "guess", "state")
+        stated = None if model is None else self._section(state_section(model), data, path)
+        if model is None or walker is None or stated is None or cycle is None:
+            return None
+        given = stated.model_dump(exclude_none=True)
+        try:
+            section = contact_section(model, cycle.phases[-1], cycle.impact, self._cycle_end)
+        except (ProblemError, KeyError) as error:
+            self._fault(("gait",), str(error))
+            return None
+        missing = [name for name in section.names if name not in given]
+        for name in missing:
+            self._fault(
+                (*path, name), f"is missing; at the end of this cycle the section is {', '.join(section.names)}"
+            )
+        if missing:
+            return None
+        names = model.state_names()
+        near = np.array([given.get(name, model.posture.get(name, 0.0)) for name in names])
+        p = np.array([float(getattr(walker, name)) for name in model.model_fields])
+        z = section.lift(near[section.indices], p, near)
+        if not np.isfinite(z).all():
+            words = ", ".join(f"{name} = {given[name]:g}" for name in section.names)
+            others = ", ".join(name for name in names if name not in section.names)
+            self._fault(path, f"no {others} satisfies the section with {words}; give values close to them as well")
+            return None
+        state = dict(zip(names, z.tolist(), strict=True))
+        for name, value in given.items():
+            if not math.isclose(value, state[name], rel_tol=CLOSE_STATE, abs_tol=CLOSE_STATE):
+                words = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"
+                self._fault((*path, name), words)
+        return state
 
     def _read_open_gait(self, data: Mapping[str, Any]) -> tuple[OpenSequence | None, Guess | None]:
         """A gait with an open mode sequence; a slip velocity that is left out of the guess is 0."""
         path: Key = ("gait", "guess")
+        if self._model is not None and self._model.contacts:
+            words = "auto is for walkers that stand on one foot at a time: state the modes of the contacts"
+            self._fault(("gait", "phases"), words)
+            return None, None
         gait = self._section(OpenGaitSection, data, ("gait",))
         if gait is None:
             return None, None
@@ -304,13 +456,24 @@ class _StatementReader:
         state = self._read_state(guess.state, impact)
         return sequence, None if state is None else Guess(state=state, durations=None)
 
-    def _read_cycle(self, steps: Sequence[StepSection], path: Key) -> Cycle | None:
+    def _read_cycle(
+        self, steps: Sequence[StepSection], path: Key, landings: Sequence[tuple[tuple[int, Mode], ...]] = ()
+    ) -> Cycle | None:
+        struck = landings or [()] * len(steps)
         try:
-            cycle = Cycle(tuple(ModeSequence(phases=step.phases, impact=step.impact) for step in steps))
+            cycle = Cycle(
+                tuple(
+                    ModeSequence(phases=step.phases, impact=step.impact, landings=of_step)
+                    for step, of_step in zip(steps, struck, strict=True)
+                )
+            )
             if self._model is not None:
                 if len(steps) % self._model.steps_per_cycle():
                     raise ValueError(UNEVEN.format(len(steps)))
-                transitions(self._model).check(cycle)
+                if self._model.contacts and not self._faults:
+                    contact_transitions(self._model, self._cycle_end).check(cycle)
+                elif not self._model.contacts:
+                    transitions(self._model).check(cycle)
             return cycle
         except ValueError as error:
             self._fault(path, str(error))
@@ -364,7 +527,11 @@ class _StatementReader:
         sources |= set() if isinstance(self._control, NoControl) else {MOTORS}
         if name in SCALARS and SCALARS[name].needs and not sources.intersection(SCALARS[name].needs):
             return "depends on the motors, and this walker is passive: give it a control, or choose another scalar"
-        if name == "required_friction" and isinstance(self._modes, Cycle) and Mode.STICK not in self._modes.phases:
+        if (
+            name == "required_friction"
+            and isinstance(self._modes, Cycle)
+            and not any("stick" in mode.contacts.values() for mode in self._modes.phases)
+        ):
             return "is defined for sticking phases, and this gait has none"
         return None
 
@@ -444,6 +611,9 @@ class _StatementReader:
         if unknowns and isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
             remedy = "give numbers in place of free parameters, or a gait of one step"
             self._fault(("gait", "steps"), f"a design cannot have several steps: {remedy}")
+        if unknowns and self._model and self._model.contacts:
+            words = f"a design of the {self._model.model}, which has several contacts, is not possible"
+            self._fault(tuple(next(iter(self._free), "control").split(".")), f"{words}: give a number")
         equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
         if not unknowns and (objective or constraints):
             path: Key = ("objective",) if objective else ("constraints",)

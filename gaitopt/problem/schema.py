@@ -117,6 +117,21 @@ class RobotSection(Section):
     ]
 
 
+class MarginSection(Section):
+    """The margin whose fall to zero ends a cycle."""
+
+    margin: Annotated[str, Field(description="name of a margin of the walker: one of its sections")]
+
+
+CycleEnd = Annotated[
+    Literal["touchdown", "clock"] | MarginSection,
+    Field(
+        description="what ends a cycle: the landing of a foot, the end of the control law's period, or a margin that "
+        "falls to zero; of walkers with several contacts"
+    ),
+]
+
+
 class StepSection(Section):
     """The mode sequence of one step."""
 
@@ -127,12 +142,14 @@ class StepSection(Section):
 class GaitSection(StepSection):
     """A gait that repeats itself after one step, and a first guess."""
 
+    section: CycleEnd = "touchdown"
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
 
 
 class CycleSection(Section):
     """A gait that repeats itself after several steps, and a first guess."""
 
+    section: CycleEnd = "touchdown"
     steps: Annotated[
         tuple[StepSection, ...], Field(min_length=1, max_length=MAX_STEPS, description="the steps in order")
     ]
@@ -197,12 +214,19 @@ def state_section(walker: type[Walker]) -> type[Section]:
             largest = walker.largest_angle
             return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
         known = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}
-        known |= dict.fromkeys((*walker.lengths, "y"), ("[m]", LENGTH))
+        known |= dict.fromkeys((*walker.lengths, "y"), ("[m]", POSITION if walker.contacts else LENGTH))
         known |= dict.fromkeys((*(f"d{length}" for length in walker.lengths), "dy"), ("[m/s]", SLIP))
         words, within = known.get(name, ("[rad/s]", RATE))
         return Annotated[Finite, Field(description=words), within]
 
     return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
+
+
+@lru_cache
+def friction_section(contacts: tuple[str, ...]) -> type[Section]:
+    """Coefficients of friction of some contacts, one number each."""
+    number = Annotated[NonNegative, Field(le=1000, description="coefficient of friction mu"), FRICTION]
+    return section_model("FrictionSection", dict.fromkeys(contacts, number))
 
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -219,9 +243,16 @@ def problem_schema() -> dict[str, Any]:
     """JSON Schema of a problem file, with every registered walker and every control law."""
     walkers = registered_walkers()
     head = _section(HeadSection, may_be_free=("friction",))
-    head["properties"]["friction"]["anyOf"].append(
-        _section(FrictionCoefficients, may_be_free=tuple(FrictionCoefficients.model_fields))
-    )
+    coefficients = _section(FrictionCoefficients, may_be_free=tuple(FrictionCoefficients.model_fields))
+    laws = [*head["properties"]["friction"]["anyOf"], coefficients]
+    of_contacts = {
+        "description": "friction of every named contact",
+        "type": "object",
+        "additionalProperties": {"anyOf": laws},
+        "not": {"anyOf": [{"required": [key]} for key in (*FrictionCoefficients.model_fields, "free")]},
+        "minProperties": 1,
+    }
+    head["properties"]["friction"]["anyOf"] = [*laws, of_contacts]
     scalars = "a scalar of the result, state.NAME, or a freed dotted key"
     number, constraints = {"type": "number"}, {}
     for name in DESIGN_SCALARS:  # without the walker only the sign of a scalar can be checked

@@ -16,8 +16,9 @@ from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
-from gaitopt.model.friction import COULOMB, STATIC_KINETIC, Friction, ImpactLaw
-from gaitopt.model.modes import Mode
+from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw
+from gaitopt.model.modes import IMPACT, OFF, Mode
+from gaitopt.model.section import CLOCK, TOUCHDOWN, ContactSection, contact_section
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
 from gaitopt.problem.schema import OPEN, FrictionCoefficients
@@ -73,7 +74,8 @@ class ProblemStatement(Tabulated):
     ----------
     name, about : name of the problem, and a description in a sentence.
     walker : the walker with its parameters; a freed parameter has its guess, also in friction and control.
-    friction : coefficient of friction mu, or static and kinetic coefficient and drag.
+    friction : coefficient of friction mu, or static and kinetic coefficient and drag; or either for every contact by
+        name.
     impact_law : tangential law of a slipping impact.
     control : control law of the motors.
     modes : phases and impacts of the steps after which the gait repeats itself; or an open sequence.
@@ -81,12 +83,13 @@ class ProblemStatement(Tabulated):
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
     constraints : ranges of scalars by name.
+    cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
     """
 
     name: str
     about: str = ""
     walker: Walker
-    friction: float | FrictionCoefficients
+    friction: float | FrictionCoefficients | Mapping[str, float | FrictionCoefficients]
     impact_law: ImpactLaw = ImpactLaw.COULOMB
     control: Control
     modes: Cycle | OpenSequence
@@ -94,6 +97,7 @@ class ProblemStatement(Tabulated):
     free: Mapping[str, Free] = field(default_factory=dict)
     objective: Mapping[str, float] = field(default_factory=dict)
     constraints: Mapping[str, Range] = field(default_factory=dict)
+    cycle_end: str = TOUCHDOWN
 
     def __repr__(self) -> str:
         return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
@@ -139,26 +143,63 @@ class ProblemStatement(Tabulated):
         """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
         walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
         control = {f"control.{key}": value for key, value in self.control.parameters.items()}
-        numbers = self.friction_data
-        friction = (
-            {f"friction.{k}": v for k, v in numbers.items()} if isinstance(numbers, dict) else {"friction": numbers}
-        )
-        return {**walker, **friction, **control}
+        return {**walker, **_flat("friction", self.friction_data), **control}
 
     @property
     def static_friction(self) -> float:
-        """The coefficient that bounds the force of a sticking foot."""
-        return self.friction if isinstance(self.friction, float) else self.friction.static
+        """The largest coefficient that bounds the force of a sticking foot."""
+        laws = self.friction.values() if isinstance(self.friction, Mapping) else (self.friction,)
+        return max(law if isinstance(law, float) else law.static for law in laws)
 
     @property
-    def friction_law(self) -> Friction:
-        """One coefficient, or static, kinetic and viscous friction."""
-        return COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
+    def friction_law(self) -> Friction | ContactFriction:
+        """One coefficient, or static, kinetic and viscous friction; of every contact where they have names."""
+        contacts = self.walker.contacts
+        if not isinstance(self.friction, Mapping):
+            law = COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
+            return ContactFriction.shared(contacts, law) if contacts else law
+        keys = {name: f"friction.{name}" for name in contacts}
+        laws = (
+            Friction(keys[name], keys[name])
+            if isinstance(self.friction[name], float)
+            else Friction(*(f"{keys[name]}.{kind}" for kind in FrictionCoefficients.model_fields))
+            for name in contacts
+        )
+        return ContactFriction(tuple(zip(contacts, laws, strict=True)))
 
     @property
-    def friction_data(self) -> float | dict[str, float]:
+    def friction_data(self) -> float | dict[str, Any]:
         """The coefficient of friction, or the coefficients by name, as in a file."""
+        if isinstance(self.friction, Mapping):
+            laws = self.friction.items()
+            return {name: law if isinstance(law, float) else law.model_dump() for name, law in laws}
         return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
+
+    @property
+    def section(self) -> ContactSection | None:
+        """The section of a walker with several contacts, whose gait has known modes; None for any other."""
+        if not self.walker.contacts or self.is_open:
+            return None
+        return contact_section(type(self.walker), self.cycle.phases[-1], self.cycle.impact, self.cycle_end)
+
+    @property
+    def section_names(self) -> tuple[str, ...]:
+        """Names of the section coordinates of its gait."""
+        if self.section is not None:
+            return self.section.names
+        return self.walker.section_names(slipping=not self.is_open and self.cycle.impact.slips)
+
+    def check_one_foot(self, what: str) -> None:
+        """Check that the walker stands on one foot at a time; ``what`` needs it, such as ``find``.
+
+        Raises
+        ------
+        ProblemError
+            If it has several contacts.
+        """
+        if self.walker.contacts:
+            words = f"{what} is for walkers that stand on one foot at a time"
+            raise ProblemError(f"{self.name}: {words}; the {self.walker.model} has several contacts")
 
     def _open_error(self) -> ProblemError:
         return ProblemError(
@@ -177,11 +218,14 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         gait: dict[str, Any] = {"phases": OPEN}
         gait |= {} if modes.impact is None else {"impact": str(modes.impact)}
         gait |= {} if modes.steps == 1 else {"steps": modes.steps}
-        slipping = start is not None and start.state["dx"] != 0
+        names = problem.walker.section_names(slipping=start is not None and start.state["dx"] != 0)
     else:
-        gait, slipping = cycle_data(modes), modes.impact.slips
+        gait, names = cycle_data(modes), problem.section_names
+        if problem.cycle_end != TOUCHDOWN:
+            gait["section"] = CLOCK if problem.cycle_end == CLOCK else {"margin": problem.cycle_end}
     if start is not None:
-        names = (*problem.walker.section_names(slipping=slipping), "x")
+        # of named contacts the section may have several states with the same coordinates
+        names = problem.walker.state_names() if problem.walker.contacts else (*names, "x")
         gait["guess"] = {"state": {name: start.state[name] for name in names}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
     data: dict[str, Any] = {
@@ -214,14 +258,29 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
     steps = [
         {
             "phases": [
-                {**mode.record, UNTIL: BREAKPOINT} if k in step.timed else mode.data
+                {**mode.record, UNTIL: BREAKPOINT} if k in step.timed else _phase_data(mode, landings.get(k))
                 for k, mode in enumerate(step.phases)
             ],
-            "impact": str(step.impact),
+            "impact": step.impact.words,
         }
-        for step in cycle.steps
+        for step, landings in ((step, dict(step.landings)) for step in cycle.steps)
     ]
     return steps[0] if len(steps) == 1 else {"steps": steps}
+
+
+def _phase_data(mode: Mode, struck: Mode | None) -> str | dict[str, Any]:
+    """A phase as in a problem file; ``struck`` are the contacts just after an impact at its start."""
+    data = mode.data
+    if struck is None or isinstance(data, str):
+        return data
+    return {**data, IMPACT: {name: word for name, word in struck.contacts.items() if word != OFF}}
+
+
+def _flat(key: str, data: Any) -> dict[str, float]:
+    """Numbers of nested mappings by dotted key."""
+    if not isinstance(data, Mapping):
+        return {key: data}
+    return {path: number for name, value in data.items() for path, number in _flat(f"{key}.{name}", value).items()}
 
 
 def reference_keys(data: Mapping[str, Any]) -> list[tuple[Any, str]]:
@@ -321,6 +380,9 @@ def _path(key: str, data: Mapping[str, Any]) -> Key:
 def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> None:
     """Set one value; a single coefficient of friction sets two equal ones, and one of two splits a single one."""
     friction = data["friction"] if path[0] == "friction" else None
+    if isinstance(friction, int | float) and len(path) > 1 and path[1] not in FrictionCoefficients.model_fields:
+        faults.append(Fault(path, "all contacts have one friction: set friction as a whole, {CONTACT: number, ...}"))
+        return
     if isinstance(friction, int | float) and len(path) > 1:
         data["friction"] = {"static": friction, "kinetic": friction}
     elif isinstance(friction, dict) and "static" in friction and len(path) == 1 and isinstance(value, int | float):

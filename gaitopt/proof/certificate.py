@@ -470,6 +470,7 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     """
     walker = system.walker
     reasons = {
+        "several contacts": walker.contacts,
         "joint stops": walker.stops,
         "flight": walker.flies,
         "switches": walker.switches,

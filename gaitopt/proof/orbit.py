@@ -278,7 +278,7 @@ class Orbit:
 
     def section(self, impact: Mode) -> list[int]:
         """Indices of the section coordinates after an impact."""
-        return [int(k) for k in self.system.section(impact)]
+        return [int(k) for k in self.system.section(impact).indices]
 
     @cached_property
     @building

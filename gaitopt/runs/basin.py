@@ -330,6 +330,7 @@ class BasinPlan(Plan[Basin]):
     @classmethod
     def around(cls, start: Problem | Gait, grid: Grid, *, max_steps: int, engine: str, folder: Path) -> Self:
         """The basin of a grid around the state of a gait, or around a problem's guess."""
+        (start.problem if isinstance(start, Gait) else start).check_one_foot("a basin")
         if isinstance(start, Gait):
             problem, p = start.problem, tuple(start.p.tolist())
             state = dict(zip(start.system.state_names, start.state.tolist(), strict=True))

@@ -70,7 +70,7 @@ def restore_walk(folder: Path) -> Walk:
         dynamics = problem_dynamics(problem).at(record["parameters"])
         system = dynamics.system
         began = [point["time"] for point in record["section"]]
-        impacts = [Mode(point["impact"] or "") for point in record["section"][1:]]
+        impacts = [Mode.from_record(point["impact"] or "") for point in record["section"][1:]]
         start = np.array([record["section"][0]["state"][name] for name in system.state_names], dtype=float)
         gait = [[state[name] for name in system.state_names] for state in record["gait_states"]]
         trajectory = Trajectory(

@@ -142,7 +142,7 @@ def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
     states : ndarray, shape (n, n_xi), n > 0.
     """
     walker = problem.walker
-    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD)]
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     natural, n = states / units, len(walker.section)
     margins = np.repeat(
         [
@@ -162,7 +162,7 @@ def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
 
 def natural_limits(problem: Problem, dynamics: Dynamics) -> Array:
     """Largest size of every section coordinate in a box that grows, shape (n_xi,)."""
-    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD)]
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     n = len(problem.walker.section)
     return units * np.repeat([problem.walker.largest_angle, FASTEST], [n, units.size - n])
 
@@ -337,7 +337,7 @@ def _record(
     first = min(range(0, n, least), key=lambda k: tuple(states[k]))
     return {
         "steps": [
-            {"phases": [phase_record(mode, t) for mode, t in phases], "impact": str(impact)}
+            {"phases": [phase_record(mode, t) for mode, t in phases], "impact": impact.words}
             for phases, impact in (*steps[first:n], *steps[:first])
         ],
         "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),

@@ -234,6 +234,7 @@ class SearchPlan:
         ProblemError, UnknownNameError
             If the number of starts is out of range, or ``within`` names something that is no section coordinate.
         """
+        self.problem.check_one_foot("a search for gaits")
         if not 1 <= self.starts <= MOST_STARTS:
             raise ProblemError(f"starts: {self.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
         names = self.problem.walker.section_names(slipping=True)
@@ -328,7 +329,7 @@ def _section_states(gaits: Iterable[Gait]) -> Array:
     """Section coordinates of gaits at the start of every step, of walkers with unequal legs of every other one."""
     return np.array(
         [
-            step.arcs[0].states[0][gait.system.section(Mode.SLIP_FORWARD)]
+            step.arcs[0].states[0][gait.system.section(Mode.SLIP_FORWARD).indices]
             for gait in gaits
             for step in gait.steps[:: gait.system.walker.steps_per_cycle()]
         ]

@@ -103,9 +103,9 @@ def solve_attractor(
             f"{problem.name} has free parameters: fix them at the values of the design, then walk its basin"
         )
     dynamics = problem_dynamics(problem, should_stop=should_stop)
-    mode = attractor.impact
-    xi = attractor.state if mode.slips else attractor.state[:-1]
-    walked = ReturnMap(Simulator(dynamics), mode, attractor.period * dynamics.system.walker.steps_per_cycle())(xi)
+    mode, n_steps = attractor.impact, attractor.period * dynamics.system.walker.steps_per_cycle()
+    xi, section = attractor.state, dynamics.system.section(mode)
+    walked = ReturnMap(Simulator(dynamics), section, n_steps)(xi if mode.slips else xi[:-1])
     if walked.xi is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
     guessed = problem.with_gait(cycle_record(dynamics.system, walked.steps, "attractor"))

@@ -236,7 +236,7 @@ def walk_report(walk: Walk) -> str:
     names = [name for name in walk.system.state_names if name != "x"]
     columns = [walk.system.state_names.index(name) for name in names]
     states = walk.trajectory.section_states[:, columns]
-    impacts = ["start", *(str(step.impact.mode) for step in walk.complete_steps if step.impact is not None)]
+    impacts = ["start", *(step.impact.mode.brief for step in walk.complete_steps if step.impact is not None)]
     rows = zip(walk.section_times.tolist(), impacts, states.tolist(), strict=True)
     return render(
         "walk.html",

@@ -171,9 +171,9 @@ def print_problem(console: Console, problem: Problem) -> None:
     else:
         steps = problem.modes.steps
         for k, step in enumerate(steps, start=1):
-            phases = [(str(index), str(mode)) for index, mode in enumerate(step.phases, start=1)]
+            phases = [(str(index), mode.brief) for index, mode in enumerate(step.phases, start=1)]
             title = "one step" if len(steps) == 1 else f"step {k} of {len(steps)}"
-            section(console, title, ("phase", "mode"), [*phases, ("impact", str(step.impact))])
+            section(console, title, ("phase", "mode"), [*phases, ("impact", step.impact.brief)])
     if problem.start is not None:
         values = problem.start.state.items()
         state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
@@ -230,8 +230,8 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
         for step in steps:
             for k, phase in enumerate(step["phases"], start=1):
                 until = f" (until {phase[UNTIL]})" if UNTIL in phase else ""
-                phases.append((str(k), f"{Mode.from_record(phase)}{until}", number(phase["duration"])))
-            phases.append(("impact", step["impact"], ""))
+                phases.append((str(k), f"{Mode.from_record(phase).brief}{until}", number(phase["duration"])))
+            phases.append(("impact", Mode.from_record(step["impact"]).brief, ""))
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
         scalars = ((label_of(key), number(values[key]), unit_of(key)) for key in relevant_scalars([record]))
@@ -460,7 +460,7 @@ def _(result: Trajectory, console: Console) -> None:
         (
             str(k),
             mode_words(mode for mode, _ in step.phases),
-            "-" if step.impact is None else str(step.impact.mode),
+            "-" if step.impact is None else step.impact.mode.brief,
             number(step.period),
             "-" if step.impact is None else number(step.impact.step_length),
         )

@@ -22,11 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait.trajectory import ImpactRecord
+from gaitopt.gait.trajectory import ImpactRecord, impact_record
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.contact_transitions import AT_REST
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Ending, Transition, kind
 from gaitopt.simulation.contact_resolver import Termination
 from gaitopt.simulation.events import EDGE, LOOK_AHEAD, bends_decide, falls_at_start
@@ -123,23 +124,15 @@ class ContactSetResolver:
         chosen = self._impact(transition.candidates, landing, z_minus)
         return chosen if isinstance(chosen, Termination) else (chosen.mode, chosen.state)
 
-    def impact(self, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
-        """The impact that ends a step in state ``z_minus``, with the feet swapped after it."""
+    def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
+        """The end of a step in ``mode`` and state ``z_minus``: an impact with the feet swapped after it, or none."""
         assert transition.reset is not None
+        if self._system.cycle_end != TOUCHDOWN:
+            return impact_record(self._dynamics, mode.contact, z_minus, mode)
         chosen = self._impact(transition.candidates, transition.reset.of, z_minus)
         if isinstance(chosen, Termination):
             return chosen
-        x = self._system.n_shape
-        state = self._system.relabelled(chosen.state, self._dynamics.p).full().ravel()
-        length, state[x] = float(state[x]), 0.0
-        return ImpactRecord(
-            mode=self._system.walker.swapped(chosen.mode).contact,
-            state=state,
-            step_length=length,
-            impulse=np.zeros(2),
-            stick_impulse=np.zeros(2),
-            push_work=0.0,
-        )
+        return impact_record(self._dynamics, self._system.walker.swapped(chosen.mode).contact, z_minus, mode)
 
     def _impact(self, candidates: Iterable[Mode], landing: str, z_minus: Array) -> _Option | Termination:
         """The only consistent impact; contacts that arrive at the same instant take part."""

@@ -13,9 +13,10 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
-from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory
+from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK
 from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.contact_set_resolver import ContactSetResolver
@@ -47,9 +48,15 @@ def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
 
 
 def segment_ends(dynamics: Dynamics) -> tuple[float, ...]:
-    """Times since the impact at which the segments of the control end [s]; the last one is the time limit of a step."""
+    """Times since the impact at which the segments of the control end [s].
+
+    The last one is the time limit of a step, or where the clock ends a cycle, the period of the control.
+    """
     control = dynamics.system.control
     limit = min(MAX_STEP_TIME * dynamics.scales.time, control.horizon)
+    if dynamics.system.cycle_end == CLOCK:
+        assert control.period is not None  # a problem is read so
+        limit = control.period
     return (*(t for t in control.breakpoints if t < limit), limit)
 
 
@@ -136,6 +143,7 @@ class Simulator:
         table, time, z, segment, switches = self.system.transitions, 0.0, self._after_impact(state), 0, 0
         arcs: list[Arc] = []
         mode: Mode | None = None
+        struck: Mode | None = None
         following = self._first_mode(z)
         while isinstance(following, Mode):
             mode = following
@@ -144,7 +152,8 @@ class Simulator:
             stops = transition is not None and transition.at_rest and not self._several
             end = _stopped(arrival.state) if stops else arrival.state
             if arrival.time > time:
-                arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense))
+                arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense, struck))
+                struck = None
             time, z = arrival.time, end
             if arrival.failure:
                 following = Termination(Ending.NUMERICAL, arrival.failure)
@@ -153,26 +162,25 @@ class Simulator:
                 if segment < len(self._ends) - 1:
                     segment += 1
                     following = self._continued(mode, time, z, segment)
+                elif self.system.cycle_end == CLOCK:
+                    return _completed(arcs, impact_record(self.dynamics, mode.contact, z, mode), number)
                 else:
                     where = ", where the control law ends" if time == self.system.control.horizon else ""
                     following = Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {time:g} s{where}")
             elif transition.ending is not None:
                 following = Termination(transition.ending, transition.reason)
             elif transition.ends_step:
-                landed = self._resolver.impact(transition, z) if self._several else self._resolver.impact(z)
+                at = (mode, transition, z) if self._several else (z,)
+                landed = self._resolver.impact(*at)
                 if isinstance(landed, ImpactRecord):
-                    return StepOutcome(
-                        step=Step(arcs=tuple(arcs), impact=landed),
-                        ending=Ending.COMPLETED,
-                        message=f"step {number} completed",
-                    )
+                    return _completed(arcs, landed, number)
                 following = landed
             elif switches == self._max_switches:
                 words = f"more than {self._max_switches} mode switches in one step"
                 following = Termination(Ending.CHATTERING, words)
             else:
                 switches += 1
-                following, z = self._switch(transition, time, z, segment)
+                following, z, struck = self._switch(transition, time, z, segment, struck)
         values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
         where = "at the choice of the first mode" if mode is None else f"in mode {mode}"
         return StepOutcome(
@@ -207,26 +215,45 @@ class Simulator:
             return mode
         return self._resolver.mode_at_rest(transition.candidates, time, z, segment)
 
-    def _switch(self, transition: Transition, time: float, z: Array, segment: int) -> tuple[Mode | Termination, Array]:
-        """The mode after an event within a step, and the state at its start."""
+    def _switch(
+        self, transition: Transition, time: float, z: Array, segment: int, struck: Mode | None
+    ) -> tuple[Mode | Termination, Array, Mode | None]:
+        """The mode after an event within a step, the state at its start, and the last impact of a named contact.
+
+        Parameters
+        ----------
+        struck : that of an impact at the same instant before it.
+        """
         if transition.reset is not None:
-            struck = self._resolver.strike(transition, z)
-            if isinstance(struck, Termination):
-                return struck, z
-            mode, z = struck
-            return self._continued(mode, time, z, segment), z
+            landed = self._resolver.strike(transition, z)
+            if isinstance(landed, Termination):
+                return landed, z, None
+            mode, z = landed
+            return self._continued(mode, time, z, segment), z, mode if self._several else None
         if transition.at_rest:
-            return self._resolver.mode_at_rest(transition.candidates, time, z, segment), z
-        return transition.candidates[0], z
+            return self._resolver.mode_at_rest(transition.candidates, time, z, segment), z, struck
+        return transition.candidates[0], z, struck
 
     def _arc(
-        self, mode: Mode, segment: int, ends: tuple[float, float], states: tuple[Array, Array], dense: bool
+        self,
+        mode: Mode,
+        segment: int,
+        ends: tuple[float, float],
+        states: tuple[Array, Array],
+        dense: bool,
+        struck: Mode | None,
     ) -> Arc:
         times, sampled = np.array(ends), np.array(states)
         if dense:
             times, sampled = self.stepper.sample_arc(mode, segment, states[0], *ends)
             sampled[-1] = states[1]
-        return Arc(dynamics=self.dynamics, mode=mode, segment=segment, times=times, states=sampled)
+        return Arc(dynamics=self.dynamics, mode=mode, segment=segment, times=times, states=sampled, struck=struck)
+
+
+def _completed(arcs: list[Arc], impact: ImpactRecord, number: int) -> StepOutcome:
+    """The outcome of a step that has returned to the section."""
+    step = Step(arcs=tuple(arcs), impact=impact)
+    return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed")
 
 
 def _stopped(state: Array) -> Array:

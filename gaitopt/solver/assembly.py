@@ -112,7 +112,10 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
         )
     impacts = zip(arcs, cycle.impacts, equations.mesh.impact_nodes, strict=True)
     return tuple(
-        Step(arcs=tuple(step_arcs), impact=impact_record(step_arcs[0].dynamics, impact, nodes[:, end]))
+        Step(
+            arcs=tuple(step_arcs),
+            impact=impact_record(step_arcs[0].dynamics, impact, nodes[:, end], step_arcs[-1].mode),
+        )
         for step_arcs, impact, end in impacts
     )
 

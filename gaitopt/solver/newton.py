@@ -19,8 +19,6 @@ import numpy as np
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
-from gaitopt.model.buffered import buffered
-from gaitopt.model.modes import Mode
 from gaitopt.solver.interval import ORDER
 from gaitopt.solver.shooting import MultipleShooting, NaturalUnits, transcribe
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
@@ -297,16 +295,15 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
     equations = at.equations
     system, n_z, n = equations.system, equations.system.n_z, at.residual.size
     last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
-    indices = system.section(equations.mesh.cycle.impact)
+    section = system.section(equations.mesh.cycle)
+    indices = section.indices
     reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
     columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
     data[columns][pattern.rows[columns] >= n - n_z] = 0.0
     opened = at.scaled_as_square(SparseMatrix(pattern=pattern, data=data))
     full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
-    (flat,) = buffered(system.lift_jacobian)(at.w[system.section(Mode.SLIP_FORWARD)], full)
-    lift = flat.reshape(n_z, -1, order="F")
     right = np.zeros((n, indices.size))
-    right[n - n_z :] = lift[:, : indices.size]
+    right[n - n_z :] = section.tangent(at.w[:n_z], full)
     response = opened.solve(right)
 
     def adjoint(weights: Array) -> Array:

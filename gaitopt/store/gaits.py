@@ -136,9 +136,12 @@ def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
         mode = Mode.from_record(phase)
-        if arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
+        struck = Mode.from_record(phase["impact"]) if "impact" in phase else None
+        if arcs and struck is not None:
+            z = dynamics.after_impact(struck, z, arcs[-1].mode, ends_step=False)
+        elif arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
             z = dynamics.after_impact(mode, z)
-        if mode.sticks:
+        if mode.sticks and not mode.is_named:
             z[-1] = 0.0
         end = time + phase["duration"]
         if UNTIL in phase:  # the next phase starts on the other side of the breakpoint
@@ -147,10 +150,11 @@ def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int
             segment = bisect_right(breakpoints, (t0 + t1) / 2)
             times = t0 + (t1 - t0) * (curves.points(points) + 1) / 2
             states = integrate_to(system, mode, z, times, p, system.control.data(segment))
-            arcs.append(Arc(dynamics=dynamics, mode=mode, segment=segment, times=times, states=states))
-            z = states[-1].copy()
+            arcs.append(Arc(dynamics=dynamics, mode=mode, segment=segment, times=times, states=states, struck=struck))
+            z, struck = states[-1].copy(), None
         time = end
-    return Step(arcs=tuple(arcs), impact=impact_record(dynamics, Mode(record["impact"]), z))
+    impact = Mode.from_record(record["impact"])
+    return Step(arcs=tuple(arcs), impact=impact_record(dynamics, impact, z, arcs[-1].mode))
 
 
 def tabulated_steps(
@@ -190,7 +194,9 @@ def tabulated_steps(
     return tuple(
         Step(
             arcs=tuple(arcs[k]),
-            impact=impact_record(arcs[k][0].dynamics, impacts[k], arcs[k][-1].states[-1]) if k < len(impacts) else None,
+            impact=impact_record(arcs[k][0].dynamics, impacts[k], arcs[k][-1].states[-1], arcs[k][-1].mode)
+            if k < len(impacts)
+            else None,
         )
         for k in range(max(len(impacts), 1 + max(arcs)))
     )

@@ -26,6 +26,8 @@ from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered
 from gaitopt.model.dynamics import projection, saltation
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK, TOUCHDOWN, Section
+from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin_unit
 from gaitopt.simulation.simulator import Simulator
 
@@ -96,27 +98,39 @@ class FixedPoint:
 
 
 class ReturnMap:
-    """Return map of a simulator, after one or more steps, on the section of one kind of impact.
+    """Return map of a simulator, after one or more steps, on the section of one kind of event.
+
+    Parameters
+    ----------
+    section : the section; or of a walker that stands on one foot at a time, the mode just after the impact.
+    near : ndarray, shape (n_z,) - a state of the section, next to which the others are; needed for named contacts.
 
     Attributes
     ----------
     unit : ndarray, shape (n_xi,) - natural units of the section coordinates.
     """
 
-    def __init__(self, simulator: Simulator, section_mode: Mode, n_steps: int = 1) -> None:
-        self.simulator, self.section_mode, self.n_steps = simulator, section_mode, n_steps
-        self._indices = simulator.system.section(section_mode)
+    def __init__(
+        self, simulator: Simulator, section: Section | Mode, n_steps: int = 1, near: Array | None = None
+    ) -> None:
+        self.simulator, self.n_steps = simulator, n_steps
+        self.section = simulator.system.section(section) if isinstance(section, Mode) else section
+        self._near = np.zeros(simulator.system.n_z) if near is None else near
+        self._indices = self.section.indices
         self.unit = simulator.dynamics.state_units[self._indices]
 
     def __call__(self, xi: Array) -> CycleOutcome:
         """Simulate one cycle from section coordinates ``xi``."""
-        trajectory = self.simulator.run(self.simulator.dynamics.lift(xi), steps=self.n_steps)
+        start = self.section.lift(xi, self.simulator.dynamics.p, self._near)
+        if not np.isfinite(start).all():
+            return CycleOutcome(xi=None, steps=(), message="the section coordinates belong to no state of the walker")
+        trajectory = self.simulator.run(start, steps=self.n_steps)
         steps, message, after = trajectory.steps, trajectory.message, None
         impact = steps[-1].impact if len(steps) == self.n_steps else None
-        if impact is not None and impact.mode.sticks is self.section_mode.sticks:
+        if impact is not None and self.section.holds(steps[-1].arcs[-1].mode, impact.mode):
             after = impact.state[self._indices]
         elif impact is not None:
-            message = f"the impact ends with {impact.mode}, off the section of {self.section_mode}"
+            message = f"the impact ends with {impact.mode.brief}, off the section of {self.section.words}"
         return CycleOutcome(xi=after, steps=steps, message=message)
 
     @np.errstate(divide="ignore", invalid="ignore")  # at a grazed event the rate is zero
@@ -126,9 +140,7 @@ class ReturnMap:
         It is not finite if a step grazes an event.
         """
         system, p = self.simulator.system, self.simulator.dynamics.p
-        start = steps[0].arcs[0].states[0]
-        lift = _matrix(system.lift_jacobian, start[system.section(Mode.SLIP_FORWARD)], p)
-        deviations = lift[:, : self._indices.size]
+        deviations = self.section.tangent(steps[0].arcs[0].states[0], p)
         for step, simulator in zip(steps, cycle(self.simulator.per_step), strict=False):
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
                 ends = arc.times[[0, -1]]
@@ -136,9 +148,13 @@ class ReturnMap:
                     arc.mode, arc.segment, arc.states[0], deviations, ends
                 )
                 if after is None or after.segment == arc.segment or _switches_at_breakpoint(arc, after):
-                    deviations = _event_matrix(arc, after) @ deviations
-            impact = system.impact_jacobian(step.final_impact.mode)
-            deviations = _matrix(impact, step.arcs[-1].states[-1], simulator.dynamics.p) @ deviations
+                    deviations = _event_matrix(arc, after, step.final_impact.mode) @ deviations
+            last = step.arcs[-1]
+            if last.mode.is_named:
+                impact = system.reset_jacobian(_struck(system, step.final_impact.mode), last.mode)
+            else:
+                impact = system.impact_jacobian(step.final_impact.mode)
+            deviations = _matrix(impact, last.states[-1], simulator.dynamics.p) @ deviations
             deviations[system.n_shape] = 0.0  # x is counted from the new stance foot
         return np.asarray(deviations[self._indices])
 
@@ -303,17 +319,24 @@ def _switches_at_breakpoint(arc: Arc, after: Arc) -> bool:
     if after.mode is arc.mode:
         return False
     dynamics, table = arc.dynamics, arc.dynamics.system.transitions
-    name = table.between(arc.mode, after.mode).guard
+    name = table.between(arc.mode, after.mode, after.struck).guard
     margins = dynamics.margins(arc.mode, arc.segment, arc.times[-1:], arc.states[-1:])[0]
     unit = margin_unit(name, dynamics.scales)
     return bool(abs(margins[table.margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
 
-def _event_matrix(arc: Arc, after: Arc | None) -> Array:
-    """Matrix by which the event at the end of an arc maps deviations; shape (n_z, n_z)."""
+def _struck(system: HybridSystem, impact: Mode) -> Mode:
+    """The impact at the end of a step, with the contacts as they are called before it."""
+    return system.walker.swapped(impact) if system.cycle_end == TOUCHDOWN else impact
+
+
+def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
+    """Matrix by which the event at the end of an arc of a step with a final ``impact`` maps deviations; (n_z, n_z)."""
     system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
-    data = system.data(arc.segment)
-    transition = system.transitions.between(arc.mode, None if after is None else after.mode)
+    data, struck = system.data(arc.segment), _struck(system, impact) if after is None else after.struck
+    transition = system.transitions.between(arc.mode, None if after is None else after.mode, struck)
+    if transition.guard == CLOCK:
+        return np.eye(z.size)
     row = system.transitions.margin_names(arc.mode).index(transition.guard)
     flow, gradients, rates = buffered(system.linearized(arc.mode))(arc.end, z, p, data)
     gradient, rate = gradients.reshape(z.size, -1)[:, row], rates[row].item()
@@ -321,7 +344,9 @@ def _event_matrix(arc: Arc, after: Arc | None) -> Array:
         return projection(flow, gradient, rate)
     (flow_after,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, data)
     reset = None
-    if transition.reset is not None:  # a stop locks
+    if struck is not None:
+        reset = _matrix(system.reset_jacobian(struck, arc.mode, ends_step=False), z, p).copy()
+    elif transition.reset is not None:  # a stop locks
         slides = after.states[0][-1] or not after.mode.touching
         struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
         reset = _matrix(system.impact_jacobian(struck), z, p).copy()

@@ -52,6 +52,7 @@ def return_map(
         If the engine is unknown or not installed.
     """
     problem = start.problem if isinstance(start, Gait) else start
+    problem.check_one_foot("the return map of many states")
     xi = section_coordinates(problem, states)
     chosen = choose_engine(engine, steps=len(xi))
     p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
@@ -100,7 +101,7 @@ class StepMap:
         self.dynamics, self.engine = dynamics, engine
         system = dynamics.system
         self.names = system.walker.section_names(slipping=True)
-        self._indices = system.section(Mode.SLIP_FORWARD)
+        self._indices = system.section(Mode.SLIP_FORWARD).indices
         self._lift = RowMap(system.lift)
 
     def __call__(self, xi: Array) -> StepOutcomes:

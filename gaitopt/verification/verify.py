@@ -194,7 +194,9 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
     if sequence.passed:
         claims += motion_claims(gait, walked)
         claims += record_claims(gait, walked)
-        claims += return_map_claims(gait, ReturnMap(simulator, gait.problem.cycle.impact, len(walked)))
+        claims += return_map_claims(
+            gait, ReturnMap(simulator, gait.system.section(gait.problem.cycle), len(walked), gait.state)
+        )
     return Verification(claims=tuple(claims))
 
 
@@ -285,7 +287,7 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
     impacts_closely: dict[str, float] = {}
     if _state_error(gait, walked) <= tolerance:
         recomputed = [
-            replace(step, impact=impact_record(last.dynamics, step.final_impact.mode, last.states[-1]))
+            replace(step, impact=impact_record(last.dynamics, step.final_impact.mode, last.states[-1], last.mode))
             for step, last in ((step, step.arcs[-1]) for step in gait.steps)
         ]
         values = {k: _relative_error(gait.measures.get(k), v, units[k]) for k, v in measure(recomputed).items()}
@@ -297,7 +299,7 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
 
 def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
     """State and multipliers of the gait are those of the simulator's return map, and its derivative is right."""
-    xi = gait.state[gait.system.section(gait.problem.cycle.impact)]
+    xi = gait.state[gait.system.section(gait.problem.cycle).indices]
     point = return_map.fixed_point(xi)
     if point.jacobian is None:
         words = f"no fixed point of the simulated return map: {point.message}"
@@ -326,7 +328,7 @@ def zero_dynamics_claims(gait: Gait, return_map: ReturnMap, point: FixedPoint) -
         return
     n = gait.system.n_shape + 1
     rates = np.concatenate([np.zeros(n), gait.state[n:]])
-    w = rates[gait.system.section(gait.problem.cycle.impact)] / return_map.unit
+    w = rates[gait.system.section(gait.problem.cycle).indices] / return_map.unit
     w /= np.linalg.norm(w)
     simulated = float(np.abs(return_map.scaled(point.jacobian) @ w - known.delta_squared * w).max())
     solved = float(np.abs(gait.multipliers - known.delta_squared).min())
@@ -425,12 +427,11 @@ def _impact_errors(
     def worst(one: Array, other: Array, unit: Array) -> float:
         return max(map(error, one.tolist(), other.tolist(), unit.tolist()))
 
-    impulse = np.full(2, scales.impulse)
     for number, (step, other) in enumerate(zip(gait.steps, steps, strict=True), start=1):
         ours, theirs = step.final_impact, other.final_impact
         of_step = {
-            "impulse": worst(ours.impulse, theirs.impulse, impulse),
-            "stick impulse": worst(ours.stick_impulse, theirs.stick_impulse, impulse),
+            "impulse": worst(ours.impulse, theirs.impulse, np.full(ours.impulse.size, scales.impulse)),
+            "stick impulse": worst(ours.stick_impulse, theirs.stick_impulse, np.full(2, scales.impulse)),
             "step length": error(ours.step_length, theirs.step_length, scales.length),
             "push work": error(ours.push_work, theirs.push_work, scales.energy),
             "state": worst(ours.state, theirs.state, units),

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
+from math import isclose, isfinite
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from gaitopt.callbacks import Stop
 from gaitopt.display import counted
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait, WalkerMotion
-from gaitopt.gait.measures import measure
+from gaitopt.gait.measures import contact_record, measure
+from gaitopt.gait.records import phase_records
 from gaitopt.gait.trajectory import Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
@@ -54,17 +55,18 @@ class Walk(WalkerMotion):
         state = self.trajectory.section_states[-1]
         stated = self.system.values(self.problem.parameters)
         moving = zip(self.dynamics.parameters.items(), stated, strict=True)
-        impacts = [None, *(str(step.impact.mode) for step in self.complete_steps if step.impact is not None)]
+        impacts = [None, *(step.impact.mode.words for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
             "status": str(self.trajectory.ending),
             "message": self.trajectory.message,
             "friction": self.problem.friction_data,
             "steps": len(self.complete_steps),
-            "phases": [] if last is None else [{**m.record, "duration": d} for m, d in last.phases],
-            "impact": None if last is None or last.impact is None else str(last.impact.mode),
+            "phases": [] if last is None else phase_records(last),
+            "impact": None if last is None or last.impact is None else last.impact.mode.words,
             "state": self._state_record(state),
             **(dict.fromkeys(MEASURES) if last is None else measure([last])),
+            **({} if last is None else contact_record([last])),
             "section": [
                 {"time": float(t), "impact": mode, "state": self._state_record(z)}
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
@@ -127,6 +129,8 @@ def states_after_impacts(gait: Gait) -> Array:
 
 
 def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
+    if dynamics.system.walker.contacts:
+        return _contact_state(start, dynamics, state)
     names = dynamics.system.walker.section_names(slipping=True)
     unknown = [name for name in state if name not in names]
     if unknown:
@@ -148,4 +152,28 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
     if undefined:
         words = ", ".join(f"{name} = {value:g}" for name, value in section.items())
         raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is not a number")
+    return z
+
+
+def _contact_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
+    """As ``_initial_state``, for a walker with several contacts: the state of the section next to that of ``start``."""
+    problem = start.problem if isinstance(start, Gait) else start
+    names, section = dynamics.system.state_names, dynamics.system.section(problem.cycle)
+    unknown = [name for name in state if name not in names]
+    if unknown:
+        raise UnknownNameError(
+            f"state {', '.join(unknown)}: no coordinate of this walker; the section is {', '.join(section.names)}"
+        )
+    if isinstance(start, Gait) and start.steps:
+        near = start.state.copy()
+    else:
+        near = np.array([problem.guess.state[name] for name in names])
+    if {*state} == {*names}:  # the whole state, which may be off the section
+        return np.array([float(state[name]) for name in names])
+    near[[names.index(name) for name in state]] = [float(value) for value in state.values()]
+    z = section.lift(near[section.indices], dynamics.p, near)
+    fixed = [name for name in state if name not in section.names and not isclose(z[names.index(name)], state[name])]
+    if fixed or not np.isfinite(z).all():
+        words = f"{', '.join(fixed)} follows from the others" if fixed else "no state of the walker has these values"
+        raise ProblemError(f"state: {words}; the section is {', '.join(section.names)}, or give the whole state")
     return z

@@ -53,7 +53,7 @@ def only(family: Family, kind: str, near: float) -> SpecialPoint:
 def simulated(at: SpecialPoint | BranchPoint, parameter: str, section: Mode) -> SimulatedFamily:
     """Simulated gaits from eight digits of a gait."""
     gait = at.gait
-    return SimulatedFamily(gait, parameter, section, np.round(gait.state[gait.system.section(section)], 8))
+    return SimulatedFamily(gait, parameter, section, np.round(gait.state[gait.system.section(section).indices], 8))
 
 
 def approached(family: Family, special: SpecialPoint, cycle: Cycle) -> tuple[SimulatedFamily, tuple[float, float]]:

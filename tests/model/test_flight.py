@@ -141,7 +141,7 @@ def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
 
     gait = named(name)
     system, p = gait.system, gait.p
-    xi, rng = gait.state[system.section(gait.problem.cycle.impact)], np.random.default_rng(0)
+    xi, rng = gait.state[system.section(gait.problem.cycle.impact).indices], np.random.default_rng(0)
     states = np.array([Dynamics(system, p).lift(xi * (1 + spread * rng.uniform(-1, 1, xi.size))) for _ in range(20)])
     scipy, heyoka = (Simulator(Dynamics(system, p), stepper_class(engine)) for engine in ("scipy", "heyoka"))
     batch = BatchSimulator(Dynamics(system, p)).step(states)

@@ -228,7 +228,7 @@ def test_state_after_an_impact_is_on_the_section_and_back(case: Case) -> None:
         for z in touching(case, 3):
             z_plus = collide(case, mode, ImpactLaw.COULOMB, z).z_plus
             z_plus[case.n] = 0.0
-            xi = z_plus[case.system.section(mode)]
+            xi = z_plus[case.system.section(mode).indices]
             np.testing.assert_allclose(Dynamics(case.system, case.p).lift(xi), z_plus, atol=1e-14)
 
 

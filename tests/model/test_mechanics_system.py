@@ -107,5 +107,10 @@ def test_parameters_are_named_by_dotted_keys_in_order() -> None:
 
 def test_section_after_a_slipping_impact_has_the_slip_velocity_last() -> None:
     system = CASES["compass_biped"].system
-    assert [system.state_names[k] for k in system.section(Mode.STICK)] == ["theta1", "dtheta1", "dtheta2"]
-    assert [system.state_names[k] for k in system.section(Mode.SLIP_FORWARD)] == ["theta1", "dtheta1", "dtheta2", "dx"]
+    assert [system.state_names[k] for k in system.section(Mode.STICK).indices] == ["theta1", "dtheta1", "dtheta2"]
+    assert [system.state_names[k] for k in system.section(Mode.SLIP_FORWARD).indices] == [
+        "theta1",
+        "dtheta1",
+        "dtheta2",
+        "dx",
+    ]

@@ -21,11 +21,12 @@ LIMITS = {
     "minItems": lambda value, limit: len(value) >= limit,
     "maxItems": lambda value, limit: len(value) <= limit,
     "minProperties": lambda value, limit: len(value) >= limit,
-    "required": lambda value, limit: set(limit) <= set(value),
+    "required": lambda value, limit: not isinstance(value, dict) or set(limit) <= set(value),
     "enum": lambda value, limit: value in limit,
     "const": lambda value, limit: value == limit,
     "anyOf": lambda value, limit: any(accepts(schema, value) for schema in limit),
     "oneOf": lambda value, limit: sum(accepts(schema, value) for schema in limit) == 1,
+    "not": lambda value, schema: not accepts(schema, value),
     "items": lambda value, limit: all(accepts(limit, item) for item in value),
 }
 WORDS = {"title", "description", "default", "$schema", "type", "properties", "additionalProperties"}

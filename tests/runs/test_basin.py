@@ -60,7 +60,7 @@ def basin(gait, tmp_path_factory):
 
 def test_states_near_the_gait_settle_on_it(gait, basin):
     (attractor,) = basin.attractors
-    section = gait.system.section(Mode.SLIP_FORWARD)
+    section = gait.system.section(Mode.SLIP_FORWARD).indices
     np.testing.assert_allclose(attractor.state, gait.state[section], rtol=0, atol=100 * SETTLED)
     assert (attractor.phases, attractor.impact, attractor.period) == (
         gait.problem.cycle.phases, gait.problem.cycle.impact, 1,

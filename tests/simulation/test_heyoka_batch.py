@@ -65,7 +65,7 @@ def test_state_in_a_batch_walks_as_it_does_alone(mapped):
     system = build_system(problem)
     p = system.values(problem.parameters)
     simulator = Simulator(Dynamics(system, p), HeyokaStepper)
-    indices = system.section(Mode.SLIP_FORWARD)
+    indices = system.section(Mode.SLIP_FORWARD).indices
     for k, row in enumerate(xi):
         alone = simulator.step(simulator.dynamics.lift(row))
         assert batch.outcomes[k] == alone.ending
@@ -110,7 +110,7 @@ def test_processes_map_alike(monkeypatch):
 
 def test_gait_is_mapped_to_itself_even_after_a_slipping_impact():
     gait = named("compass-torque-impact-slip")
-    xi = gait.state[gait.system.section(Mode.SLIP_FORWARD)]
+    xi = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices]
     batch = return_map(gait, np.tile(xi, (3, 1)), engine="heyoka")
     np.testing.assert_allclose(batch.states, np.tile(xi, (3, 1)), rtol=0, atol=1e-10)
     assert batch.completed.all()

@@ -124,7 +124,7 @@ def test_gait_that_is_spoilt_is_refuted_on_heyoka():
 def random_states(system, gait, count, seed):
     """Starts after an impact around a gait, wild enough for every ending; half of them with a slipping foot."""
     rng = np.random.default_rng(seed)
-    indices = system.section(Mode.SLIP_FORWARD)
+    indices = system.section(Mode.SLIP_FORWARD).indices
     xi = gait.state[indices] * (1 + rng.uniform(-0.5, 0.5, (count, indices.size)))
     xi += rng.uniform(-0.1, 0.1, xi.shape)
     xi[: count // 2, -1] = 0

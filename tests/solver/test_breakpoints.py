@@ -44,7 +44,7 @@ def test_both_engines_confirm_the_gait_and_its_multipliers(engine, friction):
 @pytest.mark.parametrize("engine", [Engine.SCIPY, Engine.HEYOKA])
 def test_differences_of_five_walked_steps_confirm_the_fifth_power_of_the_derivative(engine):
     gait, n = jumping.gait(BEFORE, *SLIPPING), 5
-    xi = gait.state[gait.system.section(Mode.STICK)]
+    xi = gait.state[gait.system.section(Mode.STICK).indices]
     walk = ReturnMap(Simulator(gait.dynamics, stepper_class(engine)), Mode.STICK, n)
     h = 1e-5 * walk.unit
     columns = [(walk(xi + h * e).xi - walk(xi - h * e).xi) / (2 * h @ e) for e in np.eye(xi.size)]

@@ -36,7 +36,7 @@ def test_two_steps_differ_and_the_simulator_walks_both(gait):
 
 def test_multipliers_are_those_of_the_return_map_applied_twice(gait):
     once = ReturnMap(Simulator(gait.dynamics), T)
-    xi = gait.state[gait.system.section(T)]
+    xi = gait.state[gait.system.section(T).indices]
     halfway = once(xi)
     again = once(halfway.xi)
     product = once.jacobian(again.steps) @ once.jacobian(halfway.steps)

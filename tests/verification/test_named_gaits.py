@@ -92,7 +92,7 @@ def simulated(name: str) -> tuple[ReturnMap, FixedPoint]:
     """Fixed point of the simulator's return map, by Newton's method from three digits of the gait."""
     gait = named(name)
     return_map = ReturnMap(Simulator(gait.dynamics), gait.problem.cycle.impact)
-    section = gait.state[gait.system.section(gait.problem.cycle.impact)]
+    section = gait.state[gait.system.section(gait.problem.cycle.impact).indices]
     return return_map, return_map.fixed_point(np.round(section, 4))
 
 

@@ -44,7 +44,7 @@ def guess(name: str) -> Array:
     problem = go.load_problem(name)
     system = build_system(problem)
     state = np.array([problem.guess.state[key] for key in system.state_names])
-    return state[system.section(problem.cycle.impact)]
+    return state[system.section(problem.cycle.impact).indices]
 
 
 @pytest.mark.parametrize("rate", [0.6, 0.65, 0.7, FIXED])

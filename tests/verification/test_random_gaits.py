@@ -74,7 +74,7 @@ def gaits(problems: Iterator[go.Problem]) -> Iterator[Gait]:
 def differenced_multipliers(gait: Gait) -> NDArray[np.complex128] | None:
     """By five-point differences of the simulated cycle, of the sizes at which two neighbours agree best."""
     simulator, impact = Simulator(gait.dynamics), gait.problem.cycle.impact
-    section = gait.system.section(impact)
+    section = gait.system.section(impact).indices
     unit, xi = gait.dynamics.state_units[section], gait.state[section]
 
     def returned(deviation: Array) -> Array:

@@ -169,7 +169,7 @@ def examined(gait: Gait) -> tuple[ReturnMap, FixedPoint]:
     """The simulator's return map and its fixed point."""
     impact = gait.problem.cycle.impact
     return_map = ReturnMap(Simulator(gait.dynamics), impact, len(gait.steps))
-    return return_map, return_map.fixed_point(gait.state[gait.system.section(impact)])
+    return return_map, return_map.fixed_point(gait.state[gait.system.section(impact).indices])
 
 
 @pytest.mark.parametrize("error", [1.001, 0.999, 1 + 1e-5, 1 - 1e-5])

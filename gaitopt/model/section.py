@@ -1,0 +1,260 @@
+"""The section of a gait: the states just after the event that ends its cycle, and the coordinates that are free there.
+
+    c(z, p) = 0,        z = lift(xi),        xi = z[indices]
+
+A walker that stands on one foot at a time states its section itself (``Walker.section``). For a walker with several
+contacts, c follows from what its contacts do just before and just after the event:
+
+    height of every contact that touches before or after it             = 0
+    velocity of every contact that touches after it                     = 0       normal; tangential if it sticks
+    coordinates of a massless contact that lands less their values      = 0
+    the margin that ends the cycle, if one is stated                    = 0
+    energy less the parameter ``energy``, if the walker has one         = 0       which removes the multiplier of one
+
+Where the state is continuous at the event, the velocities before it count as well. These equations are solved for as
+many coordinates as there are independent ones, by Newton's method from a state nearby; the others are the section.
+Coordinates of a massless contact that is off have no influence on the motion, and are no section coordinates either.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from casadi import SX, Function, densify, jacobian, jtimes, solve, vertcat
+from numpy.typing import NDArray
+
+from gaitopt.arrays import Array
+from gaitopt.building import BUILT, building, built_once
+from gaitopt.errors import ProblemError
+from gaitopt.model.buffered import buffered
+from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.modes import Mode
+from gaitopt.model.walker import Walker
+from gaitopt.threads import cached_property
+
+TOUCHDOWN, CLOCK = "touchdown", "clock"
+"""What ends a cycle: the landing of a foot, or the end of a period of the control law; else it is a margin's name."""
+SAMPLES = 5
+"""Random states at which the solved coordinates are chosen; all give the same ones unless a state is singular."""
+DEPENDENT = 1e-7
+"""An equation whose remainder is this small, relative to itself, follows from the ones before it."""
+SMALL = 0.1
+"""Least entry of an equation, relative to its largest, for which it is solved if there is a choice."""
+NEWTON_STEPS = 50
+"""Newton's method converges in about five; a distant state needs some damped steps before."""
+LONGEST = 0.3
+"""Longest step, in rad and SI units; from there the method does not cross over to another posture."""
+CLOSED, ROUNDING = 1e-9, 1e-13
+"""Size of the last step below which the equations are solved, and of a step that is left out."""
+
+
+class Section(Protocol):
+    """The section of one kind of event.
+
+    Attributes
+    ----------
+    names : of the section coordinates.
+    indices : of these in the state, shape (n_xi,).
+    words : the contacts just after the event.
+    """
+
+    names: tuple[str, ...]
+    words: str
+    indices: NDArray[np.intp]
+
+    def lift(self, xi: Array, p: Array, near: Array) -> Array:
+        """The state with these section coordinates, shape (n_z,), next to the state ``near``; NaN if there is none."""
+
+    def tangent(self, z: Array, p: Array) -> Array:
+        """Derivative of ``lift`` at a state of the section, shape (n_z, n_xi)."""
+
+    def holds(self, before: Mode, impact: Mode) -> bool:
+        """Whether a step that ends in the mode ``before``, with the contacts ``impact`` after it, leads there."""
+
+
+class ContactSection(Section):
+    """The section of a walker with several contacts; see ``contact_section``.
+
+    Attributes
+    ----------
+    names, indices : as of ``Section``.
+    before, after : modes of the contacts just before the event, after a relabelling, and just after it.
+    """
+
+    @building
+    def __init__(self, walker: type[Walker], before: Mode, after: Mode, event: str) -> None:
+        self._walker, self._event = walker, event
+        self.before, self.after, self.words = before, after, after.brief
+        eom = equations_of_motion(walker)
+        self._z, self._p = eom.z, eom.p
+        self._c, stale = _equations(walker, before, after, event)
+        state = walker.state_names()
+        self._solved, self._rows = _solved_coordinates(walker, self._c, stale)
+        left_out = {*self._solved, *stale}
+        self.indices = np.array([k for k in _in_order(walker) if k not in left_out], dtype=np.intp)
+        self.names = tuple(state[k] for k in self.indices)
+        BUILT.watch(vars(self))
+
+    def lift(self, xi: Array, p: Array, near: Array) -> Array:
+        """As of ``Section``; ``p`` may have further entries after the walker's."""
+        z, step = near.copy(), buffered(self._step)
+        z[self.indices] = xi
+        for _ in range(NEWTON_STEPS):
+            (change,) = step(z, p[: self._p.numel()])
+            size = float(np.abs(change).max(initial=0.0))
+            if not np.isfinite(size):
+                break
+            if size < ROUNDING:  # a state of the section stays what it is
+                return z
+            z[self._solved] -= change * min(1.0, LONGEST / size)
+            if size < CLOSED:  # one more step would be rounding: convergence is quadratic
+                return z
+        return np.full(z.size, np.nan)
+
+    def tangent(self, z: Array, p: Array) -> Array:
+        """As of ``Section``."""
+        matrix = np.zeros((z.size, self.indices.size))
+        matrix[self.indices, np.arange(self.indices.size)] = 1.0
+        (slopes,) = buffered(self._slopes)(z, p[: self._p.numel()])
+        matrix[self._solved] = slopes.reshape(len(self._solved), -1, order="F")
+        return matrix
+
+    def holds(self, before: Mode, impact: Mode) -> bool:
+        """As of ``Section``."""
+        before = self._walker.swapped(before) if self._event == TOUCHDOWN else before
+        return impact.contact is self.after.contact and before.touching == self.before.touching
+
+    @cached_property
+    @building
+    def projected(self) -> Function:
+        """(z, p) -> z_plus: the state after one Newton step towards the section, which leaves its states as they are.
+
+        ``p`` are the walker's parameters.
+        """
+        z = SX(self._z)
+        change = self._change
+        for k, index in enumerate(self._solved):
+            z[index] -= change[k]
+        return Function("projected", [self._z, self._p], [z], ["z", "p"], ["z_plus"])
+
+    @property
+    def _change(self) -> SX:
+        c = self._c[self._rows]
+        return solve(jacobian(c, self._z)[:, self._solved], c)
+
+    @cached_property
+    @building
+    def _step(self) -> Function:
+        return BUILT.watch(Function("section_step", [self._z, self._p], [densify(self._change)]))
+
+    @cached_property
+    @building
+    def _slopes(self) -> Function:
+        J = jacobian(self._c[self._rows], self._z)
+        slopes = -solve(J[:, self._solved], densify(J[:, self.indices.tolist()]))
+        return BUILT.watch(Function("section_slopes", [self._z, self._p], [densify(slopes)]))
+
+
+@built_once(maxsize=64)
+def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str) -> ContactSection:
+    """The section of a walker with several contacts.
+
+    Parameters
+    ----------
+    before : the mode in which the step ends.
+    impact : the contacts just after it, relabelled.
+    event : what ends the cycle.
+
+    Raises
+    ------
+    ProblemError
+        If the contacts cannot be on the ground together.
+    """
+    before = walker.swapped(before) if event == TOUCHDOWN else before
+    return ContactSection(walker, before.contact, impact.contact, event)
+
+
+def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> tuple[SX, list[int]]:
+    """c(z, p), and the indices of the coordinates and rates of massless contacts that are off."""
+    eom, state, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
+    contacts, q, dq = eom.mechanism.contacts, eom.q, eom.dq
+    names = (*walker.shape, "x", "y")
+    on_ground = [name for name in walker.contacts if name in before.touching or name in after.touching]
+    rows = [q[names.index("x")], *(contacts[name].position[1] for name in on_ground)]
+    for name in walker.massless_contacts:
+        if name in after.touching and name not in before.touching:
+            rows += [q[names.index(key)] - value for key, value in contacts[name].places.items()]
+    if event not in (TOUCHDOWN, CLOCK):
+        rows.append(eom.sections[event])
+    modes = (after,) if event == TOUCHDOWN else (before, after)
+    for name in on_ground:
+        velocity = jtimes(contacts[name].position, q, dq)
+        touching = [mode for mode in modes if name in mode.touching]
+        rows += [velocity[1]] if touching else []
+        rows += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
+    if "energy" in walker.model_fields:
+        springs = (energy for name, energy in eom.mechanism.potential_while.items() if after.has(name))
+        rows.append(eom.energy + sum(springs, SX(0)) - eom.parameters.energy)
+    off = [key for name in walker.massless_contacts if name not in after.touching for key in contacts[name].places]
+    stale = [k for key in off for k in (state.index(key), state.index(key) + n)]
+    return vertcat(*rows), stale
+
+
+def _in_order(walker: type[Walker]) -> list[int]:
+    """Indices of the state in the order of section coordinates: the shape, y, then their rates, dx the last."""
+    names = walker.state_names()
+    order = (*walker.shape, "y", "x")
+    return [names.index(name) for name in (*order, *(f"d{name}" for name in order))]
+
+
+def _solved_coordinates(walker: type[Walker], c: SX, stale: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Indices of the coordinates for which the equations are solved, and of the independent equations.
+
+    First come the coordinates of massless contacts, then the base point, then the shape from its end; those that the
+    class names in ``section`` and ``section_rates`` come last.
+    """
+    eom, names, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
+    own = [key for name in walker.massless_contacts for key in eom.mechanism.contacts[name].places]
+    free, free_rates = walker.section, walker.section_rates or ()
+    shape = [name for name in reversed(walker.shape) if name not in own]
+
+    def preferred(stated: Sequence[str]) -> list[str]:
+        return sorted([*own, "x", "y", *shape], key=lambda name: name in stated)
+
+    order = [names.index(name) for name in preferred(free)]
+    order += [names.index(name) + n for name in preferred(free_rates)]
+    order = [k for k in order if k not in stale]
+    evaluated = Function("section", [eom.z, eom.p], [densify(c), densify(jacobian(c, eom.z))])
+    random = np.random.default_rng(0)
+    for _ in range(20 * SAMPLES):
+        p, z = random.uniform(0.5, 1.5, eom.p.numel()), random.uniform(-0.3, 0.3, eom.z.numel())
+        for _ in range(NEWTON_STEPS):
+            values, J = (np.asarray(value) for value in evaluated(z, p))
+            if not (np.all(np.isfinite(J)) and np.all(np.isfinite(values))) or np.abs(values).max() < 1e-12:
+                break
+            step = np.linalg.pinv(J) @ values.ravel()
+            z = z - step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-300))
+        if np.all(np.isfinite(J)) and np.abs(values).max() < 1e-10:
+            return _pivots(J, order)
+    raise ProblemError(f"{walker.__name__}: no state satisfies the conditions of its section")
+
+
+def _pivots(J: Array, order: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Columns and rows of pivots of a matrix, the columns as early in ``order`` as possible."""
+    A, sizes = J.copy(), np.abs(J).max(axis=1, initial=1e-300)
+    A /= sizes[:, None]
+    columns, rows = list[int](), list[int]()
+    for least in (SMALL, DEPENDENT):
+        for column in order:
+            left = [k for k in range(len(A)) if k not in rows]
+            if column in columns or not left:
+                continue
+            row = max(left, key=lambda k: abs(A[k, column]))
+            if abs(A[row, column]) > least * max(np.abs(A[row]).max(), DEPENDENT):
+                columns.append(column)
+                rows.append(row)
+                for other in left:
+                    if other != row:
+                        A[other] -= A[other, column] / A[row, column] * A[row]
+                        A[other][np.abs(A[other]) < DEPENDENT * 1e-3] = 0.0
+    return columns, rows
