@@ -95,7 +95,6 @@ def solve_sequence(
     SolveError
         If the reference of a control law is not a gait.
     """
-    problem.check_one_foot("solve")
     system = build_system(problem, should_stop=should_stop) if start is None else start.system
     began = time.perf_counter()
     designed = bool(free_parameters(problem, system))

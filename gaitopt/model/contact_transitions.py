@@ -21,7 +21,7 @@ from gaitopt.model.contact_set import shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
-from gaitopt.model.transitions import CONE, Reset, Transition, Transitions
+from gaitopt.model.transitions import CONE, GROUND_FORCES, Reset, Transition, Transitions
 from gaitopt.model.walker import Walker
 
 AT_REST = ("stick", "slip_forward", "slip_backward", OFF)
@@ -93,6 +93,26 @@ class ContactTransitions(Transitions):
 
         return min(found, key=rank)
 
+    def zeros_after(self, cycle: Cycle, phase: int) -> tuple[str, ...]:
+        """As of ``Transitions``: the forces of massless contacts that have just landed."""
+        struck = self.struck(cycle, phase)
+        if struck is None:
+            return ()
+        landed = [name for name in struck.touching if name not in cycle.phases[phase].touching]
+        landed = [name for name in landed if name in self.walker.massless_contacts]
+        if cycle.after(phase) is None and self.cycle_end == TOUCHDOWN:
+            exchanged = self.walker.exchanged_contacts
+            partner = {**exchanged, **{other: one for one, other in exchanged.items()}}
+            landed = [partner.get(name, name) for name in landed]
+        following = self.of(cycle.phases[(phase + 1) % len(cycle.phases)])
+        forces = (f"{force}.{name}" for name in landed for force in GROUND_FORCES)
+        return tuple(name for name in forces if name in following)
+
+    def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
+        """As of ``Transitions``; the margin may be that of a group to which the contact then belongs."""
+        sticking, part = mode.with_states({contact: "stick"}), (CONE[Mode(mode.contacts[contact])], contact)
+        return sticking, next(guard for guard in self.of(sticking) if part in _parts(guard))
+
     def check(self, cycle: Cycle) -> None:
         """Check that events of the table lead through the phases of a cycle; raises as ``Transitions.check``."""
         if cycle in self._checked:
@@ -154,8 +174,10 @@ class ContactTransitions(Transitions):
                 landed = self._candidates(mode, at_rest=rests, landing=name)
                 rows.append(self._row(f"gap.{name}", reset=Reset(of=name, ends_step=ends_step), candidates=landed))
                 continue
-            if name not in shared:
-                rows.append(self._row(f"normal_force.{name}", at_rest=rests, candidates=again))
+            if name not in shared:  # the forces of a massless contact vanish together
+                vanish = GROUND_FORCES if name in self.walker.massless_contacts else ()
+                zeros = tuple(f"{force}.{name}" for force in vanish)
+                rows.append(self._row(f"normal_force.{name}", at_rest=rests, candidates=again, zeros=zeros))
             if not direction and name not in shared:
                 rows += [self._row(f"{cone}.{name}", at_rest=rests, candidates=again) for cone in CONE.values()]
             if direction:

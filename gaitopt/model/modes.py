@@ -49,6 +49,7 @@ class Mode(str):
     directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip. Not
         to be written to.
     sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
+    fixes_x : whether the one foot sticks, so that dx is zero.
     direction : sign of the slip velocity of the foot; 0 where there are several contacts.
     stops : state of every stop and switch by name, in order; not to be written to.
     free, locked : names of the stops in either state.
@@ -66,6 +67,7 @@ class Mode(str):
     directions: Mapping[str, int]
     sticks: bool
     slips: bool
+    fixes_x: bool
     direction: int
     stops: Mapping[str, str]
     free: tuple[str, ...]
@@ -100,6 +102,7 @@ class Mode(str):
             mode.direction = 0 if named else mode.directions[FOOT]
             mode.slips = any(mode.directions.values())
             mode.sticks = bool(mode.touching) and not mode.slips
+            mode.fixes_x = mode.sticks and not named
             mode.stops, mode.key = states, re.sub(r"\W+", "_", text)
             mode.free, mode.locked, mode.off, _ = (
                 tuple(name for name in states if states[name] == state) for state in STATES

@@ -235,26 +235,37 @@ def _solved_coordinates(walker: type[Walker], c: SX, stale: Sequence[int]) -> tu
             step = np.linalg.pinv(J) @ values.ravel()
             z = z - step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-300))
         if np.all(np.isfinite(J)) and np.abs(values).max() < 1e-10:
-            return _pivots(J, order)
+            return _pivots(J, order, n if "energy" in walker.model_fields else None)
     raise ProblemError(f"{walker.__name__}: no state satisfies the conditions of its section")
 
 
-def _pivots(J: Array, order: Sequence[int]) -> tuple[list[int], list[int]]:
-    """Columns and rows of pivots of a matrix, the columns as early in ``order`` as possible."""
+def _pivots(J: Array, order: Sequence[int], first_rate: int | None) -> tuple[list[int], list[int]]:
+    """Columns and rows of pivots of a matrix, the columns as early in ``order`` as possible.
+
+    Parameters
+    ----------
+    first_rate : index of the first rate, if the last row is the energy; this is solved for the first rate that is left.
+    """
     A, sizes = J.copy(), np.abs(J).max(axis=1, initial=1e-300)
     A /= sizes[:, None]
-    columns, rows = list[int](), list[int]()
+    columns, rows, n = list[int](), list[int](), len(A) - (first_rate is not None)
+
+    def eliminate(row: int, column: int) -> None:
+        columns.append(column)
+        rows.append(row)
+        for other in (k for k in range(len(A)) if k not in rows):
+            A[other] -= A[other, column] / A[row, column] * A[row]
+            A[other][np.abs(A[other]) < DEPENDENT * 1e-3] = 0.0
+
     for least in (SMALL, DEPENDENT):
         for column in order:
-            left = [k for k in range(len(A)) if k not in rows]
+            left = [k for k in range(n) if k not in rows]
             if column in columns or not left:
                 continue
             row = max(left, key=lambda k: abs(A[k, column]))
             if abs(A[row, column]) > least * max(np.abs(A[row]).max(), DEPENDENT):
-                columns.append(column)
-                rows.append(row)
-                for other in left:
-                    if other != row:
-                        A[other] -= A[other, column] / A[row, column] * A[row]
-                        A[other][np.abs(A[other]) < DEPENDENT * 1e-3] = 0.0
+                eliminate(row, column)
+    if first_rate is not None:
+        rates = (k for k in order if k >= first_rate and k not in columns and abs(A[n, k]) > DEPENDENT)
+        eliminate(n, next(rates, order[-1]))
     return columns, rows

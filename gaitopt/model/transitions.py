@@ -284,6 +284,17 @@ def kind(name: str) -> str:
     return name.partition(".")[0].partition("+")[0]
 
 
+def contact_of(name: str) -> str:
+    """The contact of a margin; ``foot`` where contacts have no names."""
+    return name.partition(".")[2] or FOOT
+
+
+def named(what: str, name: str) -> str:
+    """A margin of another kind, of the contact of ``name``."""
+    contact = name.partition(".")[2]
+    return f"{what}.{contact}" if contact else what
+
+
 def margin(name: str) -> Margin:
     """Unit and words of a margin; names that are not in ``MARGINS`` belong to stops and switches."""
     return MARGINS.get(kind(name), STOP)
@@ -399,6 +410,15 @@ class Transitions:
         if phase in cycle.timed:
             return self.at_breakpoint(cycle.phases[phase])
         return self.between(cycle.phases[phase], cycle.after(phase), self.struck(cycle, phase))
+
+    def zeros_after(self, cycle: Cycle, phase: int) -> tuple[str, ...]:
+        """Margins of the next phase that are zero just after the event that ends a phase."""
+        following = self.of(cycle.phases[(phase + 1) % len(cycle.phases)])
+        return tuple(name for name in self.ending(cycle, phase).zeros_after if name in following)
+
+    def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
+        """The mode in which a contact that slips sticks instead, and its margin beyond which it slips so."""
+        return Mode.STICK, CONE[mode.contact]
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
         """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""

@@ -101,14 +101,17 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
             if curves.tail(states / dynamics.state_units) < curves.RESOLVED:
                 break
         # where an event makes the slip velocity zero, the sign of its rounding would decide a mode
-        if arc.mode.sticks:
+        if arc.mode.fixes_x:
             states[:, -1] = 0.0
-        elif arc.start is None and cycle.onset_order(arc.phase) > 0:
+        elif not arc.mode.is_named and arc.start is None and cycle.onset_order(arc.phase) > 0:
             states[0, -1] = 0.0
         if arc.end is None and "slip_velocity" in table.ending(cycle, arc.phase).zeros:
             states[-1, -1] = 0.0
-        arcs[cycle.step_of(arc.phase)].append(
-            Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states)
+        step = cycle.step_of(arc.phase)
+        landings = dict(cycle.steps[step].landings)
+        struck = landings.get(arc.phase - cycle.first_phases[step]) if arc.start is None else None
+        arcs[step].append(
+            Arc(dynamics=dynamics, mode=arc.mode, segment=arc.segment, times=times, states=states, struck=struck)
         )
     impacts = zip(arcs, cycle.impacts, equations.mesh.impact_nodes, strict=True)
     return tuple(

@@ -16,7 +16,7 @@ from gaitopt.gait.gait import Cause
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import PUSH, margin
+from gaitopt.model.transitions import PUSH, contact_of, kind, margin, named
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.shooting import Label
 
@@ -165,23 +165,29 @@ def _turning_phase(at: Solution) -> Cause | None:
 
 
 def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
-    """Required against available friction, where the foot should stick."""
+    """Required against available friction, where a foot or a contact should stick; margins of groups as they are."""
     equations = at.equations
     _, labels = equations.inequalities
-    friction = equations.dynamics(at.p, equations.unpack(at.w).freed).static_friction
+    dynamics = equations.dynamics(at.p, equations.unpack(at.w).freed)
+    coefficients, units = dynamics.contact_friction, equations.margin_units(dynamics.p)
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
-        if not label.name.endswith("cone_forward"):
+        if "+" in label.name and margins[i] < 0:
+            words = f"the contacts {contact_of(label.name).replace('+', ' and ')} need more friction together"
+            yield _cause("friction", words, at, label, severity=-margins[i] / units[i])
+        if not kind(label.name).endswith("cone_forward") or "+" in label.name:
             continue
+        friction = coefficients[contact_of(label.name)]
         partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
-        normal = replace(label, name=NORMAL[label.name])
+        normal = replace(label, name=named(NORMAL[kind(label.name)], label.name))
         forward, backward = margins[i], margins[rows[partner]]
         f_n = margins[rows[normal]] if normal in rows else (forward + backward) / (2 * friction or np.inf)
         if min(forward, backward) < 0 < f_n:
             needed = float(abs(forward - backward) / (2 * f_n))
-            words = f"needs friction {needed:.4g}, has {friction:.4g}"
+            who = f"{contact_of(label.name)} " if "." in label.name else ""
+            words = f"{who}needs friction {needed:.4g}, has {friction:.4g}"
             yield _cause("friction", words, at, label, needed=needed, available=friction, severity=needed - friction)
 
 

@@ -141,7 +141,7 @@ def step_derivatives(
         nodes.T, times[:, None], lengths[:, None], p, r
     )
     _, by = differentiated_steps(nodes.T, stages_of(columns, system.n_z), lengths)
-    if mode.sticks:
+    if mode.fixes_x:
         by[:, -1] = 0.0
     return by
 
@@ -163,4 +163,4 @@ def _stages(system: HybridSystem, mode: Mode, inputs: list[SX]) -> list[SX]:
 def _end(mode: Mode, inputs: list[SX], stages: list[SX]) -> SX:
     z, _, h, _, _ = inputs
     z_next = z + h * combined(B, stages)
-    return vertcat(z_next[:-1], 0) if mode.sticks else z_next
+    return vertcat(z_next[:-1], 0) if mode.fixes_x else z_next

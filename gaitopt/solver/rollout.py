@@ -22,6 +22,7 @@ from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import shooting_step
@@ -184,7 +185,7 @@ def roll_out(
         nearest breakpoint.
     longest : time after the impact by which phases end at the latest [s]; ``LONGEST_STEP`` by default.
     """
-    scales, per_phase = dynamics.scales, cycle.per_phase(dynamics.steps)
+    scales, per_phase, table = dynamics.scales, cycle.per_phase(dynamics.steps), dynamics.system.transitions
     longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
     starts, breakpoints = np.atleast_2d(state), dynamics.system.control.breakpoints
     time, z = 0.0, starts[0].copy()
@@ -196,12 +197,15 @@ def roll_out(
         impact, step = cycle.impact_before(phase) if phase > 0 else None, cycle.step_of(phase)
         if impact is not None:
             start_given = phase in cycle.first_phases and step < len(starts)
-            z = starts[step].copy() if start_given else per_phase[phase - 1].after_impact(impact, z)
-            time = time if impact.locked else 0.0
+            ends_step, struck = phase in cycle.first_phases, table.struck(cycle, phase - 1) or impact
+            before = cycle.phases[phase - 1]
+            landed = per_phase[phase - 1].after_impact
+            z = starts[step].copy() if start_given else landed(struck, z, before, ends_step=ends_step)
+            time = 0.0 if ends_step else time
         z = np.nan_to_num(z)  # a motion that has broken down
-        if mode.sticks:
+        if mode.fixes_x:
             z[-1] = 0.0
-        flow = _ModeFlow(per_phase[phase], mode, cycle.after(phase))
+        flow = _ModeFlow(per_phase[phase], cycle, phase)
         duration = given[phase]
         if duration is None:
             motion = flow.integrate(time, z, max(longest - time, first_step), until_end=True)
@@ -238,10 +242,11 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, until the first joint reaches the shape that the impact maps back.
 
     If no joint moves, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so that A and b
-    follow from any one state, unless the walker itself places its massless feet.
+    follow from any one state, unless the walker itself places its massless feet; then, and with several contacts, it is
+    the natural unit of time as well.
     """
     system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
-    if system.walker.massless_feet:
+    if system.walker.massless_feet or system.walker.contacts:
         return time
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
     mapped = dynamics.after_impact(cycle.impact, state)[:n]
@@ -256,12 +261,17 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
 class _ModeFlow:
     """The flow of one mode across the breakpoints of the control, with the margin that ends its phase."""
 
-    def __init__(self, dynamics: Dynamics, mode: Mode, after: Mode | None) -> None:
+    def __init__(self, dynamics: Dynamics, cycle: Cycle, phase: int) -> None:
         system, self._p, self._scales = dynamics.system, dynamics.p, dynamics.scales
-        table, self._slips = system.transitions, mode.slips
+        mode, after = cycle.phases[phase], cycle.after(phase)
+        table, self._slips, self._several = system.transitions, mode.slips, mode.is_named
         names, self._units = table.margin_names(mode), dynamics.margin_units(mode)
-        self._upright, self._touchdown = names.index("upright"), 0  # or the clearance, while a stop is free
-        self._ending = names.index(table.between(mode, after).guard)
+        guard = table.between(mode, after, table.struck(cycle, phase)).guard
+        self._until = system.control.period if guard == CLOCK else None
+        self._upright = names.index("upright")
+        # or the clearance, while a stop is free; several contacts have none that must come last
+        self._touchdown = None if mode.is_named else 0
+        self._ending = None if guard == CLOCK else names.index(guard)
         self._may_jump = after is not mode and after in table.at_breakpoint(mode).candidates
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
@@ -294,9 +304,9 @@ class _ModeFlow:
                     motion = self._motion(points)
                     fall = self._root(motion, points[-2][0], points[-1][0], self._upright)
                     return self._motion([*points[:-1], (fall, motion(np.array([fall]))[:, 0])])
-                if waiting and fallen[self._ending]:
+                if waiting and self._ending is not None and fallen[self._ending]:
                     return self._motion(points)
-                waiting = waiting and not fallen[self._touchdown]
+                waiting = waiting and not (self._touchdown is not None and fallen[self._touchdown])
                 armed |= margins > ARMED
         return self._motion(points)
 
@@ -305,14 +315,24 @@ class _ModeFlow:
 
         Also whether its margin jumps there because the torques do.
         """
+        if self._ending is None:
+            assert self._until is not None
+            return max(self._until, float(motion.times[0])), False
         times, margins = self._along(motion)
+        if self._touchdown is None:
+            end, landing = self._first_fall(motion, times, margins, self._ending), None
+            return self._with_jump(motion, end)
         landing = self._first_fall(motion, times, margins, self._touchdown)
         if self._ending == self._touchdown:
             return landing, False
         end = self._first_fall(motion, times, margins, self._ending)
         if end is None or (landing is not None and landing < end):
             return None, False
-        jump = self._first_jump(motion, end)
+        return self._with_jump(motion, end)
+
+    def _with_jump(self, motion: PhaseMotion, end: float | None) -> tuple[float | None, bool]:
+        """The end of a phase at its event, or before it where a jump of the torques ends it."""
+        jump = None if end is None else self._first_jump(motion, end)
         return (end, False) if jump is None else (jump, True)
 
     def jump(self, time: float, z: Array, latest: float) -> float | None:
@@ -324,7 +344,7 @@ class _ModeFlow:
     def lost_end(self, motion: PhaseMotion, transit: float) -> float:
         """Time since impact at which a phase without an event is cut off."""
         lost, start = transit, float(motion.times[0])
-        if self._ending != self._touchdown:
+        if self._ending is not None and self._ending != self._touchdown:
             times, margins = self._along(motion)
             within = times <= start + transit
             lost = float(times[within][np.argmin(np.abs(margins[within, self._ending]))])
@@ -335,7 +355,7 @@ class _ModeFlow:
         segment = bisect_right(self._breakpoints, time)
         bound = min([end, *self._breakpoints[segment : segment + 1]])
         self._step.load(self._p, self._data[segment])
-        from_rest = self._slips and abs(z[-1]) <= ARMED * self._scales.speed
+        from_rest = self._slips and (self._several or abs(z[-1]) <= ARMED * self._scales.speed)
         first_step = FIRST_STEP_FROM_REST if from_rest else FIRST_STEP
         rate = self._point(time, z, self._p, self._data[segment])[0].copy()
         return Integration(self._step, time, z, rate, bound, min(first_step * self._scales.time, bound - time))

@@ -43,8 +43,9 @@ from gaitopt.model.buffered import BufferedFunction, BufferedMap, buffered, buff
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import CONE, GROUND_FORCES, margin, margin_unit
+from gaitopt.model.transitions import GROUND_FORCES, contact_of, kind, margin, margin_unit, named
 from gaitopt.model.units import SI, Scales
 from gaitopt.problem.scalars import unit_of
 from gaitopt.solver.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
@@ -325,10 +326,11 @@ class MultipleShooting:
         # where a massless leg lands or takes off the ground forces are zero: their rates instead
         for i, arc, at in arcs:
             for k, sign in ((0, 1), (arc.intervals, -1)):
-                if self._is_unloaded(i, k):
+                unloaded = [name for name in table.margin_names(arc.mode) if self._is_unloaded(i, k, name)]
+                if unloaded:
                     _, Z, start, h = self.arc(i)
                     _, rates = system.events(arc.mode)(start + k * h, Z[:, k], *self.constants(arc, 1))
-                    for name in GROUND_FORCES:
+                    for name in unloaded:
                         rows.append(sign * rates[table.margin_names(arc.mode).index(name)])
                         unit = f"{SI[margin(name).unit]}/s"
                         labels.append(self.label(name, arc.phase, at[k], unit=unit))
@@ -337,14 +339,18 @@ class MultipleShooting:
         # After a timed phase the guard of that phase must be negative
         for i, arc, at in arcs:
             timed = arc.phase - 1 in mesh.cycle.timed
-            from_rest = system.friction.may_drop and mesh.cycle.starts_from_rest(arc.phase)
-            if arc.start is None and (timed or from_rest):
+            if arc.start is not None:
+                continue
+            before = mesh.cycle.phases[arc.phase - 1]
+            guards = [(before, table.between(before, arc.mode).guard)] if timed else []
+            if system.friction.may_drop and not timed:
+                guards += [table.held(arc.mode, name) for name in mesh.cycle.starts_from_rest(arc.phase)]
+            for mode, guard in guards:
                 _, Z, start, _ = self.arc(i)
-                before = mesh.cycle.phases[arc.phase - 1] if timed else Mode.STICK
-                guard = table.between(before, arc.mode).guard if timed else CONE[arc.mode.contact]
-                margins = system.margins(before)(start, Z[:, 0], *self.constants(arc, 1))
-                rows.append(-margins[table.margin_names(before).index(guard)])
-                labels.append(self.label("onset" if arc.mode.slips else "pull", arc.phase, at[0]))
+                margins = system.margins(mode)(start, Z[:, 0], *self.constants(arc, 1))
+                rows.append(-margins[table.margin_names(mode).index(guard)])
+                what = "onset" if kind(guard).startswith("cone") else "pull"
+                labels.append(self.label(named(what, guard), arc.phase, at[0]))
 
         for row, label in self.impact_margins:
             rows.append(row)
@@ -356,35 +362,43 @@ class MultipleShooting:
     def impact_margins(self) -> tuple[tuple[MX, Label], ...]:
         """Margins of the impacts."""
         margins: list[tuple[MX, Label]] = []
-        for (phase, mode), node in zip(self.mesh.cycle.resets, self.mesh.reset_nodes, strict=True):
-            values = self.system.impact_margins(mode)(self.Z[:, node], self.phase_parameters[phase])
-            step = self.mesh.cycle.step_of(phase)
-            for row, name in enumerate(self.system.transitions.impact_margin_names(mode)):
-                at_foot = Label(name=name, mode=mode, step=step, unit=SI[margin(name).unit])
-                margins.append((values[row], self.label(name, phase, node) if mode.locked else at_foot))
+        cycle, table = self.mesh.cycle, self.system.transitions
+        for (phase, mode), node in zip(cycle.resets, self.mesh.reset_nodes, strict=True):
+            key = (table.struck(cycle, phase), cycle.phases[phase]) if mode.is_named else (mode,)
+            names = table.impact_margin_names(*key)
+            if not names:
+                continue
+            values = self.system.impact_margins(*key)(self.Z[:, node], self.phase_parameters[phase])
+            for row, name in enumerate(names):
+                at_foot = Label(name=name, mode=mode, step=cycle.step_of(phase), unit=SI[margin(name).unit])
+                within = cycle.after(phase) is not None
+                margins.append((values[row], self.label(name, phase, node) if within else at_foot))
         return tuple(margins)
 
     def is_zero_by_event(self, index: int, k: int, name: str) -> bool:
         """Whether an event makes a margin zero at node ``k`` of an arc."""
         arc, cycle = self.mesh.arcs[index], self.mesh.cycle
-        if k == 0 and arc.start is None and name == "slip_velocity":
-            return cycle.onset_order(arc.phase) > 0
-        if name in GROUND_FORCES and self._is_unloaded(index, k):
+        if k == 0 and arc.start is None and kind(name) == "slip_velocity":
+            return cycle.onset_order(arc.phase, contact_of(name)) > 0
+        if self._is_unloaded(index, k, name):
             return True
         after = cycle.after(arc.phase)
         ends = k == arc.intervals and arc.end is None and after is not None
         return ends and name in self.system.transitions.ending(cycle, arc.phase).zeros
 
-    def _is_unloaded(self, index: int, k: int) -> bool:
-        """Whether node ``k`` of an arc is the landing or the take-off of a massless leg."""
-        arc, cycle = self.mesh.arcs[index], self.mesh.cycle
-        table, after = self.system.transitions, cycle.after(arc.phase)
+    def _is_unloaded(self, index: int, k: int, name: str) -> bool:
+        """Whether a margin is a force on a massless leg, and node ``k`` of an arc its landing or its take-off."""
+        if kind(name) not in GROUND_FORCES:
+            return False
+        arc, cycle, table = self.mesh.arcs[index], self.mesh.cycle, self.system.transitions
+        after = cycle.after(arc.phase)
         if k == 0 and arc.start is None:
-            before = (arc.phase - 1) % len(cycle.phases)
-            begins = table.ending(cycle, before)
-            return "normal_force" in begins.zeros_after and "normal_force" in table.of(arc.mode)
+            return name in table.zeros_after(cycle, (arc.phase - 1) % len(cycle.phases))
         ends = k == arc.intervals and arc.end is None and after is not None
-        return ends and set(GROUND_FORCES) <= set(table.ending(cycle, arc.phase).zeros)
+        if not ends:
+            return False
+        zeros = table.ending(cycle, arc.phase).zeros
+        return name in zeros and {named(force, name) for force in GROUND_FORCES} <= {*zeros}
 
     # ---- equalities, margins and states as numbers
 
@@ -409,7 +423,8 @@ class MultipleShooting:
         per_phase, values = cycle.per_phase(self.dynamics(p, freed).steps), {}
         for phase in cycle.timed:
             (arc, node), dynamics = ends[phase], per_phase[phase]
-            row = table.margin_names(arc.mode).index(table.between(arc.mode, cycle.after(phase)).guard)
+            following = table.between(arc.mode, cycle.after(phase), table.struck(cycle, phase))
+            row = table.margin_names(arc.mode).index(following.guard)
             times, states = np.array([self.system.control.breakpoints[arc.segment]]), nodes[:, [node]].T
             before, after = (float(dynamics.margins(arc.mode, arc.segment + k, times, states)[0, row]) for k in (0, 1))
             unit = dynamics.margin_units(arc.mode)[row]
@@ -505,7 +520,7 @@ class MultipleShooting:
             starts[at], lengths[at] = inputs[0], inputs[2]
         ends, step = differentiated_steps(starts, stages, lengths)
         for arc, at in arcs:
-            if arc.mode.sticks:
+            if arc.mode.fixes_x:
                 ends[at, -1], step[at, -1] = 0.0, 0.0
         step = -step  # a defect is the node minus the end of the step
         times_by, lengths_by = self._duration_derivatives
@@ -577,7 +592,8 @@ def endings(system: HybridSystem, cycle: Cycle) -> Iterator[tuple[Mode, str, int
     jump = system.friction.may_drop
     for phase, mode in enumerate(cycle.phases):
         name = system.transitions.ending(cycle, phase).guard
-        yield mode, name, cycle.onset_order(phase, jump=jump) if name == "slip_velocity" else 0
+        slips = kind(name) == "slip_velocity"
+        yield mode, name, cycle.onset_order(phase, contact_of(name), jump=jump) if slips else 0
 
 
 @built_once(maxsize=64)
@@ -602,16 +618,18 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     for phase, (mode, name, order) in enumerate(endings(system, cycle)):
         step = cycle.step_of(phase)
         time = sum1(durations[cycle.first_phases[step] : phase + 1])
-        if name == BREAKPOINT:
-            rows.append(time - system.control.breakpoints[segments[phase]])
+        if name in (BREAKPOINT, CLOCK):
+            known = system.control.period if name == CLOCK else system.control.breakpoints[segments[phase]]
+            assert known is not None  # a problem is read so
+            rows.append(time - known)
             continue
         margins = system.margins(mode)(time, ends[:, phase], per_phase[phase], system.data(segments[phase]))
         rows.append(margins[system.transitions.margin_names(mode).index(name)] / durations[phase] ** order)
-    for k, (phase, impact) in enumerate(cycle.resets):
-        z_plus = system.impact(impact)(z=ends[:, phase], p=per_phase[phase])["z_plus"]
-        if not impact.locked:  # counted from the new stance foot
-            z_plus[system.n_shape] = 0
-        rows.append(starts[:, k] - z_plus)
+    for k, (phase, _) in enumerate(cycle.resets):
+        struck = system.transitions.struck(cycle, phase)
+        assert struck is not None
+        reset = system.reset(struck, cycle.phases[phase], ends_step=cycle.after(phase) is None)
+        rows.append(starts[:, k] - reset(z=ends[:, phase], p=per_phase[phase])["z_plus"])
     return Function("conditions", [ends, starts, durations, freed, p], [densify(vertcat(*rows))])
 
 

@@ -141,7 +141,7 @@ def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int
             z = dynamics.after_impact(struck, z, arcs[-1].mode, ends_step=False)
         elif arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
             z = dynamics.after_impact(mode, z)
-        if mode.sticks and not mode.is_named:
+        if mode.fixes_x:
             z[-1] = 0.0
         end = time + phase["duration"]
         if UNTIL in phase:  # the next phase starts on the other side of the breakpoint

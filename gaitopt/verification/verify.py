@@ -29,7 +29,6 @@ from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
 from gaitopt.gait.measures import friction_ratio, measure, measure_scales, observe, touching_contacts
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Arc, Step, impact_record
-from gaitopt.model.cycle import ModeSequence
 from gaitopt.model.transitions import Ending
 from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
@@ -220,9 +219,7 @@ def _simulated_cycle(gait: Gait, simulator: Simulator) -> tuple[Claim, tuple[Ste
     walked = simulator.run(gait.state, steps=len(cycle.steps), dense=True)
     if walked.ending is not Ending.COMPLETED:
         return claim("mode sequence", np.inf, 0.0, walked.message, Outcome.NOT_EXAMINED), walked.steps
-    sequences = tuple(
-        ModeSequence(tuple(mode for mode, _ in step.phases), step.final_impact.mode) for step in walked.steps
-    )
+    sequences = tuple(step.sequence for step in walked.steps)
     note = f"simulator: {' | '.join(map(str, sequences))}"
     return claim("mode sequence", 0.0 if sequences == cycle.steps else np.inf, 0.0, note), walked.steps
 
@@ -266,7 +263,8 @@ def law_claims(gait: Gait) -> Iterator[Claim]:
         yield claim("friction cone", missing_friction, FORCE_SLACK, "needed minus available friction while sticking")
     yield claim("slip direction", backward / scales.speed, AGREEMENT, "against the mode, in units of sqrt(g l)")
     # the force on a foot without mass falls to zero in every step
-    pull = FORCE_SLACK if "normal_force" in gait.system.transitions.unloaded else 0.0
+    massless = "normal_force" in gait.system.transitions.unloaded or gait.system.walker.massless_contacts
+    pull = FORCE_SLACK if massless else 0.0
     yield claim("normal force", -lowest / scales.force, pull, f"at least {lowest:.4g} N")
     yield claim("energy balance", imbalance / largest_change, ENERGY_AGREEMENT, "relative")
 
