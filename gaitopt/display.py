@@ -18,6 +18,8 @@ BACKEND = "gaitopt.api.pictures"
 """The module with the functions ``plot``, ``animate``, ``report``, ``save`` and ``html``."""
 
 
+ALL_DIGITS = 17
+"""Digits that distinguish any two doubles."""
 FRAME_HEIGHT = 620
 """Height of a page inside a notebook [pixels]."""
 
@@ -25,6 +27,16 @@ FRAME_HEIGHT = 620
 def counted(n: int, noun: str) -> str:
     """A number and its noun, "1 gait" or "2 gaits"."""
     return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def told_apart(first: float, second: float, digits: int = 4) -> tuple[str, str]:
+    """Two numbers with at least so many digits, and with as many as it takes to see which one is larger."""
+    texts = (f"{first:.{digits}g}", f"{second:.{digits}g}")
+    return (
+        texts
+        if digits >= ALL_DIGITS or first == second or texts[0] != texts[1]
+        else told_apart(first, second, digits + 1)
+    )
 
 
 @dataclass(frozen=True, slots=True)

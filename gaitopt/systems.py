@@ -150,14 +150,14 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
 
     pieces = [piece(arc) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:
-        return continued(pieces, gait.period, beyond_end)
-    arc, duration = gait.arcs[-1], gait.period
-    while arc.end < (1 + FLOW_PERIODS) * gait.period:
+        return continued(pieces, gait.scalar("period"), beyond_end)
+    arc, duration = gait.arcs[-1], gait.scalar("period")
+    while arc.end < (1 + FLOW_PERIODS) * gait.scalar("period"):
         times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
         data = system.control.data(arc.segment)
         states = integrate_to(system, arc.mode, arc.states[-1], times, arc.dynamics.p, data)
         unresolved = curves.tail(states / gait.dynamics.state_units) > curves.RESOLVED
-        if unresolved and duration > SHORTEST_PIECE * gait.period:
+        if unresolved and duration > SHORTEST_PIECE * gait.scalar("period"):
             duration /= 2
             continue
         arc = replace(arc, times=times, states=states)
@@ -210,12 +210,12 @@ def _bound(target: Target, gait: Gait) -> Target:
         points = {name: curve.points[name] for name in tracked}
     else:  # the curves closest to the joint angles of the gait, within their bound
         phases = np.linspace(0, 1, FITTED_POINTS)
-        angles, _ = gait_reference(gait, BeyondEnd.HOLD)(phases * gait.period)
+        angles, _ = gait_reference(gait, BeyondEnd.HOLD)(phases * gait.scalar("period"))
         fitted = np.clip(control_points(phases, angles, curve.degree), -curve.within, curve.within)
         points = {name: tuple(map(float, row)) for name, row in zip(tracked, fitted, strict=True)}
     return BezierCurve(
         points=points,
-        duration=curve.duration or gait.period,
+        duration=curve.duration or gait.scalar("period"),
         beyond_end=BeyondEnd(target.beyond_end),
         within=curve.within,
     )

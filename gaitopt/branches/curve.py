@@ -87,7 +87,7 @@ class Metric:
     def of(gait: Gait, span: float) -> "Metric":
         """The metric of the family that begins with ``gait``."""
         unit = gait.dynamics.state_units
-        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=gait.period, span=span)
+        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=gait.scalar("period"), span=span)
 
     @staticmethod
     def from_array(values: Array) -> "Metric":

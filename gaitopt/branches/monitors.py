@@ -90,7 +90,7 @@ class MonitorValue:
 def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     """All monitors of a solution, positive or not."""
     cycle, table, drops = gait.cycle, gait.system.transitions, gait.dynamics.friction_drops
-    period, scales = abs(gait.period), gait.dynamics.scales
+    period, scales = abs(gait.scalar("period")), gait.dynamics.scales
     phases: list[list[Arc]] = [[] for _ in cycle.phases]  # breakpoints of the control cut a phase into several arcs
     for first, step in zip(cycle.first_phases, gait.steps, strict=True):
         for arc, phase in zip(step.arcs, step.arc_phases, strict=True):

@@ -155,7 +155,7 @@ def simulate(
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_walk
 
-    start = stored_gait(run, changes) if is_folder(run) else load(run, changes)
+    start = stored_gait(run, changes) if is_folder(run) else load(run, changes, terminal)
     begin = options.state(state)
 
     def show(walk: "Walk") -> None:
@@ -235,7 +235,7 @@ def find(
     from gaitopt.show.tables import print_gaits
     from gaitopt.store.run import Run
 
-    loaded = load(problem, changes)
+    loaded = load(problem, changes, terminal)
     with terminal.working("parts of the search") as (progress, interrupted):
         gaits = verbs.find(
             loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), workers=workers, scheduler=scheduler,

@@ -120,8 +120,6 @@ def solve_verified(
         )
     if not gait.converged:
         return gait
-    if gait.message != "solved":
-        terminal.say(gait.message)
     return gait if gait.verification is not None else gait.verified(verbs.verify(gait).to_record())
 
 

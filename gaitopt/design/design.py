@@ -191,4 +191,7 @@ def _message(gait: Gait) -> str:
         distances = np.sort(np.abs(gait.multipliers - gait.multipliers[0]))
         if distances.size > 1 and distances[1] < COALESCED * abs(gait.multipliers[0]):
             words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
+    if gait.stable is False:
+        remedy = f"constrain {RADIUS}: {{max: 0.95}} for a stable gait"
+        words.append(f"the optimum is unstable, its spectral radius is {gait.scalar(RADIUS):.4g}: {remedy}")
     return "; ".join(words)

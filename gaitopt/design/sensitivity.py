@@ -178,8 +178,8 @@ class Candidate(NamedTuple):
     gradient: Array
 
 
-IMPACT_SCALARS = ("step_length", "weight", "impulse_t", "impulse_n", "push_work")
-"""Scalars at the end of the step; the impulse is that of a sticking impact."""
+IMPACT_SCALARS = ("step_length", "weight", "incline", "impulse_t", "impulse_n", "push_work")
+"""Scalars at the end of the step or of all its time; the impulse is that of a sticking impact."""
 
 
 class Sensitivity:
@@ -246,6 +246,11 @@ class Sensitivity:
     def transport(self) -> Differentiated:
         """Weight times step length [J]."""
         return self.distance * self._impact["weight"]
+
+    @property
+    def incline(self) -> Differentiated:
+        """sin(slope)."""
+        return self._impact["incline"]
 
     @property
     def push_work(self) -> Differentiated:
@@ -333,7 +338,8 @@ def _at_impact(t: MultipleShooting) -> Function:
     impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
     margins = [expression for expression, _ in t.impact_margins]
     work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
-    values = vertcat(landed[t.system.n_shape], MX(t.system.weight(t.p)), impulse, work, *margins)
+    of_gravity = MX(t.system.weight(t.p)), MX(t.system.incline(t.p))
+    values = vertcat(landed[t.system.n_shape], *of_gravity, impulse, work, *margins)
     return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])
 
 

@@ -117,6 +117,11 @@ class SmoothedScalars:
         return self._t.system.weight(self._t.p) * self.distance
 
     @property
+    def incline(self) -> MX:
+        """sin(slope)."""
+        return self._t.system.incline(self._t.p)
+
+    @property
     def push_work(self) -> MX:
         """Work of the push before the impact [J]."""
         return self._t.system.push(z=self._t.Z[:, -1], p=self._t.p)["work"]

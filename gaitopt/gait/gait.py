@@ -270,9 +270,9 @@ class Gait(WalkerMotion):
 
     def __repr__(self) -> str:
         if not self.steps:
-            return f"<Gait {self.problem.name}: {self.status}>"
+            return f"<Gait {self.problem.name}: {self.status}{self.message and f': {self.message}'}>"
         radius = self.spectral_radius
-        stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if radius < 1 else 'unstable'})"
+        stable = "" if radius is None else f", radius {radius:.4g} ({'stable' if self.stable else 'unstable'})"
         return f"<Gait {self.problem.name}: {self.cycle}, period {self.period:.6g} s{stable}, {self.status}>"
 
     def __post_init__(self) -> None:
@@ -323,14 +323,19 @@ class Gait(WalkerMotion):
         return tuple(phase for step in self.steps for phase in step.phases)
 
     @property
-    def period(self) -> float:
-        """Time of the whole cycle [s]."""
-        return float(sum(step.period for step in self.steps))
+    def period(self) -> float | None:
+        """Time of the whole cycle [s]; None if the attempt failed."""
+        return float(sum(step.period for step in self.steps)) if self.steps else None
 
     @property
     def spectral_radius(self) -> float | None:
         """Largest modulus of the multipliers; below one the gait is stable."""
         return float(np.abs(self.multipliers[0])) if self.multipliers.size else None
+
+    @property
+    def stable(self) -> bool | None:
+        """Whether all multipliers lie within the unit circle; None if the attempt failed."""
+        return None if self.spectral_radius is None else self.spectral_radius < 1
 
     @property
     def constraints(self) -> ConstraintMeasures | None:

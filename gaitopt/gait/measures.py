@@ -115,6 +115,7 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
         "required_friction": max(map(_peak, friction_ratios), default=None),
         "impulse_ratio": max((ratio for ratio in impulse_ratios if ratio is not None), default=None),
         "min_normal_force": min((-curves.maximum(-contact.force[:, 1])[1] for contact in contacts), default=None),
+        "apex_height": max((curves.maximum(heights)[1] for heights in cycle.flights), default=None),
     }
     values: dict[str, float | None] = {}
     for name in MEASURES:
@@ -191,6 +192,19 @@ class _Measured:
             )
         else:
             self.slip = sum(float(abs(arc.states[-1, x] - arc.states[0, x])) for arc, _ in slips)
+
+    @property
+    def flights(self) -> Iterator[Array]:
+        """Heights of the centre of mass along every arc without contact [m]."""
+        height = self._dynamics.system.centre_height
+        for arc, _ in self.arcs:
+            if not arc.mode.touching:
+                yield buffered_map(height, arc.times.size)(arc.states, arc.dynamics.p)[0][:, 0].copy()
+
+    @property
+    def incline(self) -> float:
+        """sin(slope)."""
+        return float(buffered(self._dynamics.system.incline)(self._dynamics.p)[0][0])
 
     @property
     def transport(self) -> float:

@@ -207,10 +207,12 @@ class MeasureRecord(TypedDict):
     damping_loss: NotRequired[NotNegative]  # not in records from before there were dampers
     cost_of_transport: Number | None
     absolute_cost_of_transport: NotNegative | None
+    gravity_cost: NotRequired[Number | None]  # neither this nor apex_height is in records of version 0.1
     torque_squared: NotNegative
     peak_torque: NotNegative
     slip_distance: NotNegative
     foot_clearance: Number | None
+    apex_height: NotRequired[Number | None]
     required_friction: NotNegative | None
     impulse_ratio: NotNegative | None
     min_normal_force: Number | None

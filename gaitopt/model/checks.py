@@ -12,6 +12,7 @@ own: where it relabels its shape, bodies, springs and exchanged contacts are com
 multipliers and costs rely on these equations, so that a walker that violates them is an error.
 """
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,7 +25,7 @@ from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, sub
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
-from gaitopt.errors import ProblemError
+from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import (
     calling,
@@ -74,6 +75,11 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
         If masses jump, springs gain or lose energy, ``relabel`` cannot be inverted, ``after_impact`` is no posture in
         which a step begins, a coordinate has no inertia, an expression is not a number, or the class is not well formed
         (see ``declaration``). The message names the walker and the reason.
+
+    Warns
+    -----
+    GaitoptWarning
+        If a body has an angle without an inertia, or an inertia without an angle.
     """
     model = walker if isinstance(walker, type) else type(walker)
     check_class(model)
@@ -89,6 +95,27 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
         reason = _fault(model, tuple(float(values[name]) for name in model.model_fields))
     if reason is not None:
         raise ProblemError(f"{model.__name__}: {reason}")
+    for words in forgotten_inertia(model):
+        warnings.warn(f"{model.__name__}: {words}", GaitoptWarning, stacklevel=2)
+
+
+@built_once(maxsize=32)
+def forgotten_inertia(walker: type[Walker]) -> tuple[str, ...]:
+    """A remark on every body that has an angle without an inertia, or an inertia without an angle.
+
+    Bodies that follow from links always have an angle, and are point masses on purpose where they have no inertia.
+    """
+    if is_default(walker, "mechanism"):
+        return ()
+    q, p = SX.sym("q", len(walker.shape) + 2), SX.sym("p", len(walker.model_fields))
+    coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate((*walker.shape, "x", "y"))})
+    bodies = state_mechanism(walker, coordinates, parameter_namespace(walker, p)).bodies
+    words = {
+        (True, False): "has an angle, but no inertia: it moves like a point mass; state its inertia",
+        (False, True): "has an inertia, but no angle: it never turns; state its angle",
+    }
+    kinds = [(not SX(body.angle).is_constant(), not SX(body.inertia).is_zero()) for body in bodies]
+    return tuple(f"body {k} {words[kind]}" for k, kind in enumerate(kinds) if kind in words)
 
 
 def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ checked before they enter an equation: each expression has the right shape and d
 depend on. An error is one sentence that names the class and the attribute or method.
 """
 
+import difflib
 import inspect
 import math
 import re
@@ -68,6 +69,10 @@ LISTS = (
 """Class attributes that are tuples of names."""
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
 """Types of a method's results where an expression belongs."""
+REMEDIES = {
+    "model": ': write model = "NAME" in its body; problem files name the walker by it',
+    "shape": ': write shape = ("theta1", ...) in its body, the names of its coordinates',
+}
 MODEL = re.compile(r"\w[\w.-]*")
 _PASSED: WeakSet[type[Walker]] = WeakSet()
 """Classes that have passed ``check_class``; every point of a branch builds a problem of the same class."""
@@ -112,7 +117,12 @@ def calling(walker: type[BaseModel], what: str) -> Iterator[None]:
 
 
 def raised(error: BaseException) -> str:
-    """Type and first line of an exception."""
+    """Type and first line of an exception; of a misspelt coordinate or parameter the names that there are."""
+    if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
+        names = [*vars(error.obj)]
+        near = difflib.get_close_matches(str(error.name), names, n=2)
+        remedy = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(names) or 'none'}"
+        return f"{type(error).__name__}: nothing is called {error.name}; {remedy}"
     try:
         lines = str(error).splitlines()
     except Exception:  # noqa: BLE001 - someone's exception may not even have a text
@@ -509,7 +519,7 @@ def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
         if name in walker.model_fields:
             yield f"{name} has an annotation of a type, which makes it a parameter: write {name} = ... without one"
         elif not (hasattr(walker, name) if name != "section" else _section_of(walker) is not None):
-            yield f"does not define its {name}"
+            yield f"does not define its {name}{REMEDIES.get(name, '')}"
     stated: dict[str, Any] = {name: getattr(walker, name) for name in ATTRIBUTES if name != "section"}
     stated["section"] = _section_of(walker)
     if not (isinstance(stated["model"], str) and MODEL.fullmatch(stated["model"])):

@@ -40,6 +40,7 @@ class EquationsOfMotion:
     energy : SX - kinetic plus potential energy [J].
     dissipation : SX - power that the dampers dissipate [W].
     mass : SX - total mass [kg].
+    centre_height : SX - height of the centre of mass over the ground, along its normal [m].
     gravity : SX - acceleration of gravity [m/s^2].
     length : SX - natural unit of length, by default that of a straight leg; see ``Mechanism`` [m].
     mechanism : the walker's mechanism, with y = dy = 0 if it does not fly.
@@ -61,6 +62,7 @@ class EquationsOfMotion:
     energy: SX
     dissipation: SX
     mass: SX
+    centre_height: SX
     gravity: SX
     length: SX
     mechanism: Mechanism
@@ -130,6 +132,8 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     order = [names.index(name) for name in walker.coordinates()]
     rates = SimpleNamespace(**{name: dq[i] for i, name in enumerate(names)})
 
+    mass = sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies)))
+    heights = sum((body.mass * body.position[1] for body in mechanism.bodies), SX(0))
     return EquationsOfMotion(
         walker=walker,
         p=p,
@@ -148,7 +152,8 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         sections={name: grounded(SX(margin(rates))) for name, margin in mechanism.sections.items()},
         energy=grounded(kinetic + potential),
         dissipation=grounded(dissipation),
-        mass=sum1(vertcat(*(SX(body.mass) for body in mechanism.bodies))),
+        mass=mass,
+        centre_height=grounded(heights / mass),
         gravity=norm_2(mechanism.gravity),
         length=mmax(straight) if mechanism.length is None else mechanism.length,
         mechanism=_mapped(mechanism, grounded),

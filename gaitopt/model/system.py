@@ -534,6 +534,18 @@ class HybridSystem:
 
     @property
     @compiled("p")
+    def incline(self) -> dict[str, SX]:
+        """p -> sin(slope): gravity along the ground divided by gravity."""
+        return {"incline": self._eom.mechanism.gravity[0] / self._eom.gravity}
+
+    @property
+    @compiled("zp")
+    def centre_height(self) -> dict[str, SX]:
+        """(z, p) -> height of the centre of mass, normal to the ground [m]."""
+        return {"height": self._eom.centre_height}
+
+    @property
+    @compiled("p")
     def size(self) -> dict[str, SX]:
         """p -> length of a leg [m], gravity [m/s^2] and total mass [kg]."""
         return {"length": self._eom.length, "gravity": self._eom.gravity, "mass": self._eom.mass}

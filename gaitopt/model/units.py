@@ -56,6 +56,7 @@ class Scales:
 Checked = TypeVar("Checked", bound=BaseModel)
 UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "one": ("", lambda s: 1.0),
+    "angle": (" rad", lambda s: 1.0),
     "mass": (" m", lambda s: s.mass),
     "length": (" l", lambda s: s.length),
     "time": (" sqrt(l/g)", lambda s: s.time),
@@ -126,6 +127,8 @@ class Within:
         if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
             return None
         value = upper if upper < self.usual[0] * size else lower
+        if self.unit == "angle" and value == float(f"{value:.3g}"):  # typed as it is, rather than converted
+            return f"{value:g} rad is {math.degrees(value):.3g} deg; did you mean {value:g} deg?"
         natural = f", that is {value / size:.3g}{word}" if word else ""
         return f"{value:g}{natural} is unusual; usually {_words(self.usual, word)}"
 
@@ -133,6 +136,13 @@ class Within:
         word = UNITS[self.unit][0]
         spans = [("", self.possible), ("usually ", self.usual)]
         return "; ".join(f"{prefix}{_words(span, word)}" for prefix, span in spans if span != ANY)
+
+
+def words_and_unit(description: str) -> tuple[str, str]:
+    """``radius of the foot; 0 is a point`` and ``m`` for the description ``radius of the foot [m]; 0 is a point``."""
+    words, _, rest = description.partition(" [")
+    unit, _, more = rest.partition("]")
+    return words + more, unit
 
 
 def symmetric(size: float) -> Interval:
@@ -214,5 +224,5 @@ TurningDamping = Annotated[NonNegative, Within(unit="damping", possible=(0, 1e4)
 """Coefficient of a damper in a joint [N m s/rad]."""
 Inertia = Annotated[NonNegative, Within(unit="inertia", possible=(0, 100), usual=(0, 1))]
 """Moment of inertia about the centre of mass [kg m^2]."""
-Slope = Annotated[Angle, Field(ge=-STEEPEST, le=STEEPEST), Within(usual=symmetric(math.radians(30)))]
+Slope = Annotated[Angle, Field(ge=-STEEPEST, le=STEEPEST), Within(unit="angle", usual=symmetric(math.radians(30)))]
 """An inclination of the ground [rad]."""

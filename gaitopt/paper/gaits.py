@@ -259,4 +259,4 @@ def mean_torques(gait: go.Gait) -> Array:
         for k, values in enumerate(torques.T):  # at Chebyshev points: the interpolant has the precision of the gait
             antiderivative = Chebyshev.fit(times, values, len(times) - 1).integ()
             total[k] += antiderivative(times[-1]) - antiderivative(times[0])
-    return total / gait.period
+    return total / gait.scalar("period")

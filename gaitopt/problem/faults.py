@@ -38,6 +38,8 @@ HINTS: Mapping[str, str] = {
 """What to use in place of an unknown word, by its pattern; docs/scope.md says the same."""
 
 
+SYNONYMS = {"mu": "friction", "mu_s": "static", "mu_k": "kinetic", "g": "gravity", "incline": "slope"}
+"""Keys that other programs use, with the key of a problem file."""
 Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
 
@@ -162,7 +164,8 @@ def shown(value: object) -> str:
 def near_miss(word: object, allowed: Sequence[str]) -> str:
     """``; did you mean mass?`` if an allowed word is close; otherwise the allowed words and a hint."""
     text = str(word)[:LONGEST_SHOWN]
-    close = difflib.get_close_matches(text, allowed, n=2)
+    synonym = SYNONYMS.get(text.lower(), "")
+    close = [synonym] if synonym in allowed else difflib.get_close_matches(text, allowed, n=2)
     if close:
         return f"; did you mean {' or '.join(close)}?"
     hints = [hint for pattern, hint in HINTS.items() if isinstance(word, str) and re.search(pattern, text.lower())]
@@ -211,7 +214,9 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
             allowed = f"greater than 0, and at least {SMALLEST:g}"
         elif least in (-LARGEST, SMALLEST) or most == LARGEST:  # the other limit is one of size only
             allowed = f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
-        return f"{shown(value)} must be {allowed}{meaning}"
+        without_unit = "[rad]" in description and isinstance(value, int | float) and abs(value) > 1
+        remedy = f"; did you mean {value:g} deg?" if without_unit else ""
+        return f"{shown(value)} must be {allowed}{meaning}{remedy}"
     return f"{shown(value)} {_REQUIREMENTS.get(kind, item['msg']).format(**limits)}{meaning}"
 
 

@@ -17,9 +17,10 @@ from pydantic import BaseModel
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
+from gaitopt.display import told_apart
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
-from gaitopt.model.checks import FALLEN
+from gaitopt.model.checks import FALLEN, forgotten_inertia
 from gaitopt.model.contract import check_clock
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import state_mechanism
@@ -29,7 +30,7 @@ from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.units import DURATION, Scales, Within, symmetric
+from gaitopt.model.units import DURATION, Scales, Within, symmetric, words_and_unit
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key
@@ -46,10 +47,13 @@ JUMP = 1e-9
 """Largest relative difference of a torque before and after a breakpoint where it is continuous: rounding."""
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""
+LONGEST = 50.0
+"""Length [m] above which a walker is probably given in millimetres."""
 LIGHT = 1e-6
 """A mass below this part of the total is probably a mistake."""
 MANY_PHASES = 10
 """Phases of a step for which a solution takes many seconds; the time grows with the square of their number."""
+TOO_SLIPPERY = "{} is less than tan(slope) = {}: no steady gait exists on this slope"
 NO_ENERGY = "no source of energy: a passive walker on level or uphill ground cannot have a periodic gait"
 STATE: Key = ("gait", "guess", "state")
 Span = tuple[Key, float, float, Within]
@@ -143,21 +147,35 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
         if why:
             yield Fault(path, why)
     for name, info in type(walker).model_fields.items():
-        is_mass, value = (info.description or "").endswith("[kg]"), getattr(walker, name)
-        if is_mass and 0 < value < LIGHT * scales.mass:
+        unit, value = words_and_unit(info.description or "")[1], getattr(walker, name)
+        if unit == "m" and abs(value) > LONGEST:
+            yield Fault(
+                ("walker", name), f"{value:g} m is unusual; did you mean {value:g} mm, which is {value / 1000:g}?"
+            )
+        if unit == "kg" and 0 < value < LIGHT * scales.mass:
             yield Fault(("walker", name), f"{value:g} is unusual: {value / scales.mass:.1g} of the whole mass")
     steps = () if problem.is_open else problem.cycle.steps
     for k, step in enumerate(steps):
         if len(step.phases) > MANY_PHASES:
             place: Key = ("gait", "steps", k, "phases") if len(steps) > 1 else ("gait", "phases")
             yield Fault(place, f"{len(step.phases)} phases in one step are many: a solution may take minutes")
-    gravity = _geometry_at_guess(problem)[2]
+    for words in forgotten_inertia(type(walker)):
+        yield Fault(("walker",), words)
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
-    needed = abs(gravity[0] / gravity[1])
-    if problem.static_friction < needed and not problem.free:
-        less = f"{problem.static_friction:g} is less than tan(slope) = {needed:.4g}"
-        yield Fault(("friction",), f"{less}: no steady gait exists on this slope")
+    needed = least_friction(problem)
+    if problem.static_friction < needed:
+        yield Fault(("friction",), TOO_SLIPPERY.format(*told_apart(problem.static_friction, needed)))
+
+
+def least_friction(problem: ProblemStatement) -> float:
+    """The friction tan(slope) that every steady gait needs; zero where drag also acts on the foot, or numbers are free.
+
+    Over a period the ground balances the weight, and nowhere is its tangential force larger than friction allows.
+    """
+    gravity = _geometry_at_guess(problem)[2]
+    drag = 0.0 if isinstance(problem.friction, float) else problem.friction.viscous
+    return 0.0 if problem.free or drag else abs(float(gravity[0] / gravity[1]))
 
 
 def lacks_energy(problem: ProblemStatement) -> bool:

@@ -92,7 +92,7 @@ class Problem(ProblemStatement):
         """The same problem, to be solved from its guess: ``solve`` then does not follow the gait of the file."""
         return replace(self, file=None)
 
-    def replace(self, overrides: Mapping[str, object], *, label: str = "") -> "Problem":
+    def replace(self, overrides: Mapping[str, object] | None = None, *, label: str = "", **names: object) -> "Problem":
         """The problem with some values changed, validated as a whole.
 
         Where only values of continuous parameters change, ``solve`` follows the gait of the unchanged problem to the
@@ -102,12 +102,16 @@ class Problem(ProblemStatement):
         ----------
         overrides : values as in the file by dotted key, for instance ``{"friction": 0.16, "walker.slope": "2 deg"}``.
         label : text before the keys in messages, such as the option that sets them.
+        names : none; most keys have dots, so that Python takes no ``friction=0.16``.
 
         Raises
         ------
         ProblemError
             If the result is not valid; each line names the override.
         """
+        if names or not isinstance(overrides, Mapping):
+            example = ", ".join(f"{key!r}: {value!r}" for key, value in names.items()) or "'friction': 0.16"
+            raise ProblemError(f"replace takes one mapping of values by dotted key: replace({{{example}}})")
         faults: list[Fault] = []
         data = problem_data(self)
         place = override(data, overrides, faults, label)
@@ -274,15 +278,20 @@ def load_problem(name_or_path: str | Path, *, walkers: Walkers = (), controls: C
     return _load(name_or_path, passed_classes(walkers, controls), ())
 
 
-def parse_problem(text: str, path: Path | None = None, *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
+def parse_problem(
+    text: str = "", path: str | Path | None = None, *, walkers: Walkers = (), controls: Controls = ()
+) -> Problem:
     """The problem stated by a YAML text; ``path`` names it in messages, and references are relative to it.
 
     Raises
     ------
     ProblemError
-        As ``load_problem``.
+        As ``load_problem``; or if there is no text.
     """
-    return _parse(text, passed_classes(walkers, controls), () if path is None else (path,))
+    if not text:
+        remedy = "" if path is None else f": load_problem({str(path)!r}) reads a file"
+        raise ProblemError(f"parse_problem reads a YAML text, which is empty{remedy}")
+    return _parse(text, passed_classes(walkers, controls), () if path is None else (Path(path),))
 
 
 def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:

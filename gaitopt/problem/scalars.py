@@ -20,11 +20,12 @@ from math import inf
 from typing import Any, Protocol
 
 from gaitopt.model.registry import registered_walkers
-from gaitopt.model.units import Interval, Within, symmetric
+from gaitopt.model.units import Interval, Within, symmetric, words_and_unit
 
 POSITIVE: Interval = (0, inf)
-MOTORS, PUSH, DAMPERS = "motors", "push", "dampers"
-"""Sources of energy, joint torques and the push-off of the stance foot; and the sink of energy besides friction."""
+MOTORS, PUSH, DAMPERS, FLIGHT = "motors", "push", "dampers", "flight"
+"""Sources of energy, joint torques and the push-off of the stance foot; the sink of energy besides friction; and phases
+in which no foot touches the ground."""
 
 
 class Quantities(Protocol):
@@ -50,6 +51,10 @@ class Quantities(Protocol):
         """Weight times distance, m g L [J]."""
 
     @property
+    def incline(self) -> Any:
+        """sin(slope), gravity along the ground divided by gravity."""
+
+    @property
     def push_work(self) -> Any:
         """Work of the push-offs before the impacts [J]."""
 
@@ -66,7 +71,7 @@ class Scalar:
     label, unit : as in tables and on axes.
     meaning : a longer text, where the label does not say everything.
     within : its range, in its natural unit.
-    needs : the walker must have one of these (motors, push-off, dampers); empty if every walker has the scalar.
+    needs : the gait must have one of these (motors, push-off, dampers, flight); empty if every gait has the scalar.
     of_designs : whether objectives and constraints may name it.
     formula : the scalar from the quantities of a cycle; None for an extremum.
     extremum : 1 for the largest of some values, -1 for the smallest, 0 for a formula.
@@ -147,6 +152,12 @@ SCALARS: Mapping[str, Scalar] = {
         needs=(MOTORS, PUSH),
         formula=lambda cycle: _absolute_work(cycle) / cycle.transport,
     ),
+    "gravity_cost": Scalar(
+        label="gravity's cost",
+        meaning="work of gravity per weight and step length, sin(slope)",
+        within=Within(possible=symmetric(1)),
+        formula=lambda cycle: cycle.incline,
+    ),
     "torque_squared": Scalar(
         label="integral of squared torques",
         unit="N^2 m^2 s",
@@ -175,6 +186,15 @@ SCALARS: Mapping[str, Scalar] = {
         unit="m",
         meaning="largest height of the swing foot after mid-swing",
         within=Within(unit="length", possible=symmetric(2)),
+        extremum=1,
+    ),
+    "apex_height": Scalar(
+        label="apex height",
+        unit="m",
+        meaning="largest height of the centre of mass in flight",
+        within=Within(unit="length", possible=symmetric(1000)),
+        needs=(FLIGHT,),
+        of_designs=False,
         extremum=1,
     ),
     "spectral_radius": Scalar(
@@ -236,7 +256,7 @@ def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
 
 
 def relevant_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
-    """Keys of ``scalar_values``, without scalars of motors, push-offs and dampers that are zero in all records."""
+    """Keys of ``scalar_values``, without those that need motors, push-offs, dampers or flight where all are zero."""
     known = [scalar_values(record) for record in records]
     keys = dict.fromkeys(key for values in known for key in values)
     needed = {key for key in keys if key in SCALARS and SCALARS[key].needs}
@@ -267,5 +287,5 @@ def unit_of(key: str, actuators: Collection[str] = ()) -> str:
     name, described = key.rpartition(".")[2], ""
     for walker in registered_walkers().values():
         if name in walker.model_fields:
-            described = (walker.model_fields[name].description or "").partition(" [")[2].rstrip("]")
+            described = words_and_unit(walker.model_fields[name].description or "")[1]
     return NUMBER_UNITS.get(name, described)

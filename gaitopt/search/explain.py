@@ -14,11 +14,12 @@ import numpy as np
 
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
-from gaitopt.display import Tabulated
+from gaitopt.display import Tabulated, told_apart
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.cycle import Cycle
+from gaitopt.problem.plausibility import TOO_SLIPPERY, least_friction
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Free
 from gaitopt.search.candidates import family
@@ -183,6 +184,10 @@ def _causes(
     comes first if the gait could not be followed to the problem's values.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
+    needed, friction = least_friction(problem), problem.static_friction
+    if friction < needed:
+        words = f"friction {TOO_SLIPPERY.format(*told_apart(friction, needed))}"
+        return (Cause(what="friction", words=words, needed=needed, available=friction), *causes)
     if not nearest:
         return causes
     table, cycle = gait.system.transitions, problem.cycle
@@ -193,7 +198,8 @@ def _causes(
     values, changed = problem.parameters, [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     along = [n for n in nearest if n.parameter in changed] or nearest
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
-    words = f"{first.reason} at {first.parameter} = {first.value:.6g}; here it is {values[first.parameter]:.6g}"
+    there, here_words = told_apart(first.value, values[first.parameter], digits=6)
+    words = f"{first.reason} at {first.parameter} = {there}; here it is {here_words}"
     cause = Cause(what=first.type, words=words, needed=first.value, available=values[first.parameter])
     return (cause, *causes)
 

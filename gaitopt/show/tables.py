@@ -6,6 +6,7 @@ Results are printed from their records, the JSON objects of the command line.
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal
 from functools import singledispatch
 from io import StringIO
 from itertools import chain, repeat
@@ -22,6 +23,7 @@ from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.cycle import UNTIL, Cycle, mode_words
 from gaitopt.model.modes import Mode
+from gaitopt.model.units import words_and_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
 from gaitopt.problem.statement import OpenSequence
@@ -42,9 +44,18 @@ GAP = 3
 NEGLIGIBLE = 1e-12
 """Largest number that is shown as zero, being rounding in all units that occur here."""
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
-LIST_COLUMNS = ("problem", "control", "friction", "phases; impact", "period", "radius", "", "about")
+MODES = "phases; impact"
+LIST_COLUMNS = ("problem", "walker", MODES, "period [s]", "radius", "", "about")
+LEAST_ABOUT = 40
+"""Least width of the column ``about`` beside that of the mode sequences."""
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
+SHOWN_DIGEST = 16
+"""Digits of a problem's SHA-256 in a table."""
+SLIPPING_RATIO = "largest |f_t|/f_n while sticking"
+"""Label of ``required_friction`` for a gait that slips, which is not meant to stick."""
+LONGEST_BOUND = 15
+"""Most digits of a bound in a table."""
 WIDTH = 110
 """Characters of a line in a notebook."""
 BLOCK = '<pre style="line-height: 1.25; overflow-x: auto">{code}</pre>'
@@ -127,17 +138,24 @@ def with_degrees(value: float, unit: str) -> str:
 
 
 def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]]) -> None:
-    """Problems by walker, each with period and stability of its gait if known; empty columns are left out."""
-    for model in sorted({problem.walker.model for problem, _ in problems}):
-        rows = list[tuple[str, ...]]()
-        for problem, record in (pair for pair in problems if pair[0].walker.model == model):
-            gait, radius = ("", "", ""), record.get("spectral_radius")
-            if radius is not None:
-                gait = number(record["period"]), number(radius), STABILITY[radius < 1]
-            kind = problem.control.type if problem.control.type != "none" else ""
-            rows.append((problem.name, kind, friction(problem), str(problem.modes), *gait, problem.about.strip()))
-        shown = [k for k, column in enumerate(LIST_COLUMNS) if column == "about" or any(row[k] for row in rows)]
-        section(console, model, [LIST_COLUMNS[k] for k in shown], [[row[k] for k in shown] for row in rows])
+    """Problems in one table, by walker, each with period and stability of its gait if known.
+
+    Empty columns are left out, and the mode sequences where the terminal has no room for them.
+    """
+    rows = list[tuple[str, ...]]()
+    for problem, record in sorted(problems, key=lambda pair: (pair[0].walker.model, pair[0].name)):
+        gait, radius = ("", "", ""), record.get("spectral_radius")
+        if radius is not None:
+            gait = number(record["period"]), number(radius), STABILITY[radius < 1]
+        rows.append((problem.name, problem.walker.model, str(problem.modes), *gait, problem.about.strip()))
+    columns = list(zip(LIST_COLUMNS, *rows, strict=True))
+    columns = [column for column in columns if any(column[1:])]
+    modes = next(column for column in columns if column[0] == MODES)
+    others = sum(max(map(len, column)) + GAP for column in columns[:-1] if column is not modes)
+    if console.width - others - max(map(_longest_word, modes)) < LEAST_ABOUT:
+        columns.remove(modes)
+    headings, *cells = zip(*columns, strict=True)
+    print_table(console, headings, cells)
 
 
 def print_problem(console: Console, problem: Problem) -> None:
@@ -148,8 +166,8 @@ def print_problem(console: Console, problem: Problem) -> None:
     walker = list[tuple[str, ...]]()
     for name, field in type(problem.walker).model_fields.items():
         value = getattr(problem.walker, name)
-        words, _, unit = (field.description or "").partition(" [")
-        walker.append((name, number(value), with_degrees(value, unit.rstrip("]")), words))
+        words, unit = words_and_unit(field.description or "")
+        walker.append((name, number(value), with_degrees(value, unit), words))
     section(console, f"walker {problem.walker.model}", ("key", "value", "unit", ""), walker, numbers=(1,))
     parameters = problem.parameters.items()
     contact = [(key, number(v), unit_of(key)) for key, v in parameters if key.partition(".")[0] == "friction"]
@@ -158,7 +176,7 @@ def print_problem(console: Console, problem: Problem) -> None:
         group, _, name = key.partition(".")
         if group == "control":
             described = type(problem.control).model_fields.get(name.partition(".")[0])
-            unit = "N m" if described is None else (described.description or "").partition(" [")[2].partition("]")[0]
+            unit = "N m" if described is None else words_and_unit(described.description or "")[1]
             contact.append((name, number(value), with_degrees(value, unit)))
     if problem.reference is not None:
         ends = {str(getattr(target, "beyond_end", "")) for target in problem.control.targets.values()} - {""}
@@ -198,11 +216,13 @@ def print_gait(console: Console, record: Record) -> None:
     _print_motion(console, record)
     rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
     section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))
-    if record["parameters"]:
-        freed = ((key, number(value)) for key, value in record["parameters"].items())
-        section(console, "parameters found", ("key", "value"), freed, numbers=(1,))
     if record["verification"]:
         print_verification(console, record["verification"])
+    if record["parameters"]:
+        freed = ((key, number(value), with_degrees(value, unit_of(key))) for key, value in record["parameters"].items())
+        section(console, "values found", ("key", "value", "unit"), freed, numbers=(1,))
+    for remark in record["message"].split("; ")[1:]:
+        console.print(remark, soft_wrap=True)
 
 
 def print_walk(console: Console, record: Record) -> None:
@@ -234,7 +254,10 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
             phases.append(("impact", Mode.from_record(step["impact"]).brief, ""))
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
-        scalars = ((label_of(key), number(values[key]), unit_of(key)) for key in relevant_scalars([record]))
+        slips = any(Mode.from_record(phase).slips for step in steps for phase in step["phases"])
+        labels = {"required_friction": SLIPPING_RATIO} if slips else {}
+        keys = relevant_scalars([record])
+        scalars = ((labels.get(key, label_of(key)), number(values[key]), unit_of(key)) for key in keys)
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
@@ -392,25 +415,43 @@ def print_optima(console: Console, optima: Sequence[Optimum], starts: int) -> No
 
 
 def print_proof(console: Console, record: Record) -> None:
-    """Print a theorem, its claims and its bounds."""
+    """Print a theorem and its claims, with bounds that are rounded for reading; the JSON has all digits."""
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
     console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
     section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
-    claims = ((c["claim"], "yes" if c["proved"] else "NO", c["words"], c["margin"] or "") for c in record["claims"])
-    section(console, "claims", ("claim", "proved", "statement", "margin"), claims, numbers=(3,))
+    claims = (
+        (c["claim"], "yes" if c["proved"] else "NO", f"{float(c['margin']):.3g}" if c["margin"] else "")
+        for c in record["claims"]
+    )
+    section(console, "claims", ("claim", "proved", "margin"), claims, numbers=(2,))
+    for claim in record["claims"]:
+        if not claim["proved"]:
+            console.print(f"{claim['claim']}: {claim['words']}")
     bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}
     if record.get("interval"):
         bounds[record["parameter"]] = record["interval"].split("..")
-    rows = ((name, *value) for name, value in bounds.items() if value is not None)
-    section(console, "bounds", ("quantity", "from", "to"), rows, numbers=(1, 2))
-    parts = ((str(k + 1), *m["re"], *m["im"]) for k, m in enumerate(record["multipliers"]))
-    section(console, "multipliers", ("", "re from", "to", "im from", "to"), parts, numbers=(1, 2, 3, 4))
+    rows = [(name, enclosure(*value)) for name, value in bounds.items() if value is not None]
+    for k, m in enumerate(record["multipliers"], start=1):
+        re, im = enclosure(*m["re"]), enclosure(*m["im"])
+        rows.append((f"multiplier {k}", re if im == "0" else f"{re}, im {im}"))
+    section(console, "bounds, rounded; --json prints all digits", ("quantity", "value"), rows)
+
+
+def enclosure(lower: str, upper: str) -> str:
+    """An interval of decimal numbers by its middle and half of its width, rounded for reading."""
+    low, high = Decimal(lower), Decimal(upper)
+    middle, half = (low + high) / 2, (high - low) / 2
+    digits = LONGEST_BOUND if not half else middle.adjusted() - half.adjusted() + 1
+    text = f"{float(middle):.{min(max(digits, 1), LONGEST_BOUND)}g}"
+    return f"{text} ± {float(half):.1g}" if half else text
 
 
 def _theorem_rows(words: Record) -> list[tuple[str, str]]:
     """Hypotheses of a theorem with their values, and statements that it does not prove."""
-    rows = [(key, str(value)) for key, value in words.items() if isinstance(value, str)]
+    rows = [
+        (k, value[:SHOWN_DIGEST] if k == "sha256" else value) for k, value in words.items() if isinstance(value, str)
+    ]
     designed = words.get("designed", ())
     rows += [
         (key, f"{value} (designed)" if key in designed else value) for key, value in words.get("parameters", {}).items()

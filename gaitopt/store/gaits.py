@@ -31,8 +31,8 @@ POINTS = 33
 """Chebyshev points of a phase; they resolve a phase of walking."""
 SAME_TIME = 1e-14
 """Relative to the period: the end of one arc and the start of the next may differ by rounding, other points never."""
-OLDER = {"damping_loss": 0.0}
-"""Scalars that are missing in records written before there were dampers."""
+OLDER = {"damping_loss": 0.0, "gravity_cost": None, "apex_height": None}
+"""Scalars that are missing in records of earlier versions."""
 
 
 def multipliers_of(record: Mapping[str, Any]) -> NDArray[np.complex128]:

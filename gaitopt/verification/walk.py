@@ -16,6 +16,8 @@ from gaitopt.gait.measures import contact_record, measure
 from gaitopt.gait.records import phase_records
 from gaitopt.gait.trajectory import Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.transitions import Ending
+from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.simulation.engine import Engine
@@ -43,6 +45,11 @@ class Walk(WalkerMotion):
     def __repr__(self) -> str:
         count, ending = len(self.complete_steps), self.trajectory.ending
         return f"<Walk {self.problem.name}: {counted(count, 'step')}, {ending}>"
+
+    @property
+    def completed(self) -> bool:
+        """Whether the walk took all its steps, rather than fell or ended otherwise; ``trajectory.message`` says how."""
+        return self.trajectory.ending is Ending.COMPLETED
 
     @cached_property
     def complete_steps(self) -> tuple[Step, ...]:
@@ -132,6 +139,10 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
     if dynamics.system.walker.contacts:
         return _contact_state(start, dynamics, state)
     names = dynamics.system.walker.section_names(slipping=True)
+    if not isinstance(state, Mapping):
+        raise ProblemError(
+            f"state: {shown(state)} has no names; write {{{names[0]!r}: 0.1, ...}}, of {', '.join(names)}"
+        )
     unknown = [name for name in state if name not in names]
     if unknown:
         raise UnknownNameError(
