@@ -174,7 +174,7 @@ def least_friction(problem: ProblemStatement) -> float:
     Over a period the ground balances the weight, and nowhere is its tangential force larger than friction allows.
     """
     gravity = _geometry_at_guess(problem)[2]
-    drag = 0.0 if isinstance(problem.friction, float) else problem.friction.viscous
+    drag = any(value for key, value in problem.parameters.items() if key.endswith(".viscous"))
     return 0.0 if problem.free or drag else abs(float(gravity[0] / gravity[1]))
 
 
