@@ -17,6 +17,7 @@ from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.control import Control
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import (
     BeyondEnd,
     BezierCurve,
@@ -33,7 +34,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion
-from gaitopt.solver.solve import free_parameters, solve_gait
+from gaitopt.solver.solve import FARTHER, free_parameters, solve_gait
 
 FLOW_PERIODS = 2
 """Periods by which a reference with ``beyond_end: flow`` extends past its end; no step takes that long."""
@@ -95,8 +96,16 @@ def solve_sequence(
     SolveError
         If the reference of a control law is not a gait.
     """
-    system = build_system(problem, should_stop=should_stop) if start is None else start.system
     began = time.perf_counter()
+    if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
+        if method is Method.NEWTON:
+            words = f"open-loop torques are found by IPOPT; {FARTHER}"
+            return Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.NOT_CONVERGED, message=words)
+        gait = _open_loop_gait(problem, start, progress, should_stop)
+        return replace(
+            gait, solver={"method": Method.IPOPT.value, **gait.solver, "seconds": time.perf_counter() - began}
+        )
+    system = build_system(problem, should_stop=should_stop) if start is None else start.system
     designed = bool(free_parameters(problem, system))
     if designed and start:
         first = start
@@ -113,6 +122,14 @@ def solve_sequence(
     return replace(gait, solver=solver)
 
 
+def _open_loop_gait(problem: Problem, start: Gait | None, progress: Valued, should_stop: Stop) -> Gait:
+    """The optimum over open-loop torques, which are then fixed in time."""
+    from gaitopt.design.open_loop import finished, optimise  # most problems have no such torques
+
+    end = optimise(problem, build_system(problem), start=start, progress=progress, should_stop=should_stop)
+    return end if isinstance(end, Gait) else finished(end, build_system(end.problem))
+
+
 def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearProgram:
     """The nonlinear program of a problem whose mode sequence is given, see ``gaitopt.nlp``.
 
@@ -126,6 +143,11 @@ def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearP
     if problem.is_open:
         raise ProblemError(
             f"{problem.name}: gait.phases: auto leaves the mode sequence open, and so the equations; state the phases"
+        )
+    if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
+        raise ProblemError(
+            f"{problem.name}: control: the torques of an open loop are unknowns of a collocation, which has no program "
+            "of multiple shooting; solve the problem, and take the program of its gait's problem"
         )
     system = build_system(problem, should_stop=should_stop)
     if not free_parameters(problem, system):

@@ -50,6 +50,8 @@ SMALLEST_PART = 0.02
 def freed_sizes(freed: Array, bounds: Array) -> Array:
     """Typical sizes of the freed parameters, from their values and bounds (2, n_free); shape (n_free,)."""
     span = bounds[1] - bounds[0]
+    open_sizes = np.maximum(np.abs(freed), SMALLEST_PART * np.abs(freed).max(initial=SMALL))
+    span = np.where(np.isfinite(span), span, open_sizes)
     return np.clip(np.abs(freed), SMALLEST_PART * span, span)
 
 

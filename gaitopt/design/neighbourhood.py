@@ -18,6 +18,12 @@ from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Step
+from gaitopt.model.buffered import buffered_map
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import ANGLE, CLEARANCE
+from gaitopt.problem.statement import Range
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.rollout import retraced
@@ -90,7 +96,8 @@ def neighbourhood(
     SolveError
         If the gait is no design.
     """
-    if not gait.steps or not gait.freed or not gait.problem.objective:
+    problem = gait.problem.origin or gait.problem
+    if not gait.steps or not gait.freed or not problem.objective:
         raise SolveError(f"{gait.problem.name} is no optimum: it needs freed parameters and an objective")
     search, rng = _Search(gait), np.random.default_rng(seed)
     feasible, best, freed = 0, -np.inf, search.freed
@@ -112,9 +119,12 @@ class _Search:
     """Neighbours of one gait. Of its constraints, the inequalities come first and the equalities last."""
 
     def __init__(self, gait: Gait) -> None:
-        self._gait, spans = gait, gait.problem.constraints.values()
-        self._n_equalities = sum(span.minimum == span.maximum for span in spans)
-        free = free_parameters(gait.problem, gait.system)
+        self._gait, self._problem = gait, gait.problem.origin or gait.problem
+        self._n_equalities = sum(span.minimum == span.maximum for span in self._problem.constraints.values())
+        free = free_parameters(self._problem, gait.system)
+        if not free.keys() >= gait.freed.keys():  # open-loop torques, which are fixed in the system of the gait
+            unknowns = self._problem.control.unknowns(gait.system.walker)
+            free |= {f"control.{name}": span for name, span in unknowns.items()}
         self._bounds = np.array(list(free.values())).T
         self.freed = np.array([gait.freed[name] for name in free])
         self.sizes = freed_sizes(self.freed, self._bounds)
@@ -129,7 +139,7 @@ class _Search:
             slopes.append((ahead[0] - behind[0]) / (2 * step.sum()))
             by_freed.append((ahead[2] - behind[2]) / (2 * step.sum()))
         self._slopes, self._by_freed = np.array(slopes).T, np.array(by_freed).T
-        self._objective = _objective(gait)
+        self._objective = _objective(gait, self._problem)
 
     def feasible(self, freed: Array) -> tuple[float, Array] | None:
         """Relative gain and place of the feasible point next to ``freed``; None where there is none."""
@@ -157,14 +167,14 @@ class _Search:
             return None
         errors = np.zeros(self._equations.n_phases)
         gait = assemble_gait(self._gait.problem, at, errors=errors, message="", solver={})
-        return at.w, _objective(gait), _constraints(gait)
+        return at.w, _objective(gait, self._problem), _constraints(gait, self._problem)
 
 
-def _objective(gait: Gait) -> float:
-    return sum(weight * gait.scalar(name) for name, weight in gait.problem.objective.items())
+def _objective(gait: Gait, problem: Problem) -> float:
+    return sum(weight * gait.scalar(name) for name, weight in problem.objective.items())
 
 
-def _constraints(gait: Gait) -> Array:
+def _constraints(gait: Gait, problem: Problem) -> Array:
     """Margins and constraints in natural units: those that must not be negative, and then those that must be zero."""
     (step,) = gait.steps
     scales, rows, zero = gait.dynamics.scales, list[float](), list[float]()
@@ -179,7 +189,10 @@ def _constraints(gait: Gait) -> Array:
         rows += [f_n, friction * f_n + f_t, friction * f_n - f_t]
     else:
         rows += [impact.impulse[1] / scales.impulse, impact.mode.direction * impact.state[-1] / scales.speed]
-    for name, span in gait.problem.constraints.items():
+    for name, span in problem.constraints.items():
+        if name == CLEARANCE or name.startswith(ANGLE):
+            rows += _along(step, name, span)
+            continue
         unit = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
         values = np.abs(gait.multipliers) if name == RADIUS else np.array([gait.scalar(name)])
         if span.minimum == span.maximum:
@@ -190,3 +203,23 @@ def _constraints(gait: Gait) -> Array:
         if np.isfinite(span.minimum):
             rows.append((values.max() - span.minimum) / unit)
     return np.array([*rows, *zero], dtype=float)
+
+
+def _along(step: Step, name: str, span: Range) -> list[float]:
+    """Least room that a constraint along the step leaves on every arc; the foot starts and ends on the ground."""
+    rows = list[float]()
+    for k, arc in enumerate(step.arcs):
+        if name == CLEARANCE:
+            room = observe(arc).swing_foot[:, 1] - span.minimum * np.sin(np.pi * arc.times / step.period)
+            inside = slice(1 if k == 0 else None, -1 if k == len(step.arcs) - 1 else None)
+            rows.append(float(room[inside].min()))
+            continue
+        word, system = name.removeprefix(ANGLE), arc.dynamics.system
+        if word in system.walker.shape:
+            angle = arc.states[:, system.walker.shape.index(word)]
+        else:
+            angles = buffered_map(system.joint_angles, arc.times.size)(arc.states, arc.dynamics.p)[0]
+            angle = angles[:, system.walker.actuators.index(word)].copy()
+        rows += [curves.maximum(-angle)[1] * -1.0 - span.minimum] if np.isfinite(span.minimum) else []
+        rows += [span.maximum - curves.maximum(angle)[1]] if np.isfinite(span.maximum) else []
+    return rows

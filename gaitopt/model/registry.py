@@ -26,6 +26,7 @@ OWN_CONTROLS = {
     "pd": "gaitopt.model.tracking:ProportionalDerivative",
     "controlled_symmetry": "gaitopt.model.controlled_symmetry:ControlledSymmetry",
     "virtual_constraints": "gaitopt.model.virtual_constraints:VirtualConstraints",
+    "open_loop": "gaitopt.model.open_loop:OpenLoop",
 }
 """Control laws of this package, in the order in which they are listed."""
 

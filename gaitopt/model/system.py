@@ -398,6 +398,12 @@ class HybridSystem:
             "loss": eom.dissipation,
         }
 
+    @property
+    @compiled("zp")
+    def joint_angles(self) -> dict[str, SX]:
+        """(z, p) -> angles of the joints on which the motors act, shape (n_u,) [rad]."""
+        return {"angles": vertcat(SX(0, 1), *self._eom.mechanism.motors)}
+
     @compiled("tzpr")
     def quantities(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> ``Control.quantities`` of the law; no function without any."""

@@ -16,6 +16,7 @@ from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import check_class
 from gaitopt.model.modes import Mode
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import CONTROLS, WALKERS, Kind, registered_controls, registered_walkers
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
@@ -207,6 +208,26 @@ class Problem(ProblemStatement):
         """The problem with its free numbers fixed at values by dotted key, without objective and constraints."""
         plain = replace(self, free={}, objective={}, constraints={})
         return plain.replace({key: values[key] for key in self.free})
+
+    def with_torques(
+        self, values: Mapping[str, float], state: Mapping[str, float], durations: Sequence[float]
+    ) -> "Problem":
+        """The problem with open-loop torques that are found, fixed in time, without objective and constraints.
+
+        Parameters
+        ----------
+        values : of the torques, and of free numbers, by dotted key.
+        state, durations : of the gait just after the impact, and of its phases [s]: the guess.
+        """
+        law = self.control
+        assert isinstance(law, OpenLoop)
+        plain = replace(
+            self, control=law.fixed(values, float(sum(durations))), free={}, objective={}, constraints={}, file=None
+        )
+        names = self.walker.section_names(slipping=self.cycle.impact.slips)
+        changes: dict[str, object] = {f"gait.guess.state.{name}": float(state[name]) for name in names}
+        changes["gait.guess.durations"] = [float(duration) for duration in durations]
+        return replace(plain.replace(changes | {key: float(values[key]) for key in self.free}), origin=self, file=None)
 
     def objection(self, key: str, value: float) -> str | None:
         """Why a parameter cannot have a value, regardless of other parameters; None if it can."""

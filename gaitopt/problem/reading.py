@@ -21,13 +21,14 @@ from gaitopt.model.control import Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default
 from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, Mode
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, contact_section
 from gaitopt.model.transitions import transitions
 from gaitopt.model.units import SMALLEST, Angle, Number
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, near_miss, read_section, shown
-from gaitopt.problem.scalars import DESIGN_SCALARS, MOTORS, PUSH, SCALARS
+from gaitopt.problem.scalars import ANGLE, CLEARANCE, DESIGN_SCALARS, MOTORS, PUSH, SCALARS
 from gaitopt.problem.schema import (
     OPEN,
     SECTION_KEYS,
@@ -53,6 +54,11 @@ Model = TypeVar("Model", bound=BaseModel)
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
 """Placeholder for an unknown whose mapping has faults; objectives and constraints may still use its name."""
 UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
+OPEN_LOOP_UNSUPPORTED = {
+    "foot_clearance": "is the largest height of the swing foot; with open-loop torques state clearance: {min: height}",
+    "spectral_radius": "cannot be bounded for open-loop torques; track the gait by a pd law, and design its gains",
+}
+"""Scalars that the program of open-loop torques cannot bound."""
 SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""
 CLOSE_STATE = 0.05
@@ -518,9 +524,19 @@ class _StatementReader:
         state |= {name: given[name] for name in ("x", "dx") if name in given}
         return {name: float(state[name]) for name in walker.state_names()}
 
-    def _objection(self, model: type[Walker], name: str) -> str | None:
+    def _objection(self, model: type[Walker], name: str, *, constrains: bool = False) -> str | None:
         """Why an objective or a constraint cannot use a name; None if it can."""
         names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *self._free)
+        along = name == CLEARANCE or name.startswith(ANGLE)
+        if isinstance(self._control, OpenLoop) and self._control.duration is None:
+            if name in OPEN_LOOP_UNSUPPORTED:
+                return OPEN_LOOP_UNSUPPORTED[name]
+            names += tuple(f"control.{key}" for key in self._control.unknowns(model))
+            names += (CLEARANCE, *(f"{ANGLE}{word}" for word in (*model.shape, *model.actuators))) if constrains else ()
+        elif along and self._control is None:  # whose faults are reported already
+            return None
+        elif along:
+            return "is a constraint along the whole step, which only open-loop torques can have: use type: open_loop"
         if name not in names:
             return f"is no scalar of a gait and no freed parameter{near_miss(name, names)}"
         sources = {PUSH} if model.pushes else set()
@@ -573,10 +589,15 @@ class _StatementReader:
             angle = (group == "state" and key in model.shape) or (
                 group == "walker" and key in model.model_fields and is_angle(model.model_fields[key])
             )
-            if why := self._objection(model, name):
+            angle |= name.startswith(ANGLE)
+            if why := self._objection(model, name, constrains=True):
                 self._fault((*path, name), why)
             elif span := self._read_range(value, (*path, name), angle=angle):
                 ranges[name] = span
+                if name == CLEARANCE and not 0 <= span.minimum < span.maximum == math.inf:
+                    self._fault((*path, name), "is a height of the swing foot along the step: give {min: height in m}")
+                elif name.startswith(ANGLE) and span.minimum == span.maximum:
+                    self._fault((*path, name), "is a range along the whole step: give {min: a, max: b}")
                 bounds = self._free.get(name)
                 if bounds is not None and (span.minimum > bounds.upper or span.maximum < bounds.lower):
                     words = f"[{bounds.lower:g}, {bounds.upper:g}] of {name}: no value satisfies both"

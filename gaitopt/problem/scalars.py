@@ -229,6 +229,9 @@ DESIGN_SCALARS = tuple(name for name, scalar in SCALARS.items() if scalar.of_des
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
 """Range of the step length of a gait without slip."""
 
+CLEARANCE, ANGLE = "clearance", "angle."
+"""Constraints along the whole step, of open-loop torques: height of the swing foot, and ranges of links and joints."""
+
 FRICTION_LABELS = {
     "friction": "coefficient of friction",
     "friction.static": "coefficient of static friction",

@@ -18,6 +18,7 @@ from gaitopt.gait.measures import measure
 from gaitopt.gait.records import CheckedGait, WalkRecord
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.transitions import Ending
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
@@ -49,6 +50,9 @@ def restore_gait(folder: Path) -> Gait:
     record = validated(CheckedGait, stored, path, states=problem.walker.state_names())
     if problem.is_open:
         problem = replace(problem.with_gait(record), origin=problem)
+    elif isinstance(problem.control, OpenLoop) and problem.control.duration is None:
+        durations = [phase["duration"] for phase in record["phases"]]
+        problem = problem.with_torques(freed_values(record), record["state"], durations)
     try:
         dynamics = problem_dynamics(problem).at(freed_values(record))
         periods = [float(step["period"]) for step in record.get("steps", [record])]

@@ -12,7 +12,7 @@ large-scale nonlinear programming, Mathematical Programming 106.
 """
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -200,6 +200,7 @@ class Ipopt:
     program : expressions, and the numbers from which ``solve`` starts unless others are given.
     options : of IPOPT, besides the common ones.
     exact : use the exact Hessian; otherwise secants, which learn best where unknowns and rows are of the order of one.
+    derivatives : functions ``grad_f, jac_g, hess_lag`` of x and p for the exact Hessian; CasADi builds them by default.
     """
 
     @building
@@ -209,10 +210,11 @@ class Ipopt:
         *,
         options: dict[str, Any],
         exact: bool = False,
+        derivatives: Mapping[str, Function] | None = None,
     ) -> None:
         w, g, f, parameters = program.x, program.g, program.f, program.p
         if exact:
-            plugin_options: dict[str, Any] = {"expand": True}
+            plugin_options: dict[str, Any] = {"expand": True} if derivatives is None else dict(derivatives)
             nlp = {"x": w, "p": parameters, "f": f, "g": g}
         else:
             x, sizes, row_sizes = MX.sym("x", w.numel()), MX.sym("sizes", w.numel()), MX.sym("row_sizes", g.numel())

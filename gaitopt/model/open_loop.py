@@ -1,0 +1,182 @@
+"""Open-loop torques: functions of the time since the impact alone, on N equal intervals of a duration T.
+
+    constant    u(t) = c_k                                        on  k T / N <= t < (k + 1) T / N
+    linear      u(t) = c_k + (c_(k+1) - c_k) (N t / T - k)
+
+In a problem without ``duration`` the values c_k are unknowns, and T is the period of the gait that is sought
+(``gaitopt.design.open_loop``). With it the law is fixed in time, and its last piece extends beyond T.
+"""
+
+from collections.abc import Iterator, Mapping
+from enum import StrEnum
+from functools import lru_cache
+from typing import Annotated, Any
+
+import numpy as np
+from casadi import SX, dot
+from pydantic import ConfigDict, Field, create_model, model_validator
+
+from gaitopt.arrays import Array
+from gaitopt.model.control import TORQUE, Control, Fixed, Instant, SectionType
+from gaitopt.model.reference import Path
+from gaitopt.model.units import Duration, Finite, Positive, Within
+from gaitopt.model.walker import WalkerType
+
+MOST_INTERVALS = 200
+Bounds = Annotated[tuple[Finite, ...], Field(min_length=2, max_length=2)]
+
+
+class Order(StrEnum):
+    """Torques on an interval: constant, or linear and then continuous."""
+
+    CONSTANT = "constant"
+    LINEAR = "linear"
+
+
+class OpenLoop(Control):
+    """Torques as functions of time, which an optimisation finds."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", validate_default=True)
+    __pydantic_extra__: dict[str, tuple[Finite, ...]]
+
+    type = "open_loop"
+    jumps = True
+
+    intervals: Annotated[int, Field(ge=1, le=MOST_INTERVALS, strict=True, description="number N of equal intervals")]
+    order: Annotated[Order, Field(description="torques are constant on each interval, or linear and continuous")] = (
+        Order.LINEAR
+    )
+    duration: Annotated[
+        Duration | None,
+        Fixed,
+        Field(description="of all intervals together [s], for known torques; the period of the gait if left out"),
+        Within(unit="time", possible=(0, 1000), usual=(0.1, 50)),
+    ] = None
+    bounds: Annotated[
+        dict[str, Bounds],
+        Field(description="range [lo, hi] of the torque of a motor [N m], by actuator; none by default"),
+    ] = {}  # noqa: RUF012 - pydantic copies it
+    rates: Annotated[
+        dict[str, Positive],
+        Fixed,
+        Field(description="largest rate of the torque of a motor [N m/s] of linear torques, by actuator"),
+    ] = {}  # noqa: RUF012
+
+    @classmethod
+    def section(cls, walker: WalkerType) -> SectionType:
+        """The keys of the class and one per actuator."""
+        return _section(walker)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _zeros(cls, data: Any) -> Any:
+        """Torques that are left out start from zero."""
+        if not (isinstance(data, Mapping) and isinstance(data.get("intervals"), int)):
+            return data
+        count = data["intervals"] + (data.get("order", Order.LINEAR) == Order.LINEAR)
+        names = {*data} - {*cls.model_fields}
+        return {key: (0.0,) * count if key in names and value is None else value for key, value in data.items()}
+
+    @property
+    def count(self) -> int:
+        """Number of values of each motor."""
+        return self.intervals + (self.order is Order.LINEAR)
+
+    @property
+    def values(self) -> dict[str, tuple[float, ...]]:
+        """Values c_k by actuator [N m]."""
+        return dict(self.__pydantic_extra__)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The values as ``ACTUATOR.K``, and limits."""
+        rows = {f"{name}.{k}": value for name, row in self.values.items() for k, value in enumerate(row)}
+        return rows | {f"limits.{name}": value for name, value in self.limits.items()}
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Where one interval ends and the next begins."""
+        return (
+            () if self.duration is None else tuple(self.duration * k / self.intervals for k in range(1, self.intervals))
+        )
+
+    def data(self, segment: int) -> Array:
+        """Start and length of an interval, and weights that select it."""
+        length = 1.0 if self.duration is None else self.duration / self.intervals
+        return np.concatenate([[length * segment, length], np.eye(self.intervals)[segment]])
+
+    def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
+        """Names of motors that the walker does not have, empty ranges, and the number of values."""
+        yield from super().faults(walker)
+        for key in ("bounds", "rates"):
+            for name in getattr(self, key):
+                if name not in walker.actuators:
+                    yield (key, name), f"no actuator is called {name}; there are {', '.join(walker.actuators)}"
+        if self.rates and self.order is Order.CONSTANT:
+            yield ("rates",), "bounds the rate of torques that jump: state order: linear, or leave rates out"
+        for name, (lower, upper) in self.bounds.items():
+            if lower >= upper:
+                words = f"[{lower:g}, {upper:g}] is empty: the lower bound comes first"
+                words += f"; did you mean [{-abs(upper):g}, {abs(upper):g}]?" if lower == -upper != 0 else ""
+                yield ("bounds", name), words
+        for name, row in self.values.items():
+            lower, upper = self.bounds.get(name, (-np.inf, np.inf))
+            if len(row) != self.count:
+                yield (name,), f"{len(row)} values, but {self.intervals} {self.order} intervals have {self.count}"
+            for k, value in enumerate(row):
+                if lower < upper and not lower <= value <= upper:
+                    yield (name, k), f"{value:g} is outside of the bounds [{lower:g}, {upper:g}] of {name}"
+
+    def unknowns(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
+        """Bounds of the values, unless the law is fixed in time."""
+        if self.duration is not None:
+            return {}
+        spans = {name: self.bounds.get(name, (-np.inf, np.inf)) for name in walker.actuators}
+        return {f"{name}.{k}": (lo, hi) for name, (lo, hi) in spans.items() for k in range(self.count)}
+
+    def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
+        """The values of all motors, if they are known."""
+        rows = {name: [values.get(f"control.{name}.{k}") for k in range(self.count)] for name in walker.actuators}
+        if self.duration is not None or any(value is None for row in rows.values() for value in row):
+            return {}
+        return {f"control.{name}": row for name, row in rows.items()}
+
+    def fixed(self, values: Mapping[str, float], duration: float) -> "OpenLoop":
+        """The law with known values, by dotted key of a problem, fixed in time.
+
+        Raises
+        ------
+        KeyError
+            If a value is missing.
+        """
+        rows = {name: tuple(values[f"control.{name}.{k}"] for k in range(self.count)) for name in self.values}
+        return self.model_validate({**self.model_dump(), **rows, "duration": duration})
+
+    def torques(self, now: Instant) -> Mapping[str, SX]:
+        """The piece of the interval."""
+        s, selected = (now.t - now.r[0]) / now.r[1], now.r[2:]
+
+        def torque(c: SX) -> SX:
+            if self.order is Order.CONSTANT:
+                return dot(selected, c)
+            start, end = dot(selected, c[:-1]), dot(selected, c[1:])
+            return start + (end - start) * s
+
+        return {name: torque(SX(getattr(now.p, name))) for name in self.values}
+
+
+@lru_cache(maxsize=64)
+def _section(walker: WalkerType) -> SectionType:
+    """The keys of open-loop torques for a walker."""
+    fields: dict[str, Any] = {
+        name: (entry.annotation if not entry.metadata else Annotated[(entry.annotation, *entry.metadata)], entry)
+        for name, entry in OpenLoop.model_fields.items()
+    }
+    words = "values of its torque [N m], a first guess unless there is a duration; zero if left out"
+    fields |= {
+        name: (Annotated[tuple[Finite, ...] | None, Field(description=words), TORQUE], None)
+        for name in walker.actuators
+    }
+    return create_model(
+        "OpenLoopSection", __config__=ConfigDict(frozen=True, extra="forbid"), __doc__=OpenLoop.__doc__, **fields
+    )

@@ -1,0 +1,773 @@
+"""Direct collocation of one step whose torques, or whose motion alone, are unknown.
+
+On each interval of length h the states are polynomials through z_0 and z_1 .. z_d at the Radau points c_j, with
+
+    sum_k C_kj z_k = h f(t_j, z_j, u_j, p),      t_j = t_0 + c_j h,      j = 1 .. d;      z_d starts the next interval
+
+Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law, freed parameters,
+and every integral, extremum and length that objective and constraints name. The intervals of the law divide the period,
+so that all times are affine in the durations. Margins of the modes and path constraints hold at all points, and
+``Collocation.refined`` adds the places between them where they do not: an exchange method of semi-infinite programs
+(Hettich & Kortanek 1993).
+
+References
+----------
+L. T. Biegler (2010), Nonlinear Programming, ch. 10.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from casadi import SX, Function, collocation_coeff, collocation_points, cse, dot, pi, sin, sqrt, sum1, vertcat
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+
+from gaitopt.arrays import Array
+from gaitopt.building import building, built_once
+from gaitopt.gait.gait import Cause
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.open_loop import OpenLoop, Order
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import margin
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS
+from gaitopt.problem.statement import Range
+from gaitopt.solver.elements import AssembledProgram, Elements, assembled
+
+DEGREE = 5
+"""Radau points of an interval; the states at its end are then of order 9."""
+INTERVALS = 20
+"""Fewest intervals of a step."""
+SHORTEST = 1e-3
+"""Shortest phase in periods of the guess."""
+LONGEST = 5.0
+"""Longest period, in those of the guess."""
+SMOOTHING = 3e-5
+"""Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
+ROOM = 1e-7
+"""Distance of margins from zero, in natural units: above the error of the collocation, below all that is measured."""
+EVENT = "event"
+STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT)
+"""Rows that define a motion rather than limit it."""
+SAMPLES = 12
+"""Points per interval at which margins are examined between the collocation points."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """One interval: its phase, the interval of the law, and start and end, affine in the durations (1 + n_phases,)."""
+
+    phase: int
+    segment: int
+    start: Array
+    end: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """A point at which margins hold; ``dynamic`` if it is a collocation point.
+
+    Attributes
+    ----------
+    interval, fraction : where it is.
+    state : index of its state among those of all points.
+    """
+
+    interval: int
+    fraction: float
+    state: int
+    dynamic: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goals:
+    """What objective and constraints of a problem name, sorted by how they are stated.
+
+    Attributes
+    ----------
+    objective : weights by name.
+    ranges : of scalars, states, freed parameters and path quantities by name.
+    """
+
+    objective: Mapping[str, float]
+    ranges: Mapping[str, Range]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, once each."""
+        return tuple(dict.fromkeys((*self.objective, *self.ranges)))
+
+    @property
+    def extrema(self) -> tuple[str, ...]:
+        """Scalars that are extrema."""
+        return tuple(name for name in self.names if name in SCALARS and SCALARS[name].extremum)
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """Scalars that have a formula."""
+        return tuple(name for name in self.names if name in SCALARS and SCALARS[name].formula)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Quantities that have a range along the whole step."""
+        return tuple(name for name in self.ranges if name == CLEARANCE or name.startswith(ANGLE))
+
+
+class _Rows:
+    """The rows of g while they are collected: bounds, names, and entries of the linear part."""
+
+    def __init__(self) -> None:
+        self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
+        self._entries = list[tuple[int, int, float]]()
+
+    def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
+        """The numbers of more rows."""
+        first = len(self.lower)
+        self.lower += [low] * count
+        self.upper += [high] * count
+        self.names += [name] * count
+        return [*range(first, first + count)]
+
+    def linear(self, row: int, column: int, value: float) -> None:
+        """Add an entry of the linear part."""
+        self._entries.append((row, column, value))
+
+    def matrix(self, n_x: int) -> csc_array:
+        """The linear part."""
+        rows, columns, values = zip(*self._entries, strict=True)
+        return csc_array(coo_array((values, (rows, columns)), shape=(len(self.lower), n_x)))
+
+
+class _Symbols:
+    """The quantities of formulas as symbols; integrals that are asked for are collected."""
+
+    def __init__(self, durations: SX, distance: SX, slip: SX, weight: SX, push: SX, incline: SX) -> None:
+        self.duration, self.distance, self.slip, self.incline = sum1(durations), distance, slip, incline
+        self.transport, self.push_work = weight * distance, push
+        self.integrals: dict[str, SX] = {}
+
+    def integral(self, rate: str) -> SX:
+        """The symbol of an integral."""
+        return self.integrals.setdefault(rate, SX.sym(rate))
+
+
+def rates_of(formulas: Sequence[str]) -> tuple[str, ...]:
+    """The integrals that the formulas of some scalars contain."""
+    symbols = _Symbols(*(SX.sym(name) for name in ("d", "distance", "slip", "weight", "push", "incline")))
+    for name in formulas:
+        formula = SCALARS[name].formula
+        assert formula is not None
+        formula(symbols)
+    return tuple(symbols.integrals)
+
+
+@dataclass(frozen=True, slots=True)
+class _Key:
+    """What determines the function of a point."""
+
+    system: HybridSystem
+    mode: Mode
+    n_phases: int
+    free: tuple[str, ...]
+    goals: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
+    dynamic: bool
+
+
+@built_once(maxsize=64)
+def _point(key: _Key) -> Function:
+    """(y, c, p) -> (0, g) of a point, with y = (z, torque values, durations, freed, extrema).
+
+    c = (start of the time and of h, each affine in the durations; interval of the law; weight; clearance; data), and
+    g = (-h dz/dt if dynamic, margins, path quantities, extrema, -weight h rates).
+    """
+    system, mode = key.system, key.mode
+    extrema, paths, rates = key.goals
+    law, n, m = system.control, system.n_z, key.n_phases
+    open_loop = isinstance(law, OpenLoop)
+    motors = [*law.values] if isinstance(law, OpenLoop) else []
+    ends = 2 if isinstance(law, OpenLoop) and law.order is Order.LINEAR else 1
+    z, values = SX.sym("z", n), SX.sym("values", len(motors) * ends)
+    d, v, e = SX.sym("d", m), SX.sym("v", len(key.free)), SX.sym("e", len(extrema))
+    y = vertcat(z, values, d, v, e)
+    data = SX.sym("r", 0 if open_loop else system.n_r)
+    time, length = SX.sym("time", 1 + m), SX.sym("h", 1 + m)
+    segment, weight, arch = SX.sym("segment"), SX.sym("weight"), SX.sym("arch")
+    c = vertcat(time, length, segment, weight, arch, data)
+    p = SX.sym("p", len(system.parameters))
+    t, h, period = time[0] + dot(time[1:], d), length[0] + dot(length[1:], d), sum1(d)
+    known = dict(zip(key.free, [v[k] for k in range(len(key.free))], strict=True))
+    at, r = t, data
+    if isinstance(law, OpenLoop):  # the first interval of a law of unit intervals stands for all
+        known |= {f"control.{name}.{k}": SX(0) for name in motors for k in range(law.count)}
+        known |= {f"control.{name}.{k}": values[ends * j + k] for j, name in enumerate(motors) for k in range(ends)}
+        at, r = law.intervals * t / period - segment, SX(law.model_copy(update={"duration": None}).data(0))
+    full = vertcat(*(known.get(name, p[k]) for k, name in enumerate(system.parameters)))
+    dz, margins = system.flow(mode)(at, z, full, r), system.margins(mode)(at, z, full, r)
+    force, torque, power, foot, *_ = system.observation(mode)(at, z, full, r)
+    rows = [-h * dz] if key.dynamic else []
+    rows.append(margins)
+    for name in paths:
+        rows.append(foot[1] - arch * sin(pi * t / period) if name == CLEARANCE else _angle(system, name, z, full))
+    for k, name in enumerate(extrema):
+        match name:
+            case "peak_torque":
+                rows += [e[k] - torque, e[k] + torque]
+            case "required_friction" if mode.sticks:
+                rows += [e[k] * force[1] - force[0], e[k] * force[1] + force[0]]
+            case "min_normal_force":
+                rows += [force[1] - e[k]]
+    width = SMOOTHING * system.weight(full)
+    if key.dynamic:
+        by_rate = {
+            "power": sum1(power),
+            "absolute_power": sum1(sqrt(power**2 + width**2)),
+            "squared_torque": sum1(torque**2),
+        }
+        rows += [-weight * h * by_rate[rate] for rate in rates]
+    return Function("point", [y, c, p], cse([SX(0), vertcat(*rows)]))
+
+
+def _angle(system: HybridSystem, name: str, z: SX, p: SX) -> SX:
+    """The angle of a motor's joint, or a shape coordinate."""
+    word = name.removeprefix(ANGLE)
+    if word in system.walker.actuators:
+        return SX(system.joint_angles(z, p)[system.walker.actuators.index(word)])
+    return z[system.walker.shape.index(word)]
+
+
+class Collocation:
+    """The program of one step on one mesh.
+
+    Parameters
+    ----------
+    problem : goals and bounds; the modes are those of one step.
+    system : of its walker and law.
+    durations : of the phases, from which the order of switches and breakpoints is taken, shape (n_phases,).
+    degree, intervals : of the collocation.
+    places : (interval, fraction) at which margins hold besides the collocation points.
+    """
+
+    @building
+    def __init__(
+        self,
+        problem: Problem,
+        system: HybridSystem,
+        durations: Array,
+        *,
+        free: Mapping[str, tuple[float, float]],
+        degree: int = DEGREE,
+        intervals: int = INTERVALS,
+        places: tuple[tuple[int, float], ...] = (),
+    ) -> None:
+        self.problem, self.system, self.cycle = problem, system, problem.cycle
+        self.goals = Goals(objective=problem.objective, ranges=problem.constraints)
+        self.free = free
+        self._guess, self._degree, self._count, self.places = durations, degree, intervals, places
+        self.dynamics = Dynamics.of(system, problem.parameters)
+        law = system.control
+        self.law = law if isinstance(law, OpenLoop) else None
+        self.mesh = self._intervals(durations)
+        self._layout()
+        self.program = self._assembled()
+
+    # ---- the mesh
+
+    def _intervals(self, durations: Array) -> list[Interval]:
+        """The intervals in the order of these durations."""
+        m, period = len(self.cycle.phases), float(durations.sum())
+        axes = np.hstack([np.zeros((m, 1)), np.tril(np.ones((m, m)))])  # ends of the phases
+        cuts = [(row, phase + 1) for phase, row in enumerate(axes)]
+        if self.law is not None:
+            n = self.law.intervals
+            grid = [np.concatenate([[0.0], np.full(m, k / n)]) for k in range(1, n)]
+        else:
+            grid = [np.concatenate([[b], np.zeros(m)]) for b in self.system.control.breakpoints if b < period]
+        marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(1 + m), 0, 0)]
+        marks += [(row, phase, None) for row, phase in cuts]
+        marks += [(row, None, k + 1) for k, row in enumerate(grid)]
+        at = np.concatenate([[1.0], durations])
+        marks.sort(key=lambda mark: float(mark[0] @ at))
+        finer = int(np.ceil(self._count / max(1, len(marks) - 1)))
+        result, phase, segment = list[Interval](), 0, 0
+        for (start, new_phase, new_segment), (end, _, _) in pairwise(marks):
+            phase = phase if new_phase is None else new_phase
+            segment = segment if new_segment is None else new_segment
+            if phase >= m or float((end - start) @ at) <= 0:
+                continue
+            for k in range(finer):
+                begin, finish = (start + (end - start) * (k + j) / finer for j in (0, 1))
+                result.append(Interval(phase=phase, segment=segment, start=begin, end=finish))
+        return result
+
+    # ---- unknowns
+
+    def _layout(self) -> None:
+        """Numbers of the unknowns."""
+        system, d = self.system, self._degree
+        self._tau = np.append(0.0, collocation_points(d, "radau"))
+        C, _, B = collocation_coeff(list(self._tau[1:]))
+        self._C, self._B = np.array(C), np.array(B).ravel()
+        resets = {phase for phase, _ in self.cycle.resets}
+        states, self.points, self._first = 0, list[Point](), list[int]()
+        self.phase_starts, self.phase_ends = dict[int, int](), dict[int, int]()
+        for k, interval in enumerate(self.mesh):
+            before = self.mesh[k - 1].phase if k else None
+            if before is None or (before != interval.phase and before in resets):
+                states += 1  # a state of its own, after an impact
+            self._first.append(states - 1)
+            self.phase_starts.setdefault(interval.phase, states - 1)
+            jumps = self.law is None or self.law.order is Order.CONSTANT
+            if before != interval.phase or (jumps and self.mesh[k - 1].segment != interval.segment):
+                self.points.append(Point(interval=k, fraction=0.0, state=states - 1, dynamic=False))
+            for j in range(1, d + 1):
+                self.points.append(Point(interval=k, fraction=float(self._tau[j]), state=states, dynamic=True))
+                states += 1
+            self.phase_ends[interval.phase] = states - 1
+        for k, fraction in self.places:
+            self.points.append(Point(interval=k, fraction=fraction, state=states, dynamic=False))
+            states += 1
+        self.n_states, n, m = states, system.n_z, len(self.cycle.phases)
+        rates = rates_of(self.goals.formulas)
+        sizes = {
+            "states": n * states,
+            "values": 0 if self.law is None else len(self.law.values) * self.law.count,
+            "durations": m,
+            "freed": len(self.free),
+            "extrema": len(self.goals.extrema),
+            "integrals": len(rates),
+            "lengths": 3,  # distance, slip, work of the push
+        }
+        ends = np.cumsum([0, *sizes.values()])
+        self.slices = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
+        self.n_x = int(ends[-1])
+        self._rates = rates
+
+    def _columns(self, name: str) -> NDArray[np.intp]:
+        return np.arange(self.slices[name].start, self.slices[name].stop)
+
+    def _value_columns(self, segment: int) -> list[int]:
+        """Torque values at both ends of an interval of the law, motor by motor."""
+        if self.law is None:
+            return []
+        ends = 2 if self.law.order is Order.LINEAR else 1
+        first = self.slices["values"].start
+        return [first + j * self.law.count + segment + k for j in range(len(self.law.values)) for k in range(ends)]
+
+    def _state_columns(self, state: int) -> list[int]:
+        n = self.system.n_z
+        return [*range(n * state, n * state + n)]
+
+    # ---- the program
+
+    def _assembled(self) -> AssembledProgram:
+        """The rows of all points, impacts and scalars."""
+        rows = _Rows()
+        integrals = rows.new(len(self._rates), "integral")
+        for row, column in zip(integrals, self._columns("integrals").tolist(), strict=True):
+            rows.linear(row, column, 1.0)
+        lengths = rows.new(3, "lengths")
+        for row, column in zip(lengths, self._columns("lengths").tolist(), strict=True):
+            rows.linear(row, column, 1.0)
+        elements = [
+            self._points_of(rows, integrals, mode, dynamic) for mode in self._modes for dynamic in (True, False)
+        ]
+        elements += [self._impact_element(rows, lengths, phase, impact) for phase, impact in self.cycle.resets]
+        elements.append(self._scalar_element(rows))
+        n, x = self.system.n_z, self.system.n_shape
+        for phase, mode in enumerate(self.cycle.phases):
+            if mode.slips:  # path of the sliding foot
+                for state, sign in ((self.phase_ends[phase], -1.0), (self.phase_starts[phase], 1.0)):
+                    rows.linear(lengths[1], n * state + x, sign * mode.direction)
+        for name, span in self.goals.ranges.items():
+            own = self._column_of(name)
+            if own is not None:
+                rows.linear(rows.new(1, name, span.minimum, span.maximum)[0], own, 1.0)
+        self._rate_rows(rows)
+        self.lbg, self.ubg, self.row_names = np.array(rows.lower), np.array(rows.upper), tuple(rows.names)
+        return assembled([each for each in elements if each is not None], rows.matrix(self.n_x), len(self.dynamics.p))
+
+    @property
+    def _modes(self) -> tuple[Mode, ...]:
+        """The modes of the step, once each."""
+        return tuple(dict.fromkeys(self.cycle.phases))
+
+    @property
+    def _tail(self) -> list[int]:
+        """Unknowns of which every point is a function."""
+        return [k for name in ("durations", "freed", "extrema") for k in self._columns(name).tolist()]
+
+    @property
+    def _arch(self) -> float:
+        """Least height of the swing foot in the middle of the step [m]."""
+        return self.goals.ranges[CLEARANCE].minimum if CLEARANCE in self.goals.ranges else 0.0
+
+    def _point_function(self, mode: Mode, *, dynamic: bool) -> Function:
+        goals = (self.goals.extrema, self.goals.paths, self._rates)
+        return _point(_Key(self.system, mode, len(self.cycle.phases), tuple(self.free), goals, dynamic))
+
+    def _points_of(self, rows: "_Rows", integrals: list[int], mode: Mode, dynamic: bool) -> Elements | None:
+        """The points of a mode that are collocation points, or the others."""
+        goals, n, names = self.goals, self.system.n_z, self.system.transitions.margin_names(mode)
+        units, weights = self.dynamics.margin_units(mode), np.append(0.0, self._B)
+        constants, columns, places = list[Array](), list[list[int]](), list[list[int]]()
+        for pt in self.points:
+            interval = self.mesh[pt.interval]
+            if pt.dynamic is not dynamic or self.cycle.phases[interval.phase] is not mode:
+                continue
+            h, j = interval.end - interval.start, int(np.argmin(np.abs(self._tau - pt.fraction)))
+            weight = weights[j] if dynamic else 0.0
+            t, data = interval.start + pt.fraction * h, self._data(interval.segment)
+            constants.append(np.concatenate([t, h, [interval.segment, weight, self._arch], data]))
+            columns.append([*self._state_columns(pt.state), *self._value_columns(interval.segment), *self._tail])
+            own = rows.new(n, "defect") if dynamic else list[int]()
+            states = [self._first[pt.interval], *range(inner := self._inner(pt.interval), inner + self._degree)]
+            if dynamic:
+                self._combined(rows, own, states, self._C[:, j - 1])
+            elif pt.fraction > 0.0:  # an interpolated state
+                interpolated = rows.new(n, "interpolation")
+                self._combined(rows, interpolated, [pt.state, *states], np.append(1.0, -self._basis(pt.fraction)))
+            for name, unit in zip(names, units.tolist(), strict=True):
+                low, high = self._margin_bounds(name, pt, unit)
+                own += rows.new(1, EVENT if low == high else name, low, high)
+            for name in goals.paths:
+                low, high = goals.ranges[name].minimum, goals.ranges[name].maximum
+                if name == CLEARANCE:
+                    on_ground = pt.state in (self.phase_starts[0], self.phase_ends[len(self.cycle.phases) - 1])
+                    low, high = (-np.inf if on_ground else 0.0), np.inf
+                own += rows.new(1, name, low, high)
+            for name in goals.extrema:
+                count = {"peak_torque": 2 * len(self.system.walker.actuators), "min_normal_force": 1}.get(name, 0)
+                own += rows.new(2 if name == "required_friction" and mode.sticks else count, name, 0.0, np.inf)
+            places.append(own + (integrals if dynamic else []))
+        if not places:
+            return None
+        function = self._point_function(mode, dynamic=dynamic)
+        return Elements(
+            function=function, columns=np.array(columns), rows=np.array(places), constants=np.array(constants)
+        )
+
+    def _combined(self, rows: "_Rows", own: list[int], states: Sequence[int], weights: Array) -> None:
+        """Add a weighted sum of states to ``own`` rows."""
+        for state, weight in zip(states, weights.tolist(), strict=True):
+            for row, column in zip(own, self._state_columns(state), strict=True):
+                rows.linear(row, column, weight)
+
+    def _impact_element(self, rows: "_Rows", lengths: list[int], phase: int, impact: Mode) -> Elements:
+        """An impact: the state after it, the lengths of the step, and its margins."""
+        system, ratio = self.system, "impulse_ratio" in self.goals.extrema
+        own = rows.new(system.n_z, "reset")
+        self._combined(rows, own, [self.phase_starts[(phase + 1) % len(self.cycle.phases)]], np.ones(1))
+        own += rows.new(2, "unused", -np.inf, np.inf) if impact.locked else [lengths[0], lengths[2]]
+        for name in system.transitions.impact_margin_names(impact):
+            own += rows.new(1, name, 0.0, np.inf)
+        columns = [*self._state_columns(self.phase_ends[phase]), *self._columns("freed").tolist()]
+        if ratio:
+            own += rows.new(2, "impulse_ratio", 0.0, np.inf)
+            columns.append(self.slices["extrema"].start + self.goals.extrema.index("impulse_ratio"))
+        function = _impact(system, impact, tuple(self.free), ratio)
+        return Elements(
+            function=function, columns=np.array([columns]), rows=np.array([own]), constants=np.zeros((1, 0))
+        )
+
+    def _scalar_element(self, rows: "_Rows") -> Elements:
+        """The objective, and the scalars that have formulas."""
+        goals, own = self.goals, list[int]()
+        for name in goals.formulas:
+            span = goals.ranges.get(name, Range(minimum=-np.inf, maximum=np.inf))
+            own += rows.new(1, name, span.minimum, span.maximum)
+        blocks = ("durations", "freed", "integrals", "lengths", "extrema")
+        states = [name for name in goals.objective if name not in SCALARS and name not in self.free]
+        direct = [column for column in map(self._column_of, states) if column is not None]
+        columns = np.concatenate([*(self._columns(name) for name in blocks), np.array(direct, dtype=np.intp)])
+        function = _scalars(
+            self.system,
+            len(self.cycle.phases),
+            tuple(self.free),
+            goals.formulas,
+            goals.extrema,
+            tuple(goals.objective.items()),
+            self._rates,
+            tuple(states),
+        )
+        return Elements(
+            function=function,
+            columns=columns[None, :],
+            rows=np.array(own, dtype=np.intp).reshape(1, -1),
+            constants=np.zeros((1, 0)),
+        )
+
+    def _rate_rows(self, rows: "_Rows") -> None:
+        """|c_(k+1) - c_k| <= rate T / N."""
+        law = self.law
+        if law is None:
+            return
+        for name, rate in law.rates.items():
+            for k in range(law.intervals):
+                first = self.slices["values"].start + [*law.values].index(name) * law.count + k
+                for row, sign in zip(rows.new(2, f"control.rates.{name}", 0.0, np.inf), (1.0, -1.0), strict=True):
+                    rows.linear(row, first, sign)
+                    rows.linear(row, first + 1, -sign)
+                    for column in self._columns("durations").tolist():
+                        rows.linear(row, column, rate / law.intervals)
+
+    def _column_of(self, name: str) -> int | None:
+        """The unknown that a name means, None if it is none."""
+        if name.startswith("state."):
+            return self.system.state_names.index(name.removeprefix("state."))
+        if name in self.free:
+            return int(self._columns("freed")[[*self.free].index(name)])
+        if self.law is not None and name.startswith("control."):
+            _, motor, k = name.split(".")
+            return self.slices["values"].start + [*self.law.values].index(motor) * self.law.count + int(k)
+        return None
+
+    def _inner(self, interval: int) -> int:
+        """The state at the first collocation point of an interval."""
+        return next(pt.state for pt in self.points if pt.interval == interval and pt.dynamic)
+
+    def _data(self, segment: int) -> Array:
+        """Segment data of a law that is known."""
+        return np.zeros(0) if self.law else self.system.data(segment)
+
+    def _basis(self, fraction: float) -> Array:
+        """Values of the Lagrange polynomials of an interval at a fraction of it, shape (d + 1,)."""
+        tau = self._tau
+        return np.array([np.prod([(fraction - b) / (a - b) for b in tau if b != a]) for a in tau])
+
+    def _margin_bounds(self, name: str, pt: Point, unit: float) -> tuple[float, float]:
+        """Bounds of a margin at a point."""
+        phase, table = self.mesh[pt.interval].phase, self.system.transitions
+        ends = pt.state == self.phase_ends[phase]
+        starts = pt.state == self.phase_starts[phase] and pt.fraction == 0.0
+        if ends:
+            ending = table.ending(self.cycle, phase)
+            if name == ending.guard:
+                return 0.0, 0.0
+            if name in ending.zeros:
+                return -np.inf, np.inf
+        if name == "upright" or margin(name).rises:
+            return -np.inf, np.inf
+        if starts and name == "slip_velocity" and self.cycle.onset_order(phase) > 0:
+            return -np.inf, np.inf
+        return ROOM * unit, np.inf
+
+    # ---- numbers
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Bounds of all unknowns."""
+        lower, upper = np.full(self.n_x, -np.inf), np.full(self.n_x, np.inf)
+        walker, largest = self.system.walker, np.full(self.system.n_z, np.inf)
+        largest[[walker.shape.index(name) for name in walker.shape if name not in walker.lengths]] = (
+            walker.largest_angle
+        )
+        upper[self.slices["states"]] = np.tile(largest, self.n_states)
+        lower[self.slices["states"]] = -upper[self.slices["states"]]
+        period = float(self._guess.sum())
+        lower[self.slices["durations"]], upper[self.slices["durations"]] = SHORTEST * period, LONGEST * period
+        for k, (low, high) in zip(self._columns("freed"), self.free.values(), strict=True):
+            lower[k], upper[k] = low, high
+        if self.law is not None:
+            spans = [self.law.bounds.get(name, (-np.inf, np.inf)) for name in self.law.values]
+            lower[self.slices["values"]] = np.repeat([low for low, _ in spans], self.law.count)
+            upper[self.slices["values"]] = np.repeat([high for _, high in spans], self.law.count)
+        for k, name in zip(self._columns("extrema"), self.goals.extrema, strict=True):
+            span = self.goals.ranges.get(name)
+            if span is not None:
+                lower[k], upper[k] = span.minimum, span.maximum
+        return lower, upper
+
+    def point_times(self, durations: Array) -> Array:
+        """Times of all states [s]."""
+        at, times = np.concatenate([[1.0], durations]), np.empty(self.n_states)
+        for k, interval in enumerate(self.mesh):
+            times[self._first[k]] = interval.start @ at
+        for pt in self.points:
+            interval = self.mesh[pt.interval]
+            times[pt.state] = (interval.start + pt.fraction * (interval.end - interval.start)) @ at
+        return times
+
+    def pack(self, states: Array, values: Array, durations: Array, freed: Sequence[float]) -> Array:
+        """A start from states (n_states, n_z), values by motor and durations; the rest is zero or one."""
+        x = np.zeros(self.n_x)
+        x[self.slices["states"]] = states.ravel()
+        x[self.slices["values"]] = values
+        x[self.slices["durations"]] = durations
+        x[self.slices["freed"]] = freed
+        x[self.slices["extrema"]] = 1.0
+        return x
+
+    @property
+    def value_keys(self) -> tuple[str, ...]:
+        """Dotted keys of the torque values."""
+        law = self.law
+        return () if law is None else tuple(f"control.{name}.{k}" for name in law.values for k in range(law.count))
+
+    def start(self, motion: Any, values: Array, durations: Array, freed: Sequence[float]) -> Array:
+        """A start from a motion, called with a phase and times; integrals and lengths have their values there."""
+        times, states = self.point_times(durations), np.empty((self.n_states, self.system.n_z))
+        of_phase: dict[int, list[int]] = {}
+        for k, interval in enumerate(self.mesh):
+            of_phase.setdefault(interval.phase, []).append(self._first[k])
+        for pt in self.points:
+            of_phase.setdefault(self.mesh[pt.interval].phase, []).append(pt.state)
+        for phase, members in of_phase.items():
+            states[members] = motion(phase, times[members])
+        x = self.pack(states, values, durations, freed)
+        rows = Function("rows", [self.program.x, self.program.p], [self.program.g])
+        g = np.asarray(rows(x, self.dynamics.p)).ravel()
+        names = np.array(self.row_names)
+        x[self.slices["integrals"]] -= g[names == "integral"]
+        x[self.slices["lengths"]] -= g[names == "lengths"]
+        for k, name in zip(self._columns("extrema"), self.goals.extrema, strict=True):
+            x[k] = self._extremum(name, x)
+        return x
+
+    def _extremum(self, name: str, x: Array) -> float:
+        """The least value of an extremum that satisfies its rows; they are linear in it."""
+        rows = Function("rows", [self.program.x, self.program.p], [self.program.g])
+        k = self.slices["extrema"].start + self.goals.extrema.index(name)
+        at = np.array(self.row_names) == name
+        x0, x1 = x.copy(), x.copy()
+        x0[k], x1[k] = 0.0, 1.0
+        a, b = (np.asarray(rows(each, self.dynamics.p)).ravel()[at] for each in (x0, x1))
+        moves = b != a
+        zeros = -a[moves] / (b - a)[moves]
+        return float(zeros.max() if SCALARS[name].extremum > 0 else zeros.min())
+
+    def violated(self, x: Array, samples: int, limit: float) -> list[tuple[int, float]]:
+        """Places between the points, (interval, fraction), at which a margin or path constraint is violated."""
+        blocks, goals, table = self.unpack(x), self.goals, self.system.transitions
+        tail = self._tail
+        fractions = (np.arange(samples * self._degree) + 0.5) / (samples * self._degree)
+        basis = np.array([self._basis(f) for f in fractions])
+        found = list[tuple[int, float]]()
+        for k, interval in enumerate(self.mesh):
+            mode = self.cycle.phases[interval.phase]
+            inner = self._inner(k)
+            z = basis @ blocks["states"][[self._first[k], *range(inner, inner + self._degree)]]
+            h = interval.end - interval.start
+            t = interval.start + fractions[:, None] * h
+            data = self._data(interval.segment)
+            rest = np.concatenate([h, [interval.segment, 0.0, self._arch], data])
+            c = np.hstack([t, np.tile(rest, (fractions.size, 1))])
+            y = np.hstack(
+                [z, np.tile(np.concatenate([x[self._value_columns(interval.segment)], x[tail]]), (fractions.size, 1))]
+            )
+            values = np.asarray(
+                self._point_function(mode, dynamic=False).map(fractions.size, "serial")(y.T, c.T, self.dynamics.p)[1]
+            )
+            names, units = table.margin_names(mode), self.dynamics.margin_units(mode)
+            slack = np.full(fractions.size, np.inf)
+            pt = Point(interval=k, fraction=0.5, state=-1, dynamic=False)
+            for row, (name, unit) in enumerate(zip(names, units, strict=True)):
+                if self._margin_bounds(name, pt, float(unit))[0] > -np.inf:
+                    slack = np.minimum(slack, values[row] / unit)
+            for row, name in enumerate(goals.paths, start=len(names)):
+                span = goals.ranges[name]
+                low, high = (0.0, np.inf) if name == CLEARANCE else (span.minimum, span.maximum)
+                slack = np.minimum(slack, np.minimum(values[row] - low, high - values[row]) + ROOM)
+            extra = values[len(names) + len(goals.paths) :]
+            if extra.size:
+                slack = np.minimum(slack, extra.min(axis=0) + ROOM)
+            lowest = int(np.argmin(slack))
+            if slack[lowest] < limit and not any(k == i and abs(f - fractions[lowest]) < 1e-6 for i, f in self.places):
+                found.append((k, float(fractions[lowest])))
+        return found
+
+    def active(self, multipliers: Array, bound_multipliers: Array) -> list[tuple[str, float]]:
+        """Names of rows and bounds with the sizes of their multipliers, relative to the largest, largest first."""
+        sums = dict[str, float]()
+        for name, value in zip(self.row_names, multipliers.tolist(), strict=True):
+            if name not in STRUCTURAL:
+                sums[name] = sums.get(name, 0.0) + abs(value)
+        for key, value in zip(self.value_keys, bound_multipliers[self.slices["values"]].tolist(), strict=True):
+            name = f"control.bounds.{key.split('.')[1]}"
+            sums[name] = sums.get(name, 0.0) + abs(value)
+        for key, value in zip(self.free, bound_multipliers[self.slices["freed"]].tolist(), strict=True):
+            sums[key] = abs(value)
+        largest = max(sums.values(), default=0.0) or 1.0
+        return sorted(((name, value / largest) for name, value in sums.items()), key=lambda each: -each[1])
+
+    def worst(self, x: Array) -> list[Cause]:
+        """The condition that is violated most at a point."""
+        rows = Function("rows", [self.program.x, self.program.p], [self.program.g])
+        g = np.asarray(rows(x, self.dynamics.p)).ravel()
+        violation = np.maximum(self.lbg - g, g - self.ubg)
+        k = int(np.argmax(violation))
+        name, bound = self.row_names[k], float(np.clip(g[k], self.lbg[k], self.ubg[k]))
+        if not violation[k] > ROOM:
+            return []
+        words = (
+            f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {'at least' if g[k] < bound else 'at most'} {bound:.4g}"
+        )
+        return [Cause(what=name, words=words, needed=bound, available=float(g[k]))]
+
+    def unpack(self, x: Array) -> dict[str, Array]:
+        """Blocks of the unknowns by name; states have the shape (n_states, n_z)."""
+        blocks = {name: x[at] for name, at in self.slices.items()}
+        return {**blocks, "states": blocks["states"].reshape(self.n_states, -1)}
+
+    def states_at(self, x: Array, phase: int, times: Array) -> Array:
+        """States of the collocation polynomials in a phase at times since the impact, shape (n, n_z)."""
+        blocks = self.unpack(x)
+        at, states = np.concatenate([[1.0], blocks["durations"]]), blocks["states"]
+        mine = [k for k, interval in enumerate(self.mesh) if interval.phase == phase]
+        starts = np.array([self.mesh[k].start @ at for k in mine])
+        result = []
+        for time in times:
+            k = mine[max(0, int(np.searchsorted(starts, time, side="right")) - 1)]
+            begin, end = self.mesh[k].start @ at, self.mesh[k].end @ at
+            inner = self._inner(k)
+            nodes = [self._first[k], *range(inner, inner + self._degree)]
+            result.append(self._basis((time - begin) / (end - begin)) @ states[nodes])
+        return np.array(result)
+
+
+@built_once(maxsize=32)
+def _impact(system: HybridSystem, mode: Mode, free: tuple[str, ...], ratio: bool) -> Function:
+    """(y, c, p) -> (0, (-z_plus, -step length, -work of the push, margins)) of y = (z, freed, impulse ratio)."""
+    z, v, e = SX.sym("z", system.n_z), SX.sym("v", len(free)), SX.sym("e", int(ratio))
+    p = SX.sym("p", len(system.parameters))
+    full = vertcat(*(v[free.index(name)] if name in free else p[k] for k, name in enumerate(system.parameters)))
+    z_plus = system.impact(mode)(z=z, p=full)["z_plus"]
+    distance, x = z_plus[system.n_shape], system.n_shape
+    moved = vertcat(z_plus[:x], z_plus[x] if mode.locked else 0, z_plus[x + 1 :])
+    push = system.push(z=z, p=full)["work"]
+    rows = [-moved, -distance, -push, system.impact_margins(mode)(z, full)]
+    if ratio:
+        impulse = system.impact(mode.with_contact(Mode.STICK))(z=z, p=full)["impulse"]
+        rows += [e * impulse[1] - impulse[0], e * impulse[1] + impulse[0]]
+    return Function("impact", [vertcat(z, v, e), SX(0, 1), p], cse([SX(0), vertcat(*rows)]))
+
+
+@built_once(maxsize=32)
+def _scalars(
+    system: HybridSystem,
+    n_phases: int,
+    free: tuple[str, ...],
+    formulas: tuple[str, ...],
+    extrema: tuple[str, ...],
+    objective: tuple[tuple[str, float], ...],
+    rates: tuple[str, ...],
+    states: tuple[str, ...],
+) -> Function:
+    """(y, c, p) -> (objective, scalars) of y = (durations, freed, integrals, lengths, extrema, states)."""
+    d, v = SX.sym("d", n_phases), SX.sym("v", len(free))
+    lengths, e, direct = SX.sym("lengths", 3), SX.sym("e", len(extrema)), SX.sym("direct", len(states))
+    integrals, p = SX.sym("integrals", len(rates)), SX.sym("p", len(system.parameters))
+    full = vertcat(*(v[free.index(name)] if name in free else p[k] for k, name in enumerate(system.parameters)))
+    symbols = _Symbols(d, lengths[0], lengths[1], SX(system.weight(full)), lengths[2], SX(system.incline(full)))
+    symbols.integrals = {rate: integrals[k] for k, rate in enumerate(rates)}
+    values = {name: SCALARS[name].formula(symbols) for name in formulas}  # type: ignore[misc]  # formulas have one
+    values |= {name: e[k] for k, name in enumerate(extrema)}
+    values |= {name: v[k] for k, name in enumerate(free)} | {name: direct[k] for k, name in enumerate(states)}
+    total = sum((weight * values[name] for name, weight in objective), SX(0))
+    return Function(
+        "scalars",
+        [vertcat(d, v, integrals, lengths, e, direct), SX(0, 1), p],
+        [total, vertcat(SX(0, 1), *(values[name] for name in formulas))],
+    )

@@ -1,0 +1,135 @@
+"""Nonlinear programs that are sums of small functions, with exact sparse derivatives.
+
+    min f(x)   s.t.   g(x) = A x + sum_e g_e(x[columns_e], p, c_e),      f likewise
+
+Each element is one expression that is applied to many groups of unknowns. Its derivatives are built once, for a few
+unknowns, and the Jacobian and the Hessian of the whole are assembled from theirs: CasADi alone would differentiate the
+whole graph. This is the assembly of finite elements.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from casadi import DM, MX, SX, Function, Sparsity, cse, dot, gradient, hessian, jacobian, mtimes, reshape, vec, vertcat
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+
+from gaitopt.arrays import Array
+from gaitopt.building import building, built_once
+
+Places: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Rows and columns of entries."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Elements:
+    """Copies of one function.
+
+    Attributes
+    ----------
+    function : (y, c, p) -> (f, g), of local unknowns, constants of the copy, and parameters that all copies share.
+    columns : ndarray, shape (K, n_y) - indices of the local unknowns of each copy in x.
+    rows : ndarray, shape (K, n_g) - rows of g to which the values are added.
+    constants : ndarray, shape (K, n_c).
+    """
+
+    function: Function
+    columns: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    constants: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssembledProgram:
+    """Functions of a sum of elements for ``casadi.nlpsol``, of the symbols x and p."""
+
+    x: MX
+    p: MX
+    f: MX
+    g: MX
+    derivatives: dict[str, Function]
+
+
+@built_once(maxsize=256)
+def _derivatives(function: Function) -> tuple[Function, Function, Sparsity, Sparsity]:
+    """(y, c, p) -> gradient of f and entries of the Jacobian of g; (y, c, p, w, l) -> entries of the Hessian."""
+    y, c, p = (SX.sym(name, function.size1_in(k)) for k, name in enumerate("ycp"))
+    f, g = function(y, c, p)
+    jac = jacobian(g, y)
+    first = Function("first", [y, c, p], cse([gradient(f, y), SX(jac.nz[:])]))
+    w, multipliers = SX.sym("w"), SX.sym("l", g.numel())
+    bent = hessian(w * f + dot(multipliers, g), y)[0]
+    second = Function("second", [y, c, p, w, multipliers], cse([SX(bent.nz[:])]))
+    return first, second, jac.sparsity(), bent.sparsity()
+
+
+@building
+def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> AssembledProgram:
+    """The program of a sum of elements; ``linear`` is A, shape (n_g, n_x), and ``n_p`` the number of parameters."""
+    n_g, n_x = linear.shape
+    x, p, weight, multipliers = MX.sym("x", n_x), MX.sym("p", n_p), MX.sym("w"), MX.sym("l", n_g)
+    f, g = MX(0), mtimes(DM(linear), x)
+    gradients, entries, bent = MX(n_x, 1), list[MX](), list[MX]()
+    known = linear.tocoo()
+    places, bent_places = [(known.row, known.col)], [(np.zeros(0, int), np.zeros(0, int))]
+    entries.append(MX(DM(known.data)))
+    for each in elements:
+        count = len(each.columns)
+        first, second, jac, hess = _derivatives(each.function)
+        y, c = reshape(x[each.columns.ravel().tolist()], -1, count), DM(each.constants.T)
+        values, added = each.function.map("values", "serial", count, [2], [])(y, c, p)
+        slope, slopes = first.map("first", "serial", count, [2], [])(y, c, p)
+        own = reshape(multipliers[each.rows.ravel().tolist()], -1, count)
+        curvature = second.map("second", "serial", count, [2, 3], [])(y, c, p, weight, own)
+        f += mtimes(values, MX.ones(count, 1))
+        g += mtimes(_sum(each.rows, n_g), vec(added))
+        gradients += mtimes(_sum(each.columns, n_x), vec(slope))
+        entries.append(vec(slopes))
+        bent.append(vec(curvature))
+        places.append(_global(each.rows, each.columns, jac))
+        bent_places.append(_global(each.columns, each.columns, hess))
+    slopes_sparsity, slopes_sum = _pattern(places, (n_g, n_x))
+    hess_sparsity, hess_sum = _pattern(bent_places, (n_x, n_x), upper=True)
+    slope = MX(slopes_sparsity, mtimes(slopes_sum, vertcat(*entries)))
+    curvature = MX(hess_sparsity, mtimes(hess_sum, vertcat(MX(0, 1), *bent)))
+    return AssembledProgram(
+        x=x,
+        p=p,
+        f=f,
+        g=g,
+        derivatives={
+            "grad_f": Function("grad_f", [x, p], [f, gradients], ["x", "p"], ["f", "grad_f_x"]),
+            "jac_g": Function("jac_g", [x, p], [g, slope], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": Function(
+                "hess_lag",
+                [x, p, weight, multipliers],
+                [curvature],
+                ["x", "p", "lam_f", "lam_g"],
+                ["triu_hess_gamma_x_x"],
+            ),
+        },
+    )
+
+
+def _sum(indices: NDArray[np.intp], n: int) -> DM:
+    """The matrix that adds entries, in the order of the rows of ``indices``, to places in a vector."""
+    flat = indices.ravel()
+    return DM(csc_array((np.ones(flat.size), (flat, np.arange(flat.size))), shape=(n, flat.size)))
+
+
+def _global(rows: NDArray[np.intp], columns: NDArray[np.intp], sparsity: Sparsity) -> Places:
+    """Global places of the local entries of all copies."""
+    local_rows, local_columns = np.array(sparsity.row(), int), np.array(sparsity.get_col(), int)
+    return rows[:, local_rows].ravel(), columns[:, local_columns].ravel()
+
+
+def _pattern(places: Sequence[Places], shape: tuple[int, int], *, upper: bool = False) -> tuple[Sparsity, DM]:
+    """The sparsity of a sum of entries at these places, and the matrix that adds them to its nonzeros."""
+    rows, columns = (np.concatenate(each) for each in zip(*places, strict=True))
+    chosen = np.flatnonzero(columns >= rows) if upper else np.arange(rows.size)
+    keys, inverse = np.unique(columns[chosen] * shape[0] + rows[chosen], return_inverse=True)
+    sparsity = Sparsity.triplet(*shape, (keys % shape[0]).tolist(), (keys // shape[0]).tolist())
+    summing = coo_array((np.ones(chosen.size), (inverse.ravel(), chosen)), shape=(keys.size, rows.size))
+    return sparsity, DM(csc_array(summing))

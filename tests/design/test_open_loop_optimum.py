@@ -1,0 +1,144 @@
+"""Optimal open-loop torques: against designs with constant torques, their neighbours, and what they must meet."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.solver.collocation import Collocation
+from gaitopt.systems import build_system
+
+COMPASS = """
+name: compass-open-loop
+walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 0}
+friction: 0.12
+control: {type: open_loop, intervals: 1, order: constant, bounds: {ankle: [-5, 5], hip: [-5, 5]}}
+gait:
+  phases: [slip_forward, stick]
+  impact: slip_forward
+  guess: {state: {theta1: -0.087, dtheta1: 0.445, dtheta2: -0.492, dx: 0.084}}
+objective: cost_of_transport
+constraints: {speed: 0.4}
+"""
+RICH = """
+name: rich
+walker: {model: compass_biped, leg_length: 1.6, leg_mass: 4, leg_com: 0.8, hip_mass: 2, gravity: 9.8, slope: 0}
+friction: {free: [0.1, 0.4], guess: 0.3}
+control: {type: open_loop, intervals: 3, bounds: {ankle: [-5, 5], hip: [-5, 5]}, rates: {hip: 20}}
+gait:
+  phases: [slip_forward, stick]
+  impact: slip_forward
+  guess: {state: {theta1: -0.087, dtheta1: 0.445, dtheta2: -0.492, dx: 0.084}}
+objective: {absolute_cost_of_transport: 1, peak_torque: 0.01, friction: 0.1}
+constraints:
+  speed: {min: 0.4}
+  required_friction: {max: 0.3}
+  min_normal_force: {min: 1}
+  impulse_ratio: {max: 2}
+  angle.theta1: {min: -30 deg, max: 30 deg}
+  state.theta1: {max: -0.05}
+  control.hip.0: {max: 1}
+"""
+
+
+@pytest.fixture(scope="module")
+def compass():
+    gait = go.solve(go.parse_problem(COMPASS), progress=False)
+    assert gait.converged, gait.message
+    return gait
+
+
+def test_one_constant_interval_is_the_design_with_constant_torques(compass):
+    design = named("compass-torque-efficient")
+    assert compass.scalar("cost_of_transport") == pytest.approx(design.scalar("cost_of_transport"), rel=1e-8)
+    for name in ("ankle", "hip"):
+        assert compass.freed[f"control.{name}.0"] == pytest.approx(design.freed[f"control.{name}"], abs=1e-5)
+    np.testing.assert_allclose(compass.state, design.state, atol=1e-5)
+
+
+def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time(compass, tmp_path):
+    assert go.verify(compass).passed
+    assert compass.problem.control.duration == pytest.approx(compass.period, rel=1e-8)
+    assert compass.scalar("speed") == pytest.approx(0.4, rel=1e-7)
+    loaded = go.load_run(compass.save(tmp_path / "run"))
+    assert loaded.freed == compass.freed
+    assert loaded.scalar("work") == pytest.approx(compass.scalar("work"), rel=1e-9)
+
+
+def test_its_law_can_be_followed_to_another_friction(compass):
+    branch = go.continuation(compass, "friction", to=0.125)
+    assert branch.points[-1].value == pytest.approx(0.125)
+    assert branch.points[-1].gait.problem.control == compass.problem.control
+
+
+def test_more_intervals_are_never_worse():
+    costs = []
+    for intervals in (1, 2, 4):
+        text = COMPASS.replace("intervals: 1", f"intervals: {intervals}").replace("cost_of_transport", "torque_squared")
+        gait = go.solve(go.parse_problem(text), progress=False)
+        assert gait.converged, gait.message
+        costs.append(gait.scalar("torque_squared"))
+    assert costs[0] > costs[1] * (1 - 1e-9) > costs[2] * (1 - 2e-9)
+
+
+def test_no_better_neighbour_of_the_optimum_is_found(compass):
+    from gaitopt.design.neighbourhood import neighbourhood
+
+    searched = neighbourhood(compass, directions=10)
+    assert searched.optimal, searched.words
+
+
+def test_derivatives_of_the_program_are_those_of_central_differences():
+    problem = go.parse_problem(RICH)
+    free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
+    program = Collocation(
+        problem, build_system(problem), np.array([0.1, 0.6]), free=free, degree=2, intervals=4, places=((1, 0.3),)
+    )
+    assembled, p, rng = program.program, program.dynamics.p, np.random.default_rng(0)
+    value = ca.Function("value", [assembled.x, assembled.p], [assembled.f, assembled.g])
+    states = np.tile([-0.1, 0.1, 0.01, 0.5, -0.5, 0.1], (program.n_states, 1))
+    n_values = len(program.value_keys)
+    x = program.pack(states, np.ones(n_values), np.array([0.1, 0.6]), [0.3]) + 0.02 * rng.normal(size=program.n_x)
+    direction, eps, multipliers = rng.normal(size=x.size), 1e-6, rng.normal(size=program.lbg.size)
+
+    def slopes(at):
+        gradient = assembled.derivatives["grad_f"](at, p)[1]
+        return np.asarray(gradient).ravel(), np.asarray(ca.DM(assembled.derivatives["jac_g"](at, p)[1]))
+
+    (f1, g1), (f0, g0) = (map(np.asarray, value(x + sign * eps * direction, p)) for sign in (1, -1))
+    gradient, jacobian = slopes(x)
+    assert ((f1 - f0) / (2 * eps)).item() == pytest.approx(gradient @ direction, rel=1e-6, abs=1e-6)
+    change, exact = ((g1 - g0) / (2 * eps)).ravel(), jacobian @ direction
+    np.testing.assert_allclose(change, exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
+    upper = np.asarray(ca.DM(assembled.derivatives["hess_lag"](x, p, 1.0, multipliers)))
+    hessian = upper + np.triu(upper, 1).T
+    total = [
+        gradient + jacobian.T @ multipliers for gradient, jacobian in (slopes(x + s * eps * direction) for s in (1, -1))
+    ]
+    np.testing.assert_allclose(
+        (total[0] - total[1]) / (2 * eps), hessian @ direction, rtol=1e-5, atol=1e-5 * np.abs(hessian @ direction).max()
+    )
+
+
+def test_a_problem_with_every_kind_of_constraint_meets_them():
+    gait = go.solve(go.parse_problem(RICH), progress=False)
+    assert gait.converged, gait.message
+    assert go.verify(gait).passed
+    law = gait.problem.control
+    assert gait.scalar("speed") > 0.4 * (1 - 1e-7)
+    assert gait.scalar("required_friction") < 0.3 + 1e-7
+    assert max(np.abs(np.diff(law.values["hip"]))) < 20 * law.duration / 3 + 1e-6
+    assert law.values["hip"][0] < 1 + 1e-7
+    assert max(abs(value) for row in law.values.values() for value in row) == pytest.approx(
+        gait.scalar("peak_torque"), rel=1e-5
+    )
+
+
+def test_a_speed_beyond_the_torque_limits_says_how_far_one_gets():
+    text = COMPASS.replace("0.4}", "2}").replace("[slip_forward, stick]", "[stick]").replace("slip_forward", "stick")
+    text = text.replace(", dx: 0.084", "").replace("friction: 0.12", "friction: 1").replace("[-5, 5]", "[-1, 1]")
+    gait = go.solve(go.parse_problem(text), progress=False)
+    assert gait.status is go.Status.INFEASIBLE
+    assert "constraints.speed: speed = 2 conflicts with" in gait.message
+    assert "best reached" in gait.message
