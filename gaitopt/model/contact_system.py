@@ -131,7 +131,7 @@ class ContactExpressions(Expressions):
             where the motion would keep them: of heights of contacts that never leave the ground, and of the energy.
         """
         lands = any(name not in before.touching for name in mode.touching)
-        z = self.collision(mode, self.landing(mode, before)).z_plus if lands else self.eom.z
+        z = SX(self.collision(mode, self.landing(mode, before)).z_plus if lands else self.eom.z)
         if not ends_step:
             return z
         end = self.transitions.cycle_end

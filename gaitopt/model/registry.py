@@ -25,6 +25,8 @@ OWN_CONTROLS = {
     "constant_torque": "gaitopt.model.control:ConstantTorque",
     "pd": "gaitopt.model.tracking:ProportionalDerivative",
     "controlled_symmetry": "gaitopt.model.controlled_symmetry:ControlledSymmetry",
+    "alternating": "gaitopt.model.clocked:Alternating",
+    "oscillating": "gaitopt.model.clocked:Oscillating",
     "virtual_constraints": "gaitopt.model.virtual_constraints:VirtualConstraints",
     "open_loop": "gaitopt.model.open_loop:OpenLoop",
 }

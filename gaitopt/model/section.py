@@ -87,9 +87,9 @@ class ContactSection(Section):
         self.before, self.after, self.words = before, after, after.brief
         eom = equations_of_motion(walker)
         self._z, self._p = eom.z, eom.p
-        self._c, stale = _equations(walker, before, after, event)
+        self._c, counts, stale = _equations(walker, before, after, event)
         state = walker.state_names()
-        self._solved, self._rows = _solved_coordinates(walker, self._c, stale)
+        self._solved, self._rows = _solved_coordinates(walker, self._c, counts, stale)
         left_out = {*self._solved, *stale}
         self.indices = np.array([k for k in _in_order(walker) if k not in left_out], dtype=np.intp)
         self.names = tuple(state[k] for k in self.indices)
@@ -174,30 +174,33 @@ def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str
     return ContactSection(walker, before.contact, impact.contact, event)
 
 
-def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> tuple[SX, list[int]]:
-    """c(z, p), and the indices of the coordinates and rates of massless contacts that are off."""
+def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> tuple[SX, tuple[int, int], list[int]]:
+    """c(z, p), the number of its rows about positions and of those about velocities, which come next.
+
+    Also the indices of the coordinates and rates of massless contacts that are off.
+    """
     eom, state, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
     contacts, q, dq = eom.mechanism.contacts, eom.q, eom.dq
     names = (*walker.shape, "x", "y")
     on_ground = [name for name in walker.contacts if name in before.touching or name in after.touching]
-    rows = [q[names.index("x")], *(contacts[name].position[1] for name in on_ground)]
+    places = [q[names.index("x")], *(contacts[name].position[1] for name in on_ground)]
     for name in walker.massless_contacts:
         if name in after.touching and name not in before.touching:
-            rows += [q[names.index(key)] - value for key, value in contacts[name].places.items()]
-    if event not in (TOUCHDOWN, CLOCK):
-        rows.append(eom.sections[event])
-    modes = (after,) if event == TOUCHDOWN else (before, after)
+            places += [q[names.index(key)] - value for key, value in contacts[name].places.items()]
+    modes, rates, others = (after,) if event == TOUCHDOWN else (before, after), list[SX](), list[SX]()
     for name in on_ground:
         velocity = jtimes(contacts[name].position, q, dq)
         touching = [mode for mode in modes if name in mode.touching]
-        rows += [velocity[1]] if touching else []
-        rows += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
+        rates += [velocity[1]] if touching else []
+        rates += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
+    if event not in (TOUCHDOWN, CLOCK):
+        others.append(eom.sections[event])
     if "energy" in walker.model_fields:
         springs = (energy for name, energy in eom.mechanism.potential_while.items() if after.has(name))
-        rows.append(eom.energy + sum(springs, SX(0)) - eom.parameters.energy)
+        others.append(eom.energy + sum(springs, SX(0)) - eom.parameters.energy)
     off = [key for name in walker.massless_contacts if name not in after.touching for key in contacts[name].places]
     stale = [k for key in off for k in (state.index(key), state.index(key) + n)]
-    return vertcat(*rows), stale
+    return vertcat(*places, *rates, *others), (len(places), len(rates)), stale
 
 
 def _in_order(walker: type[Walker]) -> list[int]:
@@ -207,25 +210,26 @@ def _in_order(walker: type[Walker]) -> list[int]:
     return [names.index(name) for name in (*order, *(f"d{name}" for name in order))]
 
 
-def _solved_coordinates(walker: type[Walker], c: SX, stale: Sequence[int]) -> tuple[list[int], list[int]]:
+def _solved_coordinates(
+    walker: type[Walker], c: SX, counts: tuple[int, int], stale: Sequence[int]
+) -> tuple[list[int], list[int]]:
     """Indices of the coordinates for which the equations are solved, and of the independent equations.
 
     First come the coordinates of massless contacts, then the base point, then the shape from its end; those that the
-    class names in ``section`` and ``section_rates`` come last.
+    class names in ``section`` and ``section_rates`` come last. Equations about velocities are solved for rates, and so
+    is the energy; the margin that ends a cycle may be solved for either.
     """
     eom, names, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
     own = [key for name in walker.massless_contacts for key in eom.mechanism.contacts[name].places]
-    free, free_rates = walker.section, walker.section_rates or ()
     shape = [name for name in reversed(walker.shape) if name not in own]
 
-    def preferred(stated: Sequence[str]) -> list[str]:
-        return sorted([*own, "x", "y", *shape], key=lambda name: name in stated)
+    def preferred(stated: Sequence[str]) -> list[int]:
+        order = sorted([*own, "x", "y", *shape], key=lambda name: name in stated)
+        return [names.index(name) for name in order if names.index(name) not in stale]
 
-    order = [names.index(name) for name in preferred(free)]
-    order += [names.index(name) + n for name in preferred(free_rates)]
-    order = [k for k in order if k not in stale]
+    places, rates = preferred(walker.section), [k + n for k in preferred(walker.section_rates or ())]
     evaluated = Function("section", [eom.z, eom.p], [densify(c), densify(jacobian(c, eom.z))])
-    random = np.random.default_rng(0)
+    random, n_places, n_rates = np.random.default_rng(0), *counts
     for _ in range(20 * SAMPLES):
         p, z = random.uniform(0.5, 1.5, eom.p.numel()), random.uniform(-0.3, 0.3, eom.z.numel())
         for _ in range(NEWTON_STEPS):
@@ -235,37 +239,25 @@ def _solved_coordinates(walker: type[Walker], c: SX, stale: Sequence[int]) -> tu
             step = np.linalg.pinv(J) @ values.ravel()
             z = z - step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-300))
         if np.all(np.isfinite(J)) and np.abs(values).max() < 1e-10:
-            return _pivots(J, order, n if "energy" in walker.model_fields else None)
-    raise ProblemError(f"{walker.__name__}: no state satisfies the conditions of its section")
-
-
-def _pivots(J: Array, order: Sequence[int], first_rate: int | None) -> tuple[list[int], list[int]]:
-    """Columns and rows of pivots of a matrix, the columns as early in ``order`` as possible.
-
-    Parameters
-    ----------
-    first_rate : index of the first rate, if the last row is the energy; this is solved for the first rate that is left.
-    """
-    A, sizes = J.copy(), np.abs(J).max(axis=1, initial=1e-300)
-    A /= sizes[:, None]
-    columns, rows, n = list[int](), list[int](), len(A) - (first_rate is not None)
-
-    def eliminate(row: int, column: int) -> None:
-        columns.append(column)
-        rows.append(row)
-        for other in (k for k in range(len(A)) if k not in rows):
-            A[other] -= A[other, column] / A[row, column] * A[row]
-            A[other][np.abs(A[other]) < DEPENDENT * 1e-3] = 0.0
-
-    for least in (SMALL, DEPENDENT):
-        for column in order:
-            left = [k for k in range(n) if k not in rows]
-            if column in columns or not left:
-                continue
-            row = max(left, key=lambda k: abs(A[k, column]))
-            if abs(A[row, column]) > least * max(np.abs(A[row]).max(), DEPENDENT):
-                eliminate(row, column)
-    if first_rate is not None:
-        rates = (k for k in order if k >= first_rate and k not in columns and abs(A[n, k]) > DEPENDENT)
-        eliminate(n, next(rates, order[-1]))
+            break
+    else:
+        raise ProblemError(f"{walker.__name__}: no state satisfies the conditions of its section")
+    A, columns, rows = J / np.abs(J).max(axis=1, keepdims=True), list[int](), list[int]()
+    groups = [(range(n_places), places, SMALL), (range(n_places, n_places + n_rates), rates, SMALL)]
+    for k in range(n_places + n_rates, len(A)):
+        is_energy = "energy" in walker.model_fields and k == len(A) - 1
+        groups.append((range(k, k + 1), rates if is_energy else places + rates, DEPENDENT if is_energy else SMALL))
+    for group, order, size in groups:
+        for least in (size, DEPENDENT):
+            for column in order:
+                left = [k for k in group if k not in rows]
+                if column in columns or not left:
+                    continue
+                row = max(left, key=lambda k: abs(A[k, column]))
+                if abs(A[row, column]) > least * max(np.abs(A[row, order]).max(), DEPENDENT):
+                    columns.append(column)
+                    rows.append(row)
+                    for other in (k for k in range(len(A)) if k not in rows):
+                        A[other] -= A[other, column] / A[row, column] * A[row]
+                        A[other][np.abs(A[other]) < DEPENDENT * 1e-3] = 0.0
     return columns, rows

@@ -397,7 +397,7 @@ class _StatementReader:
             self._fault(path, f"{shown(end)} is for walkers with several contacts: a step of the {model.model} ends "
                         "with a touchdown; leave it out")  # fmt: skip
         elif end == CLOCK and (self._control is None or not self._control.period):
-            self._fault(path, "clock needs a control law with a period of its own, such as cyclic")
+            self._fault(path, "clock needs a control law with a period of its own, such as oscillating")
         elif end != CLOCK and end not in model.sections:
             known = ", ".join(model.sections) or "none"
             self._fault((*path, "margin"), f"the {model.model} has no section {shown(end)}; there are: {known}")

@@ -401,7 +401,8 @@ def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
         arcs = [
             arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.touching == ours.mode.touching
         ]
-        index = np.searchsorted([arc.end for arc in arcs[:-1]], ours.times)
+        outside = [np.maximum(np.maximum(arc.start - ours.times, ours.times - arc.end), 0.0) for arc in arcs]
+        index = np.argmin(outside, axis=0)  # the first of those that contain the time, or else the closest one
         states = np.empty(ours.states.shape)
         for k, arc in enumerate(arcs):
             fractions = np.clip(2 * (ours.times[index == k] - arc.start) / arc.duration - 1, -1, 1)

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from contact_problems import TEXTS, WALKERS, contact_gait, contact_problem
+from named import named
 
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.problem.problem import restore_problem
@@ -22,6 +23,9 @@ EXPECTED = {  # section coordinates, period and multipliers, found by walking an
         0.745424,
         [-2.83737609, 0.220403232, 0.0123616811, 0],
     ),
+    "crawler": ([0.446930709], 2, [0.3795758]),
+    "inchworm": ([0.599175746, 0.991581372, 0.303426969], 1, [-0.00998104488, 0, 0]),
+    "run": ([0.934925866], 0.8712658, [0.368259]),
     # back foot 0.10336958 behind, velocity at -0.33568428 rad; Geyer, Seyfarth, Blickhan (2006)
     "slip-walk": ([-0.103369584, -0.395032455], 0.17576282 + 0.23402285, [1.43126171, 0.53609219]),
 }
@@ -45,10 +49,10 @@ def test_a_record_holds_the_gait(name: str) -> None:
     gait = contact_gait(name)
     record = json.loads(json.dumps(gait.to_record()))
     (step,) = integrated_steps(gait.dynamics, record)
-    assert step.sequence == gait.cycle.steps[0]
+    assert step.sequence == gait.cycle.untimed.steps[0]
     assert step.impact.state == pytest.approx(gait.state, abs=1e-9)
     again = restore_problem(json.loads(json.dumps(gait.problem.resolved())), walkers=WALKERS)
-    assert again.with_gait(record).cycle == gait.cycle
+    assert again.with_gait(record).cycle == gait.cycle.untimed
     assert solve(again.with_gait(record)).state == pytest.approx(gait.state, abs=1e-11)
 
 
@@ -82,3 +86,48 @@ def test_a_gait_is_refused_where_a_contact_would_need_more_friction() -> None:
     gait = solve(problem.from_guess())
     assert not gait.converged
     assert "heel needs friction" in gait.message or "toe needs friction" in gait.message
+
+
+def test_a_crawler_is_the_damped_oscillator_that_one_can_write_down() -> None:
+    """Each half one mass slides half an oscillation about where its forces balance, and then rests.
+
+    gap = g + (gap_0 - g) (1, -e) at the two ends, e = exp(-s pi / w); the multiplier is the product of both e.
+    """
+    gait = contact_gait("crawler")
+    k, c, rest, force, weight, slope = 20, 1.5, 0.5, 4.95, 9.81, 0.1
+    along, normal = weight * np.sin(slope), weight * np.cos(slope)
+    masses, friction, signs, pushes = (1.5, 1.0), (0.4, 0.6), (1, -1), (force, -force)
+    balance, factor, times = [], [], []
+    for m, mu, sign, push in zip(masses, friction, signs, pushes, strict=True):
+        # the gap pushes the front mass ahead, and pulls the rear one; friction is against the motion ahead
+        balance.append(rest + (push + sign * m * along - sign * mu * m * normal) / k)
+        s = c / (2 * m)
+        w = np.sqrt(k / m - s**2)
+        factor.append(np.exp(-s * np.pi / w))
+        times.append(np.pi / w)
+    (g1, g2), (e1, e2) = balance, factor
+    start = (g2 * (1 + e2) - e2 * g1 * (1 + e1)) / (1 - e1 * e2)
+    wide = g1 + e1 * (g1 - start)
+    assert gait.state[0] == pytest.approx(start, abs=1e-12)
+    assert gait.arcs[1].states[0][0] == pytest.approx(wide, abs=1e-12)
+    assert gait.multipliers == pytest.approx([e1 * e2], abs=1e-12)
+    assert [gait.phases[0][1], gait.phases[2][1]] == pytest.approx(times, abs=1e-12)
+    assert gait.measures["step_length"] == pytest.approx(wide - start, abs=1e-12)
+    walked = Simulator(gait.dynamics).run(gait.state, 3)
+    assert walked.section_states[-1] == pytest.approx(gait.state, abs=1e-12)
+
+
+def test_an_inchworm_changes_its_mode_ten_times_in_a_cycle() -> None:
+    gait = contact_gait("inchworm")
+    assert len(gait.phases) == 11
+    assert gait.problem.section_names == ("rear_angle", "drear_angle", "dx")
+    assert gait.measures["step_length"] == pytest.approx(0.135066, abs=1e-6)
+    assert np.abs(gait.multipliers[1:]).max() < 1e-10  # both feet rest at times
+
+
+def test_a_section_in_flight_gives_the_multiplier_of_the_one_at_touchdown() -> None:
+    """The same runner as a walker that stands on one foot at a time, whose steps end with a landing."""
+    apex, landing = contact_gait("run"), named("slip-run")
+    assert apex.period == pytest.approx(landing.period, abs=1e-12)
+    assert apex.multipliers == pytest.approx(landing.multipliers, abs=1e-11)
+    assert apex.measures["step_length"] == pytest.approx(landing.measures["step_length"], abs=1e-12)
