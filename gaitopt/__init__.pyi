@@ -17,12 +17,14 @@ from gaitopt.api.verbs import multistart as multistart
 from gaitopt.api.verbs import neighbourhood as neighbourhood
 from gaitopt.api.verbs import nlp as nlp
 from gaitopt.api.verbs import prove as prove
+from gaitopt.api.verbs import replay as replay
 from gaitopt.api.verbs import run_parallel as run_parallel
 from gaitopt.api.verbs import simulate as simulate
 from gaitopt.api.verbs import solve as solve
 from gaitopt.api.verbs import sweep as sweep
 from gaitopt.api.verbs import verify as verify
 from gaitopt.display import Page as Page
+from gaitopt.engines.replay import Replay as Replay
 from gaitopt.errors import GaitoptError as GaitoptError
 from gaitopt.gait.branch import Branch as Branch
 from gaitopt.gait.gait import Gait as Gait

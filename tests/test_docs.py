@@ -46,6 +46,7 @@ def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch,
 def test_library_calls_that_are_shown_work(program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "docs" / "examples" / "rabbit.urdf", tmp_path)
+    monkeypatch.syspath_prepend(ROOT / "docs" / "examples")
     exec(compile(program, "docs", "exec"), {})  # noqa: S102 - our own pages
 
 

@@ -5,7 +5,7 @@ In a notebook ``plot`` displays its figure as PNG without any magic command, and
 
 import sys
 from base64 import b64encode
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from html import escape
 from pathlib import Path
@@ -152,8 +152,13 @@ def animate(result: Gait | Walk) -> Page:
     return Page(f"animation of {result.problem.name}", page())
 
 
-def report(*results: Any) -> Page:
-    """Everything about a gait, a walk or a branch as one page, or several gaits side by side."""
+def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
+    """Everything about a gait, a walk or a branch as one page, or several gaits side by side.
+
+    Parameters
+    ----------
+    replays : of the gait in other engines, whose motions are drawn over its own; as ``replay`` returns them.
+    """
     first = results[0]
     if isinstance(first, Branch):
         if not first.points:
@@ -163,7 +168,8 @@ def report(*results: Any) -> Page:
     if isinstance(first, Walk):
         return Page(f"report of {first.problem.name}", walk_report(first))
     gaits = list(results) if isinstance(first, Gait) else list(first)
-    return Page(f"report of {gaits[0].problem.name}", comparison_report(gaits))
+    records = [replay if isinstance(replay, Mapping) else replay.to_record() for replay in replays]
+    return Page(f"report of {gaits[0].problem.name}", comparison_report(gaits, records))
 
 
 def page_in(folder: Path) -> Page | None:

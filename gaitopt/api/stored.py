@@ -1,5 +1,6 @@
 """Results in run folders: saved, and loaded again, whole or in part."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,15 +10,19 @@ from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem
+from gaitopt.store.formats import json_file
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, PROBLEM_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
 
 if TYPE_CHECKING:
+    from gaitopt.engines.replay import Replay
     from gaitopt.gait.records import BranchRecord
     from gaitopt.runs.results import Result
 
 SPECIAL, ATTRACTOR = "@special.", "@attractor."
 """What separates a run folder from the number of a special point of its branch, or of an attractor of its basin."""
+REPLAY = "replay-"
+"""Start of the names of files with replays; the name of the engine follows."""
 
 
 def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
@@ -43,6 +48,20 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
         error.result = result  # it took time to compute, and can still be printed
         raise
     return run.folder
+
+
+def save_replays(replays: "Sequence[Replay]", gait: Gait, folder: Path) -> Path:
+    """Store the replays of a gait in one engine in the run folder of its problem; returns the file."""
+    run, name = Run.of(gait.problem, folder), f"{REPLAY}{replays[0].engine}.json"
+    with run.begun(gait.problem):
+        run.write({name: json_file({"replays": [replay.to_record() for replay in replays]})})
+    return run.path(name)
+
+
+def stored_replays(folder: Path) -> list[dict[str, Any]]:
+    """The records of all replays in a run folder."""
+    files = sorted(folder.glob(f"{REPLAY}*.json"))
+    return [record for file in files for record in Run(folder).read_object(file.name)["replays"]]
 
 
 def stored_gait(problem: Problem, path: str | Path | None = None) -> Gait | None:

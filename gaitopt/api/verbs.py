@@ -49,6 +49,7 @@ from gaitopt.workers.jobs import Job, ResumableJobs, make_workers, run_jobs
 if TYPE_CHECKING:
     from gaitopt.branches.request import Request
     from gaitopt.design.neighbourhood import Neighbourhood
+    from gaitopt.engines.replay import Replay, Simulator
     from gaitopt.proof.check import Proof
     from gaitopt.runs.basin import Basin
     from gaitopt.runs.front import Front
@@ -64,6 +65,8 @@ Over = Mapping[str, tuple[float | str, float | str, int]]
 
 CERTIFICATE_FILE = "proof.json"
 """The certificate of a proof in the run folder of its gait."""
+SHORTEST_STEP, LONGEST_STEP = 1e-6, 0.1
+"""Bounds of an engine's time step [s]."""
 STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
 """Size of the arcs of one step, in memory and as rows of a table."""
 
@@ -605,6 +608,83 @@ def check_proof(
         return check(parse_certificate(content), walkers=walkers, controls=controls)
     except StorageError as error:
         raise StorageError(f"{file} is no certificate of a proof: {error}") from error
+
+
+def replay(
+    start: Gait | Problem | str | Path,
+    engine: "str | type[Simulator]",
+    *,
+    settings: str | Mapping[str, Mapping[str, Any]] | None = None,
+    time_steps: Sequence[float] | None = None,
+    output: Output = False,
+    progress: CountProgress = True,
+    should_stop: Stop = None,
+) -> "list[Replay]":
+    """Replay a gait in another physics engine, and measure what it does.
+
+    The engine starts from the gait's state just after an impact and walks one cycle at several time steps. It runs in a
+    process of its own, so that a crash is a result.
+
+    Parameters
+    ----------
+    start : a gait, or a problem that is solved for its gait.
+    engine : ``mujoco``, ``drake`` or ``pybullet``, from the extra ``engines``; or an adapter of one's own, a class in a
+        module that another process can import.
+    settings : name of a setting of the adapter, ``default`` or ``best``; or own settings by name, with the same keys.
+        All of the adapter by default.
+    time_steps : of the engine [s]; by default 4 ms and its halves down to 0.25 ms.
+    output : run folder in which the results are kept as ``replay-ENGINE.json``, for ``report``.
+    progress : whether to show it, or a function of the number of finished runs and their total.
+    should_stop : polled; True ends the call with a KeyboardInterrupt.
+
+    Returns
+    -------
+    replays : one per setting, with an outcome per time step.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such engine or setting, or the engine is not installed.
+    ProblemError
+        If a time step is not positive, or the engine has no law for the walker: it declares no links, or has static
+        friction above kinetic friction, flight, joint stops, a slipping impact without friction, ...
+    SolveError
+        If the solve fails.
+    StorageError
+        If the folder cannot be written.
+    """
+    from gaitopt.api.stored import save_replays
+    from gaitopt.engines import replay as engines
+
+    simulator = engines.adapter(engine)
+    known = simulator.settings
+    if isinstance(settings, str) and settings not in known:
+        words = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
+        raise UnknownNameError(words).concerning("setting")
+    named = known if settings is None else {settings: known[settings]} if isinstance(settings, str) else settings
+    steps = [*(engines.TIME_STEPS if time_steps is None else time_steps)]
+    wrong = [dt for dt in steps if not SHORTEST_STEP <= dt <= LONGEST_STEP]
+    if wrong or not steps:
+        words = f"{wrong[0]:g} s is" if wrong else "none is given, but each must be"
+        raise ProblemError(f"time step: {words} not between {SHORTEST_STEP:g} s and {LONGEST_STEP:g} s")
+    gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
+    if not gait.converged:
+        error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
+        error.result = gait
+        raise error
+    done, total = 0, len(named) * len(steps)
+    with shown(progress, job_progress, f"runs of {simulator.name}") as show:
+
+        def finished(outcome: Any) -> None:
+            nonlocal done
+            done += 1
+            show(done, total)
+
+        replays = engines.replay(gait, simulator, named, steps, finished, should_stop)
+    folder = _folder(gait.problem, output)
+    if folder is not None:
+        save_replays(replays, gait, folder)
+    return replays
 
 
 def sweep(

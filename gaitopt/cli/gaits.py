@@ -352,3 +352,44 @@ def _report_proof(proof: "Proof", file: Path, terminal: Terminal) -> int:
 
     terminal.show({**proof.to_record(), "certificate": str(file)}, print_proof, "certificate")
     return 0 if proof.proved else NOT_A_GAIT
+
+
+def replay(
+    terminal: Terminal,
+    run: RunArgument,
+    engine: Annotated[str, typer.Option("--engine", help="mujoco, drake or pybullet.")],
+    setting: Annotated[
+        str | None, typer.Option("--setting", help="default or best; both by default.", show_default=False)
+    ] = None,
+    time_steps: Annotated[
+        list[float] | None,
+        typer.Option(
+            "--dt", help="Time step [s]; repeat it. By default 0.004 and its halves to 0.00025.", show_default=False
+        ),
+    ] = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+) -> int:
+    """Replay a gait in another physics engine, and measure its errors over the time step.
+
+    The engine starts from the gait's state and walks one cycle at every time step; the result is kept with the run, and
+    `report` draws its motion over that of the gait.
+    """
+    from gaitopt.api import stored, verbs
+    from gaitopt.engines.replay import adapter
+    from gaitopt.show.tables import print_replay
+
+    adapter(engine)
+    gait, folder, _ = gait_of(run, changes, output, terminal)
+    if not gait.converged:
+        return report(gait, None, terminal)
+    with terminal.working(f"runs of {engine}") as (progress, interrupted):
+        replays = verbs.replay(
+            gait, engine, settings=setting, time_steps=time_steps, progress=progress, should_stop=interrupted
+        )
+    file = stored.save_replays(replays, gait, folder)
+    for result in replays:
+        terminal.show({**result.to_record(), "file": str(file)}, print_replay)
+    if not terminal.json:
+        terminal.print_paths([file])
+    return 0

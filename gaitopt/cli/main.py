@@ -16,7 +16,7 @@ import typer
 
 from gaitopt import __version__
 from gaitopt.cli.families import basin, continue_, front, sweep
-from gaitopt.cli.gaits import explain, find, prove, simulate, solve, verify
+from gaitopt.cli.gaits import explain, find, prove, replay, simulate, solve, verify
 from gaitopt.cli.terminal import (
     BROKEN_PIPE,
     INTERNAL_ERROR,
@@ -29,7 +29,14 @@ from gaitopt.cli.terminal import (
 from gaitopt.cli.views import list_problems, plot, report, reproduce, schema, show, validate
 from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError, printable
 
-PREFIXES = {"over": "--over ", "parameter": "--param ", "to": "--to ", "what": "--what "}
+PREFIXES = {
+    "over": "--over ",
+    "parameter": "--param ",
+    "to": "--to ",
+    "what": "--what ",
+    "engine": "--engine ",
+    "setting": "--setting ",
+}
 """Options by the argument of the library function that an error concerns."""
 SUFFIXES = {"output": " with -o"}
 
@@ -110,6 +117,7 @@ for _name, _command, *_shared in (
     ("sweep", sweep, JSON, QUIET),
     ("front", front, JSON, QUIET),
     ("prove", prove, JSON, QUIET),
+    ("replay", replay, JSON_LINES, QUIET),
     ("plot", plot, QUIET),
     ("report", report, QUIET),
     ("reproduce", reproduce, QUIET),

@@ -167,6 +167,7 @@ def report(
     otherwise.
     """
     from gaitopt.api import pictures
+    from gaitopt.api.stored import stored_replays
     from gaitopt.store.files import check_writable
 
     if output is not None and (not output.name or output.is_dir()):
@@ -179,7 +180,8 @@ def report(
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        page, folder = pictures.report(*gaits), folders[0]
+        replays = stored_replays(folders[0]) if alone else []
+        page, folder = pictures.report(*gaits, replays=replays), folders[0]
     terminal.print_paths([page.save(output or (folder / REPORT if alone else Path(COMPARISON_REPORT)))])
     return 0
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
 
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
@@ -33,6 +34,7 @@ from gaitopt.show.motion import (
     smooth,
     thinned,
 )
+from gaitopt.show.replays import replayed_motion
 from gaitopt.show.style import MODE_WORDS, encoded, label, parameter_of, symbol
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
@@ -114,8 +116,12 @@ def animation_page(motion: Motion, about: str = "") -> str:
     return render("animation.html", film=film(motion), about=about)
 
 
-def comparison_report(gaits: Sequence[Gait]) -> str:
+def comparison_report(gaits: Sequence[Gait], replays: Sequence[Record] = ()) -> str:
     """HTML of gaits side by side: numbers, figures, moving walkers, NLP against simulation, verification, provenance.
+
+    Parameters
+    ----------
+    replays : records of replays of the first gait in other engines.
 
     Raises
     ------
@@ -136,6 +142,7 @@ def comparison_report(gaits: Sequence[Gait]) -> str:
         "gaits.html",
         title=" and ".join(dict.fromkeys(gait["film"]["name"] for gait in shown)),
         about=gaits[0].problem.about if len(gaits) == 1 else "Side by side",
+        replayed=svg(replayed_motion(motions[0], replays)) if any(replay["motion"] for replay in replays) else "",
         data={"gaits": shown, **words([gait["film"] for gait in shown], records)},
         checks=[(gait["film"]["name"], record["verification"]) for gait, record in zip(shown, records, strict=True)],
         origins=[provenance(gait.problem, gait.solver) for gait in gaits],
@@ -231,6 +238,11 @@ def _of_each_step(record: Mapping[str, Any]) -> dict[str, Any]:
     return {"steps": {key: [float(f"{step[key]:.9g}") for step in record["steps"]] for key in OF_EACH_STEP}}
 
 
+def svg(drawn: Figure) -> str:
+    """A figure as the source of an image within a page."""
+    return f"data:image/svg+xml;base64,{b64encode(encoded(drawn, 'svg')).decode()}"
+
+
 def walk_report(walk: Walk) -> str:
     """HTML of a walk."""
     names = [name for name in walk.system.state_names if name != "x"]
@@ -245,7 +257,7 @@ def walk_report(walk: Walk) -> str:
         walk=walk,
         columns=[f"{symbol(name)} [{state_unit(name)}]" for name in names],
         rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
-        picture=f"data:image/svg+xml;base64,{b64encode(encoded(section_states(walk), 'svg')).decode()}",
+        picture=svg(section_states(walk)),
         data={"film": film(motion_of_walk(walk))},
         checks=[],
         origins=[provenance(walk.problem, {})],

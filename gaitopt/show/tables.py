@@ -447,6 +447,39 @@ def enclosure(lower: str, upper: str) -> str:
     return f"{text} ± {float(half):.1g}" if half else text
 
 
+def print_replay(console: Console, record: Record) -> None:
+    """Print a gait in another engine at one setting: a row per time step."""
+    console.print(
+        f"{record['problem']} in {record['engine']} {record['version']}, setting {record['setting']}", style="bold"
+    )
+    slip, steps = record["slip"], range(len(record["dt"]))
+    columns = ("dt [s]", "error", "before impact", "creep [m]", *(f"{way.split('_')[1]} [mm]" for way in slip["gait"]))
+    columns += ("missed", "invented", "modes", "impact", "energy", "s/s", "")
+    rows = [
+        (
+            number(record["dt"][k]),
+            *(_brief(record[name][k]) for name in ("state_error", "error_before_impact", "creep")),
+            *(_brief(values[k], 1e3, ".4f") for values in slip["engine"].values()),
+            *(_brief(record[name][k], 1.0, ".3f") for name in ("slip_missed", "slip_invented")),
+            "ok" if record["sequence_matches"][k] else "-",
+            *(_brief(record[name][k]) for name in ("impact_error", "energy_error", "seconds_per_second")),
+            "" if record["ending"][k] == "completed" else record["ending"][k],
+        )
+        for k in steps
+    ]
+    section(console, "one cycle", columns, rows, numbers=range(len(columns) - 1))
+    stated = ", ".join(f"{way.split('_')[1]} {_brief(value, 1e3, '.4f')} mm" for way, value in slip["gait"].items())
+    console.print(f"slip of the gait: {stated}")
+    orders = (record["order"], record["order_before_impact"])
+    console.print("observed order: {}, before the impact {}".format(*(_brief(order, 1.0, ".2f") for order in orders)))
+    largest = record["largest_dt"]
+    console.print(f"modes are right up to dt = {largest:g} s" if largest else "modes are right at no time step")
+
+
+def _brief(value: float | None, unit: float = 1.0, digits: str = ".1e") -> str:
+    return "-" if value is None else format(unit * value, digits)
+
+
 def _theorem_rows(words: Record) -> list[tuple[str, str]]:
     """Hypotheses of a theorem with their values, and statements that it does not prove."""
     rows = [

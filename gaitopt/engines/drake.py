@@ -1,0 +1,138 @@
+"""Adapter of Drake (drake.mit.edu): joint coordinates, compliant point contacts, several contact solvers."""
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any, ClassVar
+
+import numpy as np
+from pydrake.geometry import (
+    AddContactMaterial,
+    CollisionFilterDeclaration,
+    GeometrySet,
+    HalfSpace,
+    ProximityProperties,
+    Sphere,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
+from pydrake.multibody.tree import FixedOffsetFrame, PlanarJoint, RevoluteJoint, SpatialInertia, UnitInertia
+from pydrake.systems.analysis import Simulator as DrakeSimulator
+from pydrake.systems.framework import DiagramBuilder
+
+from gaitopt.arrays import Array
+from gaitopt.engines.plant import POINT_RADIUS, Tree
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "default": {"solver": "lagged", "stiffness": None, "dissipation": None, "near_rigid": 1.0},
+    "best": {"solver": "sap", "stiffness": 1e12, "dissipation": 0.0, "near_rigid": 1.0},
+}
+"""Best: the solver SAP with a contact so stiff that SAP's near-rigid limit, which follows the time step, bounds it."""
+DOWN = RotationMatrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""A planar joint moves in x and y of its frames and turns about z: they are x, z and -y of the world."""
+
+
+class Simulator:
+    """A walker in Drake; parameters as for ``gaitopt.engines.mujoco.Simulator``."""
+
+    name: ClassVar[str] = "drake"
+    version: ClassVar[str] = version("drake")
+    settings: ClassVar[Mapping[str, Mapping[str, Any]]] = SETTINGS
+
+    def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
+        self._tree, self._dt, radius = tree, dt, settings.get("radius", POINT_RADIUS)
+        builder, contact = DiagramBuilder(), ProximityProperties()
+        config = MultibodyPlantConfig(
+            time_step=dt, contact_model="point", discrete_contact_approximation=settings["solver"]
+        )
+        config.sap_near_rigid_threshold = settings["near_rigid"]
+        plant, self._scene = AddMultibodyPlant(config, builder)
+        plant.mutable_gravity_field().set_gravity_vector([tree.gravity[0], 0, tree.gravity[1]])
+        material = {"dissipation": settings["dissipation"], "point_stiffness": settings["stiffness"]}
+        material = {name: value for name, value in material.items() if value is not None}
+        AddContactMaterial(properties=contact, friction=CoulombFriction(friction, friction), **material)
+        low = 0.0 if tree.feet[0].radius else -radius
+        world = plant.world_body()
+        ground = RigidTransform([0, 0, low])
+        self._ground = plant.RegisterCollisionGeometry(world, ground, HalfSpace(), "ground", contact)
+        bodies: list[Any] = []
+        for k, body in enumerate(tree.bodies):
+            x, z = body.com
+            turning = max(body.inertia, 1e-12 * body.mass) / body.mass + x * x + z * z
+            about = UnitInertia(turning, turning, turning)  # motion in the plane depends on the middle one alone
+            inertia = SpatialInertia(body.mass, [x, 0, z], about, skip_validity_check=True)
+            bodies.append(plant.AddRigidBody(f"body{k}", inertia))
+            if body.parent < 0:
+                frames = [
+                    plant.AddFrame(FixedOffsetFrame(f"plane{j}", frame, RigidTransform(DOWN)))
+                    for j, frame in enumerate((world.body_frame(), bodies[k].body_frame()))
+                ]
+                plant.AddJoint(PlanarJoint("root", *frames, [0, 0, 0]))
+            else:
+                place = RigidTransform([body.position[0], 0, body.position[1]])
+                hinge = plant.AddFrame(FixedOffsetFrame(f"hinge{k}", bodies[body.parent].body_frame(), place))
+                plant.AddJoint(RevoluteJoint(f"joint{k}", hinge, bodies[k].body_frame(), [0, 1, 0], 0.0))
+                if body.rotor:
+                    motor = plant.AddJointActuator(f"motor{k}", plant.GetJointByName(f"joint{k}"))
+                    motor.set_default_rotor_inertia(body.rotor)
+                    motor.set_default_gear_ratio(1.0)
+        self._feet = [
+            plant.RegisterCollisionGeometry(
+                bodies[foot.body], RigidTransform([foot.tip[0], 0, foot.tip[1]]), Sphere(foot.radius or radius),
+                f"foot{k}", contact,
+            )
+            for k, foot in enumerate(tree.feet)
+        ]  # fmt: skip
+        plant.Finalize()
+        self._plant, self._indices = plant, [body.index() for body in bodies]
+        self._simulator = DrakeSimulator(builder.Build())
+        context = self._simulator.get_mutable_context()
+        self._state, self._shapes = (part.GetMyMutableContextFromRoot(context) for part in (plant, self._scene))
+        self._root = plant.GetJointByName("root")
+        self._joints = [plant.GetJointByName(f"joint{k}") for k, b in enumerate(tree.bodies) if b.parent >= 0]
+        self._steps, self._touching = 0, (True, True)
+        self._force = plant.get_applied_generalized_force_input_port()
+        if any(body.rotor for body in tree.bodies):
+            plant.get_actuation_input_port().FixValue(self._state, np.zeros(plant.num_actuators()))
+
+    def place(self, q: Array, v: Array) -> None:
+        """Set coordinates and rates."""
+        self._root.set_translation(self._state, q[:2])
+        self._root.set_rotation(self._state, -q[2])
+        self._root.set_translational_velocity(self._state, v[:2])
+        self._root.set_angular_velocity(self._state, -v[2])
+        for joint, angle, rate in zip(self._joints, q[3:], v[3:], strict=True):
+            joint.set_angle(self._state, angle)
+            joint.set_angular_rate(self._state, rate)
+
+    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        if touching != self._touching:
+            self._switch(touching)
+        applied = np.zeros(self._plant.num_velocities())
+        first = self._root.velocity_start()
+        applied[first : first + 3] = force[0], force[1], -force[2]
+        for joint, torque in zip(self._joints, force[3:], strict=True):
+            applied[joint.velocity_start()] = torque
+        self._force.FixValue(self._state, applied)
+        self._steps += 1
+        self._simulator.AdvanceTo(self._steps * self._dt)
+        forces = np.zeros((2, 2))
+        results = self._plant.get_contact_results_output_port().Eval(self._state)
+        for k in range(results.num_point_pair_contacts()):
+            info = results.point_pair_contact_info(k)
+            on_ground = info.point_pair().id_A in self._feet  # the force acts on B
+            foot = self._feet.index(info.point_pair().id_A if on_ground else info.point_pair().id_B)
+            forces[foot] += (-1 if on_ground else 1) * info.contact_force()[[0, 2]]
+        q = [*self._root.get_translation(self._state), -self._root.get_rotation(self._state)]
+        v = [*self._root.get_translational_velocity(self._state), -self._root.get_angular_velocity(self._state)]
+        q += [joint.get_angle(self._state) for joint in self._joints]
+        v += [joint.get_angular_rate(self._state) for joint in self._joints]
+        return np.array(q), np.array(v), forces
+
+    def _switch(self, touching: tuple[bool, bool]) -> None:
+        """Allow the contacts of the feet that touch, and exclude the others."""
+        filters = self._scene.collision_filter_manager(self._shapes)
+        for foot, on in zip(self._feet, touching, strict=True):
+            pair, declaration = (GeometrySet(foot), GeometrySet(self._ground)), CollisionFilterDeclaration()
+            filters.Apply(declaration.AllowBetween(*pair) if on else declaration.ExcludeBetween(*pair))
+        self._touching = touching

@@ -1,0 +1,386 @@
+"""A walker as a planar tree of rigid bodies in numbers, and the gait that a physics engine has to reproduce.
+
+Coordinates of an engine are the place (x, z) of the root body's origin, its angle, and one angle per joint, that of the
+body less that of its parent. All angles count about y, which turns z towards x; at zero all frames have the axes of the
+ground. A body never changes its name: where the feet of the gait swap roles, bodies take the roles of their partners.
+
+The torques of the control law act on the absolute angles a of the bodies, with a = A shape + c:
+
+    A' tau = E u
+
+A swing foot may pass through the ground, or scuff, where the gait's guard ignores it: its contact is off between
+``release`` and ``arm``, the times at which the gait's foot is highest before and after it would scuff.
+"""
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from casadi import DM, SX, Function, jacobian, jtimes, substitute, vertcat
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from gaitopt.arrays import Array
+from gaitopt.building import building
+from gaitopt.errors import ProblemError
+from gaitopt.gait import curves
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.model.buffered import buffered
+from gaitopt.model.declaration import has_links, state_mechanism, state_tree
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.links import ORIGIN, Link
+
+POINT_RADIUS = 1e-6
+"""Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
+HEIGHTS = 200
+"""Samples of a step in which the scuffing of the swing foot is looked for."""
+ENDS = 0.03
+"""Fraction of a step at both ends in which a foot near the ground does not scuff."""
+
+
+class Body(NamedTuple):
+    """A rigid body: ``parent`` is an index, -1 for the root; points are in frames, (x, z) [m]."""
+
+    name: str
+    parent: int
+    position: tuple[float, float]
+    mass: float
+    com: tuple[float, float]
+    inertia: float
+    rotor: float
+
+
+class Foot(NamedTuple):
+    """A foot: the body, its tip (the centre of a round foot) and radius [m]."""
+
+    body: int
+    tip: tuple[float, float]
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tree:
+    """Bodies in an order in which parents come first, the two feet (the first one stands), and gravity (x, z)."""
+
+    bodies: tuple[Body, ...]
+    feet: tuple[Foot, Foot]
+    gravity: tuple[float, float]
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        return sum(body.mass for body in self.bodies)
+
+    def angles(self, q: Array) -> Array:
+        """Absolute angles of the bodies from the coordinates, or rates from rates; shape (n,)."""
+        angles = np.zeros(len(self.bodies))
+        for k, body in enumerate(self.bodies):
+            angles[k] = q[2 + k] + (angles[body.parent] if body.parent >= 0 else 0.0)
+        return angles
+
+    def relative(self, angles: Array) -> Array:
+        """The angle of the root and those of the joints from absolute angles."""
+        return np.array(
+            [a - (angles[b.parent] if b.parent >= 0 else 0.0) for a, b in zip(angles, self.bodies, strict=True)]
+        )
+
+    def point(self, body: int, within: tuple[float, float], q: Array, v: Array) -> tuple[Array, Array]:
+        """Position and velocity of a point of a body, shape (2,) each."""
+        a, rates, place, velocity = self.angles(q), self.angles(v), np.array(q[:2]), np.array(v[:2])
+        while True:
+            x, z = within
+            sine, cosine = np.sin(a[body]), np.cos(a[body])
+            place = place + np.array([x * cosine + z * sine, z * cosine - x * sine])
+            velocity = velocity + rates[body] * np.array([z * cosine - x * sine, -x * cosine - z * sine])
+            if self.bodies[body].parent < 0:
+                return place, velocity
+            body, within = self.bodies[body].parent, self.bodies[body].position
+
+    def foot(self, foot: int, q: Array, v: Array) -> tuple[Array, Array]:
+        """(x, y) of a foot as coordinates of the gait, and their rates: the tip, of a round foot less its rolling."""
+        body, tip, R = self.feet[foot]
+        place, velocity = self.point(body, tip, q, v)
+        return place - (R * self.angles(q)[body], R), velocity - (R * self.angles(v)[body], 0)
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Kinetic and potential energy [J]."""
+        total = 0.0
+        rates = self.angles(v)
+        for k, body in enumerate(self.bodies):
+            place, velocity = self.point(k, body.com, q, v)
+            total += body.mass * (velocity @ velocity / 2 - np.dot(self.gravity, place))
+            total += body.inertia * rates[k] ** 2 / 2 + (body.rotor * v[2 + k] ** 2 / 2 if body.parent >= 0 else 0.0)
+        return float(total)
+
+    def generalised(self, torques: Array) -> Array:
+        """Forces on the coordinates from torques on the absolute angles, shape (n + 2,)."""
+        total = np.array(torques, dtype=float)
+        for k in reversed(range(len(self.bodies))):
+            if self.bodies[k].parent >= 0:
+                total[self.bodies[k].parent] += total[k]
+        return np.concatenate([np.zeros(2), total])
+
+
+class Reference:
+    """A gait as an engine sees it: its motion in the coordinates of the engine, its torques and contacts.
+
+    Parameters
+    ----------
+    gait : a converged gait whose walker declares its links.
+
+    Attributes
+    ----------
+    tree : the walker.
+    friction : coefficient of friction.
+    starts : times of the impacts, 0 first [s]; the last is the period.
+    length, time : natural units [m, s].
+    windows : for each step the times since its impact at which the swing foot may scuff: first and last.
+
+    Raises
+    ------
+    ProblemError
+        If the adapters have no law for the walker or its friction; the message says for what.
+    """
+
+    def __init__(self, gait: Gait) -> None:
+        _refuse(gait)
+        self.gait, self.system = gait, gait.system
+        self.tree, self._poses, slopes, self._offset, self._partners = _tree(gait)
+        self._inverse = np.linalg.pinv(slopes)
+        self._effort, self._springs = _forces(gait)
+        self._idle = not self.system.walker.actuators or self.system.control.type == "none"
+        self.friction = gait.dynamics.static_friction
+        self.length, self.time = gait.dynamics.scales.length, gait.dynamics.scales.time
+        self.starts = np.cumsum([0.0, *(step.period for step in gait.steps)])
+        self._places = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
+        self.windows = [_window(step) for step in gait.steps]
+
+    def stance(self, step: int) -> int:
+        """The foot that stands in a step: 0 or 1."""
+        return step % 2
+
+    def step_at(self, t: float) -> tuple[int, float]:
+        """Number of the step at a time since the start, and the time since its impact; one step beyond the cycle."""
+        step = min(int(np.searchsorted(self.starts, t, side="right")) - 1, len(self.gait.steps))
+        return step, t - float(self.starts[step])
+
+    def arc(self, step: int, local: float) -> Arc:
+        """The gait's arc at a time since the impact before a step."""
+        arcs = self.gait.steps[step % len(self.gait.steps)].arcs
+        return next((arc for arc in arcs if local < arc.end), arcs[-1])
+
+    def state(self, t: float) -> Array:
+        """The gait's state (n_z,) at a time since the start, x from the stance foot of its step."""
+        step, local = self.step_at(t)
+        arc = self.arc(step, local)
+        s = 2 * (local - arc.start) / arc.duration - 1
+        return np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)), dtype=float)
+
+    def force(self, t: float) -> Array:
+        """Force (f_t, f_n) of the ground on the gait's stance foot at a time since the start [N]."""
+        step, local = self.step_at(t)
+        arc = self.arc(step, local)
+        observed = buffered(self.system.observation(arc.mode))
+        return observed(local, self.state(t), arc.dynamics.p, self.system.data(arc.segment))[0][:2].copy()
+
+    def coordinates(self, t: float) -> tuple[Array, Array]:
+        """Coordinates and rates of an engine, shape (n + 2,) each, at a time since the start."""
+        (step, _), number = self.step_at(t), len(self.gait.steps)
+        p = self.gait.steps[step % number].arcs[0].dynamics.p[: len(self.system.walker.model_fields)]
+        angles, rates, origins, velocities = buffered(self._poses)(self.state(t), p)
+        roles = self._roles(step)
+        shift = self._places[step % number] + (self._places[-1] if step >= number else 0.0)
+        place, velocity = (values.reshape(-1, 2)[roles[0]] for values in (origins, velocities))
+        return (
+            np.concatenate([place + np.array([shift, 0.0]), self.tree.relative(angles[roles])]),
+            np.concatenate([velocity, self.tree.relative(rates[roles])]),
+        )
+
+    def torques(self, step: int, local: float, q: Array, v: Array) -> Array:
+        """Forces of control law, springs and dampers on the coordinates of an engine, shape (n + 2,).
+
+        Parameters
+        ----------
+        step, local : number of the step, and time since its impact in the engine [s].
+        """
+        arc = self.arc(step, local)
+        if self._idle and self._springs is None:
+            return np.zeros(q.size)
+        roles, z, forces = self._roles(step), self.shape_state(step, q, v), np.zeros(self._effort.shape[0])
+        if not self._idle:
+            segment = int(np.searchsorted(self.system.control.breakpoints, local, side="right"))
+            (u,) = buffered(self.system.torques(arc.mode))(local, z, arc.dynamics.p, self.system.data(segment))
+            forces = forces + self._effort @ u
+        if self._springs is not None:
+            forces = forces - buffered(self._springs)(z, arc.dynamics.p)[1]
+        torques = np.zeros(len(self.tree.bodies))
+        torques[roles] = self._inverse.T @ forces
+        return self.tree.generalised(torques)
+
+    def shape_state(self, step: int, q: Array, v: Array) -> Array:
+        """The state (n_z,) of the gait that the coordinates of an engine are in a step."""
+        roles = self._roles(step)
+        shape = self._inverse @ (self.tree.angles(q)[roles] - self._offset)
+        rates = self._inverse @ self.tree.angles(v)[roles]
+        place, velocity = self.tree.foot(self.stance(step), q, v)
+        return np.concatenate([shape, place[:1], rates, velocity[:1]])
+
+    def energy(self, step: int, q: Array, v: Array) -> float:
+        """Kinetic and potential energy in an engine, that of springs included [J]."""
+        total = self.tree.energy(q, v)
+        if self._springs is not None:
+            p = self.arc(step, 0.0).dynamics.p
+            total += float(buffered(self._springs)(self.shape_state(step, q, v), p)[0][0])
+        return total
+
+    def touching(self, step: int, local: float) -> tuple[bool, bool]:
+        """Whether the contacts of the feet are on, at a time since the impact before a step in the engine."""
+        first, last = self.windows[step % len(self.windows)]
+        swing = local >= last or (step > 0 and local < first)
+        return (True, swing) if self.stance(step) == 0 else (swing, True)
+
+    def _roles(self, step: int) -> Any:
+        """For each body the one whose role in the gait's step it has."""
+        return self._partners if step % 2 else np.arange(len(self.tree.bodies))
+
+
+def _refuse(gait: Gait) -> None:
+    """Name what the adapters have no law for."""
+    walker, name = gait.system.walker, gait.problem.name
+    parts = {
+        "several contacts": bool(walker.contacts),
+        "flight": walker.flies,
+        "joint stops": bool(walker.stops),
+        "switches": bool(walker.switches),
+        "a push-off": walker.pushes,
+        "massless feet": walker.massless_feet,
+    }
+    present = [part for part, there in parts.items() if there]
+    slips = any(step.final_impact.mode.slips for step in gait.steps)
+    if present:
+        raise ProblemError(f"{name}: a {walker.model} has {' and '.join(present)}; the adapters have no law for that")
+    if not has_links(walker):
+        raise ProblemError(f"{name}: {walker.model} declares no links, from which an engine could build it")
+    if gait.dynamics.friction_drops:
+        raise ProblemError(f"{name}: static friction above kinetic friction; the engines have one coefficient")
+    if any(float(viscous) for _, _, viscous in gait.system.contact_coefficients(gait.dynamics.p).values()):
+        raise ProblemError(f"{name}: viscous drag of the ground; the engines have dry friction alone")
+    if slips and gait.system.law is not ImpactLaw.COULOMB:
+        raise ProblemError(f"{name}: a slipping impact without friction; impacts of the engines have friction")
+
+
+@building
+def _tree(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
+    """The tree; (z, p) -> angles, rates, origins and their velocities; a = A shape + c; partners of the bodies."""
+    walker = type(gait.problem.walker)
+    p = gait.dynamics.p[: len(walker.model_fields)]
+    names = (*walker.shape, "x", "y")
+    q, dq = SX.sym("q", len(names)), SX.sym("dq", len(names))
+    fields = SX.sym("p", len(walker.model_fields))
+    named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, fields)
+    links, gravity = state_tree(walker, *named), state_mechanism(walker, *named).gravity
+    by_name = {link.name: link for link in links.links}
+
+    def number(value: Any) -> Array:
+        return np.asarray(
+            Function("number", [fields], [vertcat(*value) if isinstance(value, tuple) else SX(value)])(p)
+        ).ravel()
+
+    def carrier(link: Link) -> Link:
+        while link.parent is not None and not link.joint:
+            link = by_name[link.parent]
+        return link
+
+    moving = list[Link]()
+    waiting = [link for link in links.links if carrier(link) is link]
+    while waiting:
+        link = waiting.pop(0)
+        ready = link.parent is None or carrier(by_name[link.parent]) in moving
+        (moving if ready else waiting).append(link)
+    order = {link.name: k for k, link in enumerate(moving)}
+
+    def within(link: Link, point: Any) -> Array:
+        """A point of a link in the frame of the body that carries it."""
+        place = number(point)
+        while link.name not in order:
+            turn = number(link.angle - by_name[str(link.parent)].angle)[0]
+            c, s = np.cos(turn), np.sin(turn)
+            turned = np.array([place[0] * c + place[1] * s, place[1] * c - place[0] * s])
+            place = number(link.position) + turned
+            link = by_name[str(link.parent)]
+        return place
+
+    bodies = []
+    for link in moving:
+        members = [other for other in links.links if carrier(other) is link]
+        masses = np.array([number(other.mass)[0] for other in members])
+        places = np.array([within(other, other.com) for other in members])
+        inertia = sum(number(other.inertia)[0] for other in members)
+        if not masses.sum() > 0:
+            raise ProblemError(f"{gait.problem.name}: {link.name} moves, but has no mass; an engine needs one")
+        com = masses @ places / masses.sum()
+        inertia += float(masses @ ((places - com) ** 2).sum(axis=1))
+        parent = -1 if link.parent is None else order[carrier(by_name[link.parent]).name]
+        position = ORIGIN if link.parent is None else within(by_name[link.parent], link.position)
+        rotor = float(number(link.rotor_inertia)[0])
+        stated = _point(position), float(masses.sum()), _point(com), float(inertia), rotor
+        bodies.append(Body(link.name, parent, *stated))
+    feet = [
+        Foot(order[carrier(link).name], _point(within(link, link.tip)), float(number(link.foot_radius)[0]))
+        for link in (links.stance, links.swing)
+    ]
+    angles = vertcat(*(SX(link.angle) for link in moving))
+    origins = vertcat(*(links.place(link, ORIGIN) for link in moving))
+    moved = [jtimes(value, q, dq) for value in (angles, origins)]
+    n = len(walker.shape)
+    z = vertcat(q[: n + 1], dq[: n + 1])
+    grounded = substitute([angles, moved[0], origins, moved[1]], [q[n + 1 :], dq[n + 1 :]], [SX(0), SX(0)])
+    slopes = np.asarray(DM(jacobian(angles, q[:n])))
+    offset = number(substitute(angles, q, SX.zeros(q.numel())))
+    partners = [order[carrier(by_name[links.partners()[link.name]]).name] for link in moving]
+    tree = Tree(bodies=tuple(bodies), feet=(feet[0], feet[1]), gravity=_point(number(gravity)))
+    return tree, Function("poses", [z, fields], grounded), slopes, offset, np.array(partners)
+
+
+@building
+def _forces(gait: Gait) -> tuple[Array, Function | None]:
+    """Forces on the shape per torque, (n_shape, n_u); (z, p) -> energy of springs, force against them and dampers."""
+    expressions, n = gait.system.expressions, len(gait.system.walker.shape)
+    eom = expressions.eom
+    if not eom.E[:n, :].is_constant():
+        raise ProblemError(f"{gait.problem.name}: the levers of its motors change; the adapters have no law for that")
+    potential = SX(eom.mechanism.potential)
+    springs = [potential, eom.force_of(potential)[:n] + jacobian(eom.dissipation, eom.dq[:n]).T / 2]
+    function = (
+        None
+        if potential.is_zero() and eom.dissipation.is_zero()
+        else Function("springs", [expressions.z, expressions.p], springs)
+    )
+    return np.asarray(DM(eom.E[:n, :])), function
+
+
+def _window(step: Step) -> tuple[float, float]:
+    """Times since the impact at which the swing foot is highest before and after it is at the ground or below."""
+    heights, times = list[float](), list[float]()
+    for arc in step.arcs:
+        fine = np.linspace(-1, 1, HEIGHTS)
+        states = np.asarray(chebyshev.chebval(fine, curves.coefficients(arc.states)).T, dtype=float)
+        moved = replace(arc, times=arc.start + (fine + 1) / 2 * arc.duration, states=states)
+        heights += observe(moved).swing_foot[:, 1].tolist()
+        times += moved.times.tolist()
+    h, t = np.array(heights), np.array(times)
+    inside = (t > ENDS * step.period) & (t < (1 - ENDS) * step.period)
+    scuffs = np.flatnonzero(inside & (h <= 0))
+    if not scuffs.size:
+        highest = float(t[np.argmax(h)])
+        return highest, highest
+    before, after = h[: scuffs[0]], h[scuffs[-1] :]
+    return float(t[np.argmax(before)]), float(t[scuffs[-1] + np.argmax(after)])
+
+
+def _point(values: Any) -> tuple[float, float]:
+    return float(values[0]), float(values[1])

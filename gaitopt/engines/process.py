@@ -1,0 +1,125 @@
+"""A process for the runs of an engine, so that a crash of its compiled code is a result.
+
+The parent writes one pickle with the job, and reads one per time step. What the engine prints goes to standard error,
+which is not shown.
+"""
+
+import os
+import pickle
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import IO, Any
+
+from gaitopt.callbacks import Stop
+from gaitopt.engines.plant import Reference
+from gaitopt.engines.replay import Outcome, Simulator, run
+from gaitopt.errors import GaitoptError, ProblemError
+from gaitopt.gait.gait import Gait
+
+PROGRAM = "from gaitopt.engines.process import serve; serve()"
+WAIT = 0.2
+"""Seconds between two looks at ``should_stop``."""
+LONGEST = 900.0
+"""Seconds that one time step may take."""
+
+
+def outcomes(
+    gait: Gait,
+    simulator: type[Simulator],
+    settings: Mapping[str, Any],
+    time_steps: Sequence[float],
+    finished: Callable[[Outcome], None],
+    should_stop: Stop = None,
+) -> tuple[Outcome, ...]:
+    """Replay a gait at several time steps; a crash ends the run at one of them, not at the others.
+
+    Raises
+    ------
+    ProblemError
+        If the engine has no law for the walker.
+    KeyboardInterrupt
+        If ``should_stop`` says so.
+    """
+    results, left = list[Outcome](), [*time_steps]
+    while left:
+        with subprocess.Popen(
+            [sys.executable, "-c", PROGRAM],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        ) as process:
+            try:
+                for result in _results(process, (gait, simulator, dict(settings), left), should_stop):
+                    results.append(result)
+                    left = left[1:]
+                    finished(result)
+            finally:
+                process.kill()
+        if left:
+            code = process.returncode
+            reason = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+            results.append(Outcome(dt=left.pop(0), ending=f"crashed: {reason}"))
+            finished(results[-1])
+    return tuple(results)
+
+
+def _results(process: "subprocess.Popen[bytes]", job: Any, should_stop: Stop) -> Any:
+    """The outcomes that a process sends until it ends; an error of gaitopt in it is raised here."""
+    arrived: queue.Queue[Any] = queue.Queue()
+    incoming, outgoing = process.stdout, process.stdin
+    if incoming is None or outgoing is None:  # both are pipes
+        return
+    threading.Thread(target=_receive, args=(incoming, arrived), daemon=True).start()
+    try:
+        pickle.dump(sys.path, outgoing)
+        pickle.dump(job, outgoing)
+        outgoing.close()
+    except BrokenPipeError:
+        pass
+    waited = 0.0
+    while True:
+        if should_stop is not None and should_stop():
+            raise KeyboardInterrupt
+        try:
+            result = arrived.get(timeout=WAIT)
+        except queue.Empty:
+            waited += WAIT
+            if waited > LONGEST:
+                process.kill()
+            continue
+        waited = 0.0
+        if result is None:
+            process.wait()
+            return
+        if isinstance(result, GaitoptError):
+            raise result
+        yield result
+
+
+def _receive(stream: IO[bytes], arrived: "queue.Queue[Any]") -> None:
+    """Put what a process sends into a queue, and None at its end."""
+    try:
+        while True:
+            arrived.put(pickle.load(stream))  # noqa: S301 - from a process of our own
+    except (EOFError, pickle.UnpicklingError, OSError, ValueError):
+        arrived.put(None)
+
+
+def serve() -> None:
+    """Run the job on standard input; the results replace standard output, where engines print."""
+    results = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    sys.path[:] = pickle.load(sys.stdin.buffer)  # noqa: S301 - from a process of our own
+    gait, simulator, settings, time_steps = pickle.load(sys.stdin.buffer)  # noqa: S301 - as above
+    try:
+        reference = Reference(gait)
+        for dt in time_steps:
+            pickle.dump(run(reference, simulator, dt, settings), results)
+            results.flush()
+    except ProblemError as error:
+        pickle.dump(error, results)
+        results.flush()

@@ -1,0 +1,121 @@
+"""Adapter of PyBullet (pybullet.org): Featherstone's algorithm, contacts as velocity constraints, Gauss-Seidel."""
+
+import tempfile
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ClassVar
+from xml.etree.ElementTree import Element, SubElement, tostring
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.engines.plant import POINT_RADIUS, Body, Foot, Tree
+from gaitopt.errors import ProblemError
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "default": {"damping": 0.04, "engine": {}},
+    "best": {
+        "damping": 0.0,
+        "engine": {
+            "numSolverIterations": 500,
+            "solverResidualThreshold": 1e-20,
+            "contactSlop": 0.0,
+            "enableConeFriction": 1,
+        },
+    },
+}
+"""Best: no artificial damping of the bodies (0.04 /s by default), no slop, a round cone, a converged iteration."""
+
+
+class Simulator:
+    """A walker in PyBullet; parameters as for ``gaitopt.engines.mujoco.Simulator``."""
+
+    name: ClassVar[str] = "pybullet"
+    version: ClassVar[str] = version("pybullet")
+    settings: ClassVar[Mapping[str, Mapping[str, Any]]] = SETTINGS
+
+    def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
+        if any(body.rotor for body in tree.bodies):
+            raise ProblemError("PyBullet has no inertia of rotors")
+        import pybullet  # at its import it prints a line, which the process of the runs discards
+        from pybullet_utils.bullet_client import BulletClient
+
+        self._client = client = BulletClient(pybullet.DIRECT)
+        radius, n = settings.get("radius", POINT_RADIUS), len(tree.bodies)
+        client.setGravity(tree.gravity[0], 0, tree.gravity[1])
+        client.setPhysicsEngineParameter(fixedTimeStep=dt, numSubSteps=0, **settings["engine"])
+        low = 0.0 if tree.feet[0].radius else -radius
+        plane = client.createCollisionShape(client.GEOM_PLANE)
+        self._ground = client.createMultiBody(0, plane, basePosition=[0, 0, low])
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "walker.urdf"
+            file.write_text(_urdf(tree, radius))
+            flags = client.URDF_USE_INERTIA_FROM_FILE
+            self._walker = client.loadURDF(str(file), useFixedBase=True, flags=flags)
+        client.changeDynamics(self._ground, -1, lateralFriction=1.0, restitution=0.0)
+        names = {client.getJointInfo(self._walker, j)[1].decode(): j for j in range(client.getNumJoints(self._walker))}
+        self._joints = [names[f"joint{k}"] for k in range(2 + n)]
+        self._feet = [names[f"joint{2 + foot.body}"] for foot in tree.feet]
+        damping = {"linearDamping": settings["damping"], "angularDamping": settings["damping"], "jointDamping": 0.0}
+        for joint in range(-1, client.getNumJoints(self._walker)):
+            client.changeDynamics(self._walker, joint, lateralFriction=friction, restitution=0.0, **damping)
+        client.setJointMotorControlArray(
+            self._walker, self._joints, client.VELOCITY_CONTROL, forces=[0.0] * len(self._joints)
+        )
+
+    def place(self, q: Array, v: Array) -> None:
+        """Set coordinates and rates."""
+        for joint, angle, rate in zip(self._joints, q, v, strict=True):
+            self._client.resetJointState(self._walker, joint, angle, rate)
+
+    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        client, forces = self._client, np.zeros((2, 2))
+        for foot, on in zip(self._feet, touching, strict=True):
+            client.setCollisionFilterPair(self._walker, self._ground, foot, -1, int(on))
+        client.setJointMotorControlArray(self._walker, self._joints, client.TORQUE_CONTROL, forces=list(force))
+        client.stepSimulation()
+        for point in client.getContactPoints(self._walker, self._ground):
+            normal, first, second = (np.array(point[k]) for k in (7, 11, 13))
+            world = point[9] * normal + point[10] * first + point[12] * second
+            forces[self._feet.index(point[3])] += world[0], world[2]
+        states = client.getJointStates(self._walker, self._joints)
+        return np.array([state[0] for state in states]), np.array([state[1] for state in states]), forces
+
+
+def _urdf(tree: Tree, radius: float) -> str:
+    """The walker behind two sliding joints without mass."""
+    root = Element("robot", name="walker")
+    _link(root, "base", None, ())
+    for k, (name, axis) in enumerate((("slide", "1 0 0"), ("lift", "0 0 1"))):
+        _link(root, name, None, ())
+        _joint(root, k, "prismatic", ("base", "slide")[k], name, (0.0, 0.0), axis)
+    for k, body in enumerate(tree.bodies):
+        _link(root, f"body{k}", body, tuple(foot for foot in tree.feet if foot.body == k), radius)
+        parent = "lift" if body.parent < 0 else f"body{body.parent}"
+        _joint(root, 2 + k, "continuous", parent, f"body{k}", body.position, "0 1 0")
+    return tostring(root, encoding="unicode")
+
+
+def _link(root: Element, name: str, body: Body | None, feet: tuple[Foot, ...], radius: float = 0.0) -> None:
+    link = SubElement(root, "link", name=name)
+    x, z = (0.0, 0.0) if body is None else body.com
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", xyz=f"{x!r} 0 {z!r}")
+    SubElement(inertial, "mass", value=repr(0.0 if body is None else body.mass))
+    inertia = repr(0.0 if body is None else max(body.inertia, 1e-12))
+    SubElement(inertial, "inertia", ixx=inertia, ixy="0", ixz="0", iyy=inertia, iyz="0", izz=inertia)
+    for foot in feet:
+        collision = SubElement(link, "collision")
+        SubElement(collision, "origin", xyz=f"{foot.tip[0]!r} 0 {foot.tip[1]!r}")
+        SubElement(SubElement(collision, "geometry"), "sphere", radius=repr(foot.radius or radius))
+
+
+def _joint(root: Element, k: int, kind: str, parent: str, child: str, place: tuple[float, float], axis: str) -> None:
+    joint = SubElement(root, "joint", name=f"joint{k}", type=kind)
+    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "child", link=child)
+    SubElement(joint, "origin", xyz=f"{place[0]!r} 0 {place[1]!r}")
+    SubElement(joint, "axis", xyz=axis)
+    SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")

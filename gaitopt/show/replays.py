@@ -1,0 +1,37 @@
+"""Pictures of replays: the motion of a gait in other physics engines over its own, and errors over time steps."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from gaitopt.show.motion import Motion, smooth, time_label
+from gaitopt.show.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels, symbol
+
+Record = Mapping[str, Any]
+ENGINE_DASHES = (0, (1, 1.2))
+"""Line style of engines, whose curves lie upon that of the gait."""
+
+
+def replayed_motion(motion: Motion, replays: Sequence[Record]) -> Figure:
+    """Place of the stance foot [mm] and shape coordinates of a gait, and of its replays at the smallest time step."""
+    figure, (foot, shape) = panels(2, height=5.2)
+    x = motion.dynamics.system.n_shape
+    for began, arc in smooth(motion.steps):
+        foot.plot(began + arc.times, 1e3 * arc.states[:, x], color=NEUTRAL, linestyle=dashes(arc.mode))
+        for k, _ in enumerate(motion.walker.shape):
+            shape.plot(began + arc.times, arc.states[:, k], color=NEUTRAL, linestyle=dashes(arc.mode))
+    shown = [replay for replay in replays if replay["motion"]]
+    for replay, colour in zip(shown, COLOURS * len(shown), strict=False):
+        moved = replay["motion"]
+        foot.plot(moved["t"], [1e3 * value for value in moved["x"]], color=colour, linestyle=ENGINE_DASHES)
+        for name in motion.walker.shape:
+            shape.plot(moved["t"], moved[name], color=colour, linestyle=ENGINE_DASHES)
+    foot.set_ylabel("stance foot [mm]")
+    shape.set(ylabel=", ".join(map(symbol, motion.walker.shape)), xlabel=time_label([motion]))
+    entries = [
+        entry(f"{replay['engine']}, {replay['setting']}", color=colour, linestyle=ENGINE_DASHES)
+        for replay, colour in zip(shown, COLOURS * len(shown), strict=False)
+    ]
+    legend_below(figure, [*mode_legend(motion.modes), *entries])
+    return figure

@@ -1,0 +1,101 @@
+"""A gait in the coordinates of an engine: energy, feet, rates and torques are those of the gait."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.engines.plant import Reference
+from gaitopt.errors import ProblemError
+from gaitopt.gait.measures import observe
+
+NAMES = ("compass-passive-a", "compass-unequal", "torso-passive", "round-feet-passive", "compass-pd-impact-slip")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_energy_and_feet_are_those_of_the_gait(name):
+    gait = go.solve(name, progress=False)
+    reference = Reference(gait)
+    x = gait.system.n_shape
+    for t in np.linspace(0, 1.04 * gait.period, 17):
+        (q, v), (step, local), z = reference.coordinates(t), reference.step_at(t), reference.state(t)
+        stance, swing = reference.stance(step), 1 - reference.stance(step)
+        arc = replace(reference.arc(step, local), times=np.array([local]), states=z[None])
+        seen = observe(arc)
+        place, velocity = reference.tree.foot(stance, q, v)
+        assert place[1] == pytest.approx(0, abs=1e-12)
+        assert velocity == pytest.approx([z[-1], 0], abs=1e-12)
+        assert reference.tree.foot(swing, q, v)[0][1] == pytest.approx(seen.swing_foot[0, 1], abs=1e-12)
+        walked = reference.tree.mass * reference.tree.gravity[0] * (place[0] - z[x])  # energy counts from the foot
+        assert reference.energy(step, q, v) + walked == pytest.approx(seen.energy[0], abs=1e-9)
+        back = reference.shape_state(step, q, v)
+        assert back[:x] == pytest.approx(z[:x], abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["compass-unequal", "torso-passive"])
+def test_rates_are_derivatives_of_the_coordinates(name):
+    reference, h = Reference(go.solve(name, progress=False)), 1e-6
+    for t in (0.1, 0.3, 0.5):
+        slope = (reference.coordinates(t + h)[0] - reference.coordinates(t - h)[0]) / (2 * h)
+        assert slope == pytest.approx(reference.coordinates(t)[1], abs=1e-8)
+
+
+def test_the_power_of_the_torques_is_that_of_the_motors():
+    """The forces on an engine's coordinates do the work of the gait's motors."""
+    gait = go.solve("compass-pd-impact-slip", progress=False)
+    reference = Reference(gait)
+    for t in (0.01, 0.1, 0.3, 0.6):
+        q, v = reference.coordinates(t)
+        arc = reference.arc(*reference.step_at(t))
+        power = observe(replace(arc, times=np.array([t]), states=reference.state(t)[None])).power.sum()
+        assert reference.torques(0, t, q, v) @ v == pytest.approx(power, abs=1e-9)
+
+
+def test_springs_and_dampers_lose_the_energy_of_the_gait():
+    gait = go.solve("torso-passive", progress=False)
+    reference, h = Reference(gait), 1e-5
+    for t in (0.1, 0.3, 0.5):
+        q, v = reference.coordinates(t)
+        arc = reference.arc(*reference.step_at(t))
+        loss = observe(replace(arc, times=np.array([t]), states=reference.state(t)[None])).loss[0]
+        states = [reference.coordinates(t + side * h) for side in (-1, 1)]
+        springs = [reference.energy(0, *state) - reference.tree.energy(*state) for state in states]
+        rate = (springs[1] - springs[0]) / (2 * h)
+        assert reference.torques(0, t, q, v) @ v == pytest.approx(-loss - rate, rel=1e-6)
+
+
+def test_the_contact_of_a_foot_is_off_while_it_scuffs():
+    gait = go.solve("compass-passive-a", progress=False)
+    reference = Reference(gait)
+    ((first, last),) = reference.windows
+    heights = [reference.tree.foot(1, *reference.coordinates(t))[0][1] for t in np.linspace(first, last, 200)]
+    assert min(heights) < 0
+    assert heights[0] > 0 < heights[-1]
+    assert reference.touching(0, 0.0) == (True, False)
+    assert reference.touching(0, last) == (True, True)
+    assert reference.touching(1, 0.5 * first) == (True, True)
+    assert reference.touching(1, 0.5 * (first + last)) == (False, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("rimless-wheel-stick", "declares no links"),
+        ("compass-passive-static-kinetic", "static friction above kinetic"),
+        ("slip-run", "flight and massless feet"),
+        ("kneed-passive", "joint stops"),
+        ("compass-push-off", "a push-off"),
+    ],
+)
+def test_what_the_adapters_have_no_law_for_is_refused_by_name(name, reason):
+    with pytest.raises(ProblemError, match=f"{name}: .*{reason}"):
+        Reference(go.solve(name, progress=False))
+
+
+def test_a_frictionless_slipping_impact_is_refused():
+    problem = go.load_problem("compass-passive-b").replace({"impact_law": "frictionless"})
+    gait = go.solve(problem, progress=False)
+    assert gait.converged
+    with pytest.raises(ProblemError, match="slipping impact without friction"):
+        Reference(gait)

@@ -1,0 +1,184 @@
+"""Gaits replayed in engines: convergence to the gait, closed forms, refusals, crashes, kept results."""
+
+import json
+import runpy
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gaitopt as go
+from gaitopt.api.stored import stored_replays
+from gaitopt.cli.main import main
+from gaitopt.engines import replay as engines
+from gaitopt.engines.plant import Reference
+from gaitopt.errors import ProblemError, UnknownNameError
+
+ROOT = Path(__file__).parents[2]
+for place in (ROOT / "docs" / "examples", Path(__file__).parent):
+    sys.path.insert(0, str(place))
+
+from crashing_engines import Crashing, Diverging, Hanging  # noqa: E402
+from numpy_engine import Simulator  # noqa: E402
+
+CASES = runpy.run_path(str(ROOT / "benchmarks" / "engines" / "closed_forms.py"))["CASES"]
+INSTALLED = [name for name, package in engines.ENGINES.items() if find_spec(package) is not None]
+TOLERANCES = {"block slides to rest": 5e-3, "pendulum": 1e-2, "plastic impact": 0.02}
+REBOUND = {"mujoco": 0.15}
+"""A contact whose time constant is twice the time step rebounds, whatever its size."""
+
+
+def outcome(name, simulator, dt, settings):
+    return engines.run(Reference(go.solve(name, progress=False)), simulator, dt, settings)
+
+
+def test_a_simulator_of_ones_own_converges_to_the_gait():
+    coarse, fine = (outcome("compass-passive-a", Simulator, dt, {"sweeps": 5}) for dt in (4e-3, 2e-3))
+    assert fine.ending == "completed"
+    assert fine.state_error < 0.5 * coarse.state_error < 5e-3
+    assert fine.error_before_impact < 0.4 * coarse.error_before_impact < 1e-3  # of second order
+    assert fine.sequence == (("slip_forward", "stick", "slip_backward"),)
+    assert fine.sequence_matches
+    assert fine.slip["slip_forward"] == pytest.approx(4.05e-3, rel=0.01)
+    assert fine.impact_error < 0.005
+    assert fine.creep < 1e-5
+
+
+@pytest.mark.parametrize("name", ["compass-unequal", "compass-pd-impact-slip", "torso-passive", "round-feet-passive"])
+def test_cycles_of_two_steps_control_laws_springs_and_round_feet_are_replayed(name):
+    fine = outcome(name, Simulator, 2e-3, {"sweeps": 5})
+    assert fine.ending == "completed"
+    assert fine.state_error < 0.02
+    assert fine.sequence_matches
+
+
+def test_a_foot_that_cannot_hold_is_noticed():
+    slippery = outcome("compass-passive-stick", Simulator, 4e-3, {"sweeps": 5, "friction": 0.8})
+    assert not slippery.sequence_matches
+    assert slippery.slip_invented > 0.02
+
+
+def test_gravity_that_is_wrong_in_the_fourth_digit_is_noticed():
+    right, wrong = (
+        outcome("compass-passive-stick", Simulator, 2e-3, {"sweeps": 20, "gravity": g}) for g in (1.0, 1.0005)
+    )
+    assert np.abs(np.subtract(right.deviation, wrong.deviation)).max() > 1e-4
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_template_reproduces_closed_forms(case):
+    measured, exact = CASES[case](Simulator, 2e-3, {"sweeps": 50})
+    assert measured == pytest.approx(exact, rel=0.03)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_an_engine_reproduces_closed_forms(engine, case):
+    simulator = engines.adapter(engine)
+    measured, exact = CASES[case](simulator, 1e-3, simulator.settings["best"])
+    tolerance = REBOUND.get(engine, 0.0) if case == "plastic impact" else 0.0
+    assert measured == pytest.approx(exact, rel=max(TOLERANCES[case], tolerance))
+
+
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_the_best_setting_of_an_engine_converges_to_the_gait_before_its_impact(engine):
+    simulator = engines.adapter(engine)
+    coarse, fine = (outcome("compass-passive-a", simulator, dt, simulator.settings["best"]) for dt in (2e-3, 1e-3))
+    assert fine.sequence_matches
+    assert fine.error_before_impact == pytest.approx(0.5 * coarse.error_before_impact, rel=0.3)
+    limit = 2 * fine.slip["slip_forward"] - coarse.slip["slip_forward"]
+    assert limit == pytest.approx(4.050e-3, rel=0.005)
+
+
+@pytest.mark.skipif("mujoco" not in INSTALLED, reason="needs pip install '.[engines]'")
+def test_the_defaults_of_mujoco_converge_to_another_slip():
+    simulator = engines.adapter("mujoco")
+    coarse, fine = (outcome("compass-passive-a", simulator, dt, simulator.settings["default"]) for dt in (1e-3, 5e-4))
+    limit = 2 * fine.slip["slip_forward"] - coarse.slip["slip_forward"]
+    assert limit > 4.3e-3
+    assert fine.creep > 10e-6
+
+
+def test_a_crash_is_a_result_of_its_time_step():
+    (result,) = go.replay("compass-passive-stick", Crashing, time_steps=[2e-3, 5e-4, 1e-3], progress=False)
+    assert [o.dt for o in result.outcomes] == [2e-3, 1e-3, 5e-4]
+    assert [o.ending for o in result.outcomes] == ["no touchdown", "no touchdown", "crashed: SIGABRT"]
+    assert result.order is None
+    assert result.largest_dt is None
+
+
+def test_a_motion_that_diverges_is_named():
+    (result,) = go.replay("compass-passive-stick", Diverging, time_steps=[2e-3], progress=False)
+    assert [o.ending for o in result.outcomes] == ["diverged"]
+    assert result.to_record()["state_error"] == [None]
+
+
+def test_a_call_ends_when_it_is_asked_to():
+    gait = go.solve("compass-passive-stick", progress=False)
+    with pytest.raises(KeyboardInterrupt):
+        go.replay(gait, Hanging, time_steps=[2e-3], progress=False, should_stop=lambda: True)
+
+
+def test_replays_are_kept_with_the_run_and_drawn_on_its_page(tmp_path):
+    gait = go.solve("compass-passive-a", progress=False, output=tmp_path / "run")
+    counted = []
+    replays = go.replay(
+        gait, Simulator, settings="default", time_steps=[4e-3], output=tmp_path / "run",
+        progress=lambda done, total: counted.append((done, total)),
+    )  # fmt: skip
+    assert counted == [(1, 1)]
+    assert stored_replays(tmp_path / "run") == json.loads(json.dumps([r.to_record() for r in replays]))
+    assert main(["report", str(tmp_path / "run")]) == 0
+    page = (tmp_path / "run" / "report.html").read_text()
+    assert "in other physics engines" in page
+    assert "in other physics engines" not in str(go.report(gait))
+
+
+def test_unknown_and_missing_engines_are_exit_code_2(capsys, monkeypatch):
+    assert main(["replay", "compass-passive-a", "--engine", "gazebo"]) == 2
+    assert "--engine 'gazebo': there is no adapter of this name; use mujoco, drake, pybullet" in capsys.readouterr().err
+    monkeypatch.setattr(engines, "find_spec", lambda name: None)
+    assert main(["replay", "compass-passive-a", "--engine", "drake"]) == 2
+    assert "--engine drake: is not installed; pip install 'gaitopt[engines]'" in capsys.readouterr().err
+
+
+def test_what_an_engine_has_no_law_for_is_exit_code_3(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
+    monkeypatch.setattr(engines, "import_module", lambda name: sys.modules["numpy_engine"])
+    assert main(["replay", "rimless-wheel-stick", "--engine", "mujoco", "--quiet"]) == 3
+    assert "rimless_wheel declares no links" in capsys.readouterr().err
+    assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--setting", "wild", "--quiet"]) == 2
+    assert "--setting 'wild': numpy-engine has no setting of this name; use default, best" in capsys.readouterr().err
+    assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--dt", "0", "--quiet"]) == 3
+    assert "time step: 0 s is not between 1e-06 s and 0.1 s" in capsys.readouterr().err
+
+
+def test_the_command_prints_one_object_per_setting(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
+    monkeypatch.setattr(engines, "import_module", lambda name: sys.modules["numpy_engine"])
+    words = ["replay", "compass-passive-stick", "--engine", "mujoco", "--dt", "0.004", "--setting", "default"]
+    assert main([*words, "-o", "kept", "--json"]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    record = json.loads(line)
+    assert {"problem", "engine", "version", "settings", "dt", "state_error", "order", "slip", "creep"} <= set(record)
+    assert {"slip_missed", "slip_invented", "sequence_matches", "impact_error", "energy_error"} <= set(record)
+    assert {"seconds_per_second", "largest_dt"} <= set(record)
+    assert record["slip"].keys() == {"gait", "engine"}
+    assert record["file"] == "kept/replay-numpy-engine.json"
+    assert main([*words, "-o", "kept"]) == 0
+    assert "modes are right" in capsys.readouterr().out
+
+
+def test_settings_of_ones_own_and_wrong_time_steps():
+    with pytest.raises(ProblemError, match="time step: none is given"):
+        go.replay("compass-passive-stick", Simulator, time_steps=[], progress=False)
+    with pytest.raises(UnknownNameError, match="no adapter"):
+        go.replay("compass-passive-stick", "bullet", progress=False)
+    mine = {"mine": {"sweeps": 2}}
+    (result,) = go.replay("compass-passive-stick", Simulator, settings=mine, time_steps=[4e-3], progress=False)
+    assert result.settings == {"sweeps": 2}
+    assert result.setting == "mine"
