@@ -258,6 +258,7 @@ def _refuse(gait: Gait) -> None:
         "switches": bool(walker.switches),
         "a push-off": walker.pushes,
         "massless feet": walker.massless_feet,
+        "a control law whose clock does not restart": not gait.system.control.restarts,
     }
     present = [part for part, there in parts.items() if there]
     slips = any(step.final_impact.mode.slips for step in gait.steps)
