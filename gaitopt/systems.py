@@ -5,6 +5,7 @@ The reference of a control law may be a gait of its own file, which is solved fi
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -30,6 +31,7 @@ from gaitopt.model.reference import (
     control_points,
 )
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.walker import WalkerType
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
@@ -158,13 +160,17 @@ def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearP
     return design_program(problem, system, solve_gait(problem, system, should_stop=should_stop))
 
 
-def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
+def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -> Reference:
     """The joint angles of a gait as a reference for a PD law, extended past its end.
 
     ``flow`` extends it by the motion in the gait's last mode, as if the swing foot did not touch the ground.
+
+    Parameters
+    ----------
+    followed : shape coordinate of the gait for each joint that follows one.
     """
-    system = gait.system
-    tracked = [system.walker.shape.index(name) for name in system.walker.tracked]
+    system, names = gait.system, tuple(followed)
+    tracked = [system.walker.shape.index(name) for name in followed.values()]
 
     def piece(arc: Arc) -> Piece:
         series, offset = curves.coefficients(arc.states).T, system.n_shape + 1
@@ -172,7 +178,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
 
     pieces = [piece(arc) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:
-        return continued(pieces, gait.scalar("period"), beyond_end)
+        return continued(pieces, gait.scalar("period"), beyond_end, names)
     arc, duration = gait.arcs[-1], gait.scalar("period")
     while arc.end < (1 + FLOW_PERIODS) * gait.scalar("period"):
         times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
@@ -184,7 +190,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd) -> Reference:
             continue
         arc = replace(arc, times=times, states=states)
         pieces.append(piece(arc))
-    return Reference(pieces=tuple(pieces), horizon=arc.end)
+    return Reference(pieces=tuple(pieces), horizon=arc.end, names=names)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,33 +212,29 @@ def _shared_system(structure: _Structure) -> HybridSystem:
 
 def _control(problem: Problem, should_stop: Stop) -> Control:
     """The control law of a problem; the gait that it tracks is solved first."""
-    source, walker = _source(problem), problem.walker
+    source = _source(problem)
     if source is None:
         return problem.control
-    if source.walker.shape != walker.shape:
-        raise ProblemError(
-            f"{problem.name}: control.reference: {source.name} moves {', '.join(source.walker.shape)}, "
-            f"but this walker moves {', '.join(walker.shape)}; name a gait of the same kind of walker"
-        )
     gait = solve_sequence(source, should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
-    bound = {name: _bound(target, gait) for name, target in problem.control.targets.items()}
+    walker = type(problem.walker)
+    bound = {name: _bound(target, gait, walker) for name, target in problem.control.targets.items()}
     return problem.control.model_copy(update=bound)
 
 
-def _bound(target: Target, gait: Gait) -> Target:
-    """A target that is ready for use, from the gait that it names."""
+def _bound(target: Target, gait: Gait, walker: WalkerType) -> Target:
+    """A target of a walker that is ready for use, from the gait that it names."""
     if isinstance(target, GaitReference):
-        return gait_reference(gait, target.beyond_end)
+        return gait_reference(gait, target.beyond_end, target.followed(walker))
     if not isinstance(target, CurveReference):
         return target
-    curve, tracked = target.curve, gait.system.walker.tracked
+    curve, tracked = target.curve, walker.tracked
     if curve.points:
         points = {name: curve.points[name] for name in tracked}
     else:  # the curves closest to the joint angles of the gait, within their bound
         phases = np.linspace(0, 1, FITTED_POINTS)
-        angles, _ = gait_reference(gait, BeyondEnd.HOLD)(phases * gait.scalar("period"))
+        angles, _ = gait_reference(gait, BeyondEnd.HOLD, target.followed(walker))(phases * gait.scalar("period"))
         fitted = np.clip(control_points(phases, angles, curve.degree), -curve.within, curve.within)
         points = {name: tuple(map(float, row)) for name, row in zip(tracked, fitted, strict=True)}
     return BezierCurve(

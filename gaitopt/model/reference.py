@@ -10,14 +10,20 @@ A ``BezierCurve`` has control points c_k that are parameters, which can be set, 
 Such a curve stays within the range of its control points. It starts at the first and ends at the last one, and its rate
 at the end, n (c_n - c_(n-1)) / duration, determines its continuation.
 
+A table over the clock is a cubic spline, whose knots are breakpoints. Over a phase variable a knot would be an event of
+the motion, so that curves over a phase are single polynomials: Bezier curves, or those closest to the rows of a table.
+
 ``GaitReference`` and ``CurveReference`` are what a problem file says; ``gaitopt.systems`` replaces them by a
 ``Reference`` and a ``BezierCurve`` once the gait that they name is known.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from math import comb, pi
+from functools import lru_cache
+from itertools import pairwise
+from math import comb, isfinite, pi, radians
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -25,6 +31,7 @@ import numpy as np
 from casadi import SX, dot, horzcat, horzsplit, reshape, vertcat, vertsplit
 from numpy.polynomial import chebyshev
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -85,6 +92,11 @@ class Target:
         return "", ()
 
     @property
+    def phase_variable(self) -> str:
+        """The phase variable over which the motion runs; empty if it runs over the time since the impact."""
+        return ""
+
+    @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times since impact at which a segment ends and the next begins [s]."""
         return ()
@@ -110,9 +122,13 @@ class Target:
         """What is wrong with the target for a walker, by key."""
         yield from ()
 
-    def joints(self, walker: "WalkerType") -> tuple[str, ...]:
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
         """The joints that follow the motion."""
         return walker.tracked
+
+    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+        """The shape coordinate of ``source`` for each joint; by default its own name."""
+        return {name: name for name in walker.tracked}
 
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
@@ -154,10 +170,18 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference(Target):
-    """Pieces in order of time; they are defined up to ``horizon``, a time since impact [s]."""
+    """Pieces in order of time; they are defined up to ``horizon``, a time since impact [s].
+
+    ``names`` are the joints that follow them, in the order of the series; empty for all tracked joints.
+    """
 
     pieces: tuple[Piece, ...]
     horizon: float = np.inf
+    names: tuple[str, ...] = ()
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that have a series."""
+        return self.names or walker.tracked
 
     @property
     def degree(self) -> int:
@@ -202,7 +226,7 @@ def evaluate(data: SX, t: SX, n_tracked: int, degree: int, weights: tuple[SX, SX
     return vertcat(*(_sum(vertsplit(c), powers) for c in sums)), data[2]
 
 
-def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Reference:
+def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd, names: tuple[str, ...] = ()) -> Reference:
     """The reference of ``pieces`` up to the time ``end``, then ``linear``, ``hold`` or ``off``.
 
     ``flow`` needs the equations of motion of the walker that moves so; see ``gaitopt.systems``.
@@ -219,7 +243,7 @@ def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Ref
         rates=rates[:, None],
         active=beyond_end is not BeyondEnd.OFF,
     )
-    return Reference(pieces=(*pieces, tail))
+    return Reference(pieces=(*pieces, tail), names=names)
 
 
 def _chebyshev(s: SX) -> list[SX]:
@@ -294,22 +318,38 @@ class BezierCurve(Target):
     ) -> tuple[SX, SX]:
         """The curves, and then their continuation."""
         points = horzcat(*(getattr(p, joint) for joint in joints))
-
-        def total(angles: SX, rates: SX) -> SX:
-            return weights[0] * angles + weights[1] * rates
-
-        curve = total(*self._curve(points, now.t / self.duration))
-        if self.beyond_end is BeyondEnd.OFF:
-            return curve, now.r[0]
-        end, rate = self._curve(points, SX(1))
-        hold = self.beyond_end is BeyondEnd.HOLD
-        after = total(end, SX.zeros(rate.numel())) if hold else total(end + rate * (now.t - self.duration), rate)
-        return now.r[0] * curve + now.r[1] * after, SX(1)
+        return _over_clock(lambda s: self._curve(points, s), self.duration, self.beyond_end, now, weights)
 
     def _curve(self, points: SX, s: SX) -> tuple[SX, SX]:
         """Angles and rates of the curves at the phase ``s``."""
         slopes = self.degree / self.duration * (points[1:, :] - points[:-1, :])
         return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
+
+
+def _over_clock(
+    curve: Callable[[SX], tuple[SX, SX]],
+    duration: float,
+    beyond_end: BeyondEnd,
+    now: "Instant",
+    weights: tuple[SX, SX],
+) -> tuple[SX, SX]:
+    """Weighted sum of angles and rates of curves over ``t / duration`` in segment 0, then of their continuation.
+
+    Parameters
+    ----------
+    curve : s -> angles [rad] and rates [rad/s], shape (n,) each.
+    """
+
+    def total(angles: SX, rates: SX) -> SX:
+        return weights[0] * angles + weights[1] * rates
+
+    inside = total(*curve(now.t / duration))
+    if beyond_end is BeyondEnd.OFF:
+        return inside, now.r[0]
+    end, rate = curve(SX(1))
+    hold = beyond_end is BeyondEnd.HOLD
+    after = total(end, SX.zeros(rate.numel())) if hold else total(end + rate * (now.t - duration), rate)
+    return now.r[0] * inside + now.r[1] * after, SX(1)
 
 
 LARGEST_POINT = 1000
@@ -427,12 +467,377 @@ Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Name or path of another problem."""
 
 
+CLOCK = "clock"
+"""In place of a phase variable: the time since the impact."""
+Continuation = Annotated[
+    Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
+    Field(
+        description="over the clock, after the reference's end: its last rate is kept (linear), its last angle is held "
+        "(hold), or there is no torque (off)"
+    ),
+]
+
+
+class GivenCurves(BaseModel, Target):
+    """Curves that are given, over the clock or over a phase variable."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    phase: Annotated[
+        Name,
+        Field(description="what the curves run over: clock, a shape coordinate, or a phase variable of the walker"),
+    ] = CLOCK
+    beyond_end: Continuation | None = None
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """Phase variable, or time since impact, at the start and the end of the curves."""
+        raise NotImplementedError
+
+    def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
+        """Control points of the Bezier curve of each joint."""
+        raise NotImplementedError
+
+    @property
+    def phase_variable(self) -> str:
+        """The phase, unless it is the clock."""
+        return "" if self.phase == CLOCK else self.phase
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The end of curves over the clock."""
+        return () if self.phase_variable else (self.domain[1],)
+
+    def data(self, segment: int) -> Array:
+        """Over the clock, weights of the curves and of their continuation: (1, 0), then (0, 1)."""
+        return np.zeros(0) if self.phase_variable else np.eye(2)[segment]
+
+    def weighted(
+        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
+    ) -> tuple[SX, SX]:
+        """The curves; over the clock then their continuation."""
+        start, end = self.domain
+        points = self.points(p, joints)
+
+        def curve(s: SX, rate: Any) -> tuple[SX, SX]:
+            angles = (dot(c, _bernstein(c.numel() - 1, s)) for c in points)
+            slopes = (
+                (c.numel() - 1) * rate * dot(c[1:] - c[:-1], _bernstein(c.numel() - 2, s)) for c in points
+            )  # d/dt, by ds/dt
+            return vertcat(*angles), vertcat(*slopes)
+
+        if not self.phase_variable:
+            assert self.beyond_end is not None  # or there is a fault
+            return _over_clock(lambda s: curve(s, 1 / end), end, BeyondEnd(self.beyond_end), now, weights)
+        phase, rate = (getattr(names, self.phase) for names in (now.s, now.ds))
+        angles, rates = curve((phase - start) / (end - start), rate / (end - start))
+        return weights[0] * angles + weights[1] * rates, SX(1)
+
+    def phase_faults(self, walker: "WalkerType", joints: Sequence[str], key: str) -> Iterator[tuple[Path, str]]:
+        """Joints that the walker does not track, an unknown phase, and a continuation that is missing or impossible.
+
+        Parameters
+        ----------
+        joints : those of the curves, which are below ``key``.
+        """
+        for joint in joints:
+            if joint == self.phase:
+                yield (key, joint), f"{joint} is the phase variable, and cannot follow a curve over itself"
+            elif joint not in walker.tracked:
+                yield (key, joint), untracked(walker)
+        angles = (*walker.shape, *walker.phases)
+        if not self.phase_variable and self.beyond_end is None:
+            words = "give linear, hold or off, because a step may last longer than the reference"
+            yield ("beyond_end",), f"is missing: {words}"
+        elif self.phase_variable and self.phase not in angles:
+            words = f"it has {', '.join(angles)}; clock is the time since the impact"
+            yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; {words}"
+        elif self.phase_variable and self.beyond_end is not None:
+            words = "curves over a phase variable go on as polynomials, without a kink at a state: leave it out"
+            yield ("beyond_end",), f"is for curves over the clock; {words}"
+
+
+def untracked(walker: "WalkerType") -> str:
+    """Why a joint cannot follow a reference."""
+    words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
+    return f"is no tracked joint of {walker.model}; {words}"
+
+
+class BezierMotion(BezierReference, GivenCurves):
+    """Bezier curves that are given, over the clock or over a phase variable."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    duration: Annotated[
+        Duration | None,
+        Field(description="of curves over the clock [s]; the step may end earlier or later"),
+        Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
+    ] = None
+    span: Annotated[
+        tuple[PointValue, PointValue] | None,
+        Field(description="phase variable at the start and the end of the curves [rad, or m]"),
+    ] = None
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """The span, or from zero to the duration."""
+        return self.span or (0.0, self.duration or 1.0)
+
+    @property
+    def structure(self) -> object:
+        """That of the curves, and what they run over."""
+        return (super().structure, self.phase, self.domain, self.beyond_end)
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that have a curve."""
+        return tuple(self.bezier)
+
+    def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
+        """The parameters."""
+        return [getattr(p, joint) for joint in joints]
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Those of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
+        yield from super().faults(walker)
+        yield from self.phase_faults(walker, tuple(self.bezier), "bezier")
+        if not self.bezier:
+            yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
+        if self.phase_variable:
+            needed, other, words = "span", "duration", "curves over a phase variable need span: [START, END]"
+        else:
+            needed, other, words = "duration", "span", "curves over the clock need their duration: SECONDS"
+            words += "; those over a phase variable need phase: NAME and span: [START, END]"
+        if getattr(self, needed) is None:
+            yield (needed,), f"is missing: {words}"
+        if getattr(self, other) is not None:
+            yield (other,), f"does not apply: {words}"
+        if self.span is not None and self.span[0] == self.span[1]:
+            yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
+
+
+MOST_KNOTS = 60
+"""Rows of a table without a degree; each knot divides the motion."""
+MOST_ROWS = 100_000
+LEAST_STEP = 1e-6
+"""Least step of the first column, relative to its range."""
+
+
+class Table(BaseModel):
+    """The name and the content of a table of angles: a text whose lines are rows of numbers, after one of names."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    file: Annotated[str, Field(min_length=1, max_length=200, description="name of the file, for messages")]
+    text: Annotated[str, Field(description="content of the file")]
+
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        """Numbers by name, shape (rows,) each, in rad and SI units; the first column is that of the phase.
+
+        Raises
+        ------
+        ValueError
+            With file and line of the first mistake.
+        """
+        return _columns(self)
+
+
+@lru_cache(maxsize=32)
+def _columns(table: Table) -> dict[str, Array]:
+    lines = [(k, line.strip()) for k, line in enumerate(table.text.removeprefix("\ufeff").splitlines(), start=1)]
+    lines = [(k, line) for k, line in lines if line and not line.startswith("#")]
+    form = "a line of names such as t,theta2 (rad; or theta2 [deg]), and rows of numbers"
+    if not lines:
+        raise ValueError(f"{table.file} is empty: it must have {form}")
+    (first, header), *rows = lines
+    heads = [re.fullmatch(r"([A-Za-z]\w*)\s*(?:\[(rad|deg|s|m)\])?", word.strip()) for word in header.split(",")]
+    if not all(heads):
+        raise ValueError(f"{table.file}:{first}: {header[:60]!r} does not name the columns: it must have {form}")
+    names, units = zip(*(head.groups() for head in heads if head), strict=True)
+    if len({*names}) < len(names) or len(names) < 2:
+        words = "two columns have one name" if len(names) > 1 else "one column is not enough"
+        raise ValueError(f"{table.file}:{first}: {words}: it must have {form}")
+    if not 2 <= len(rows) <= MOST_ROWS:
+        raise ValueError(f"{table.file} has {len(rows)} rows of numbers, must have from 2 to {MOST_ROWS}")
+    numbers = np.empty((len(rows), len(names)))
+    for n, (k, line) in enumerate(rows):
+        cells = line.split(",")
+        if len(cells) != len(names):
+            raise ValueError(f"{table.file}:{k}: {len(cells)} entries, but there are {len(names)} columns")
+        for column, cell in enumerate(cells):
+            try:
+                numbers[n, column] = float(cell)
+            except ValueError:
+                raise ValueError(f"{table.file}:{k}: {cell.strip()[:40]!r} is not a number") from None
+            if not (isfinite(numbers[n, column]) and abs(numbers[n, column]) <= LARGEST_POINT):
+                words = f"is no finite number of at most {LARGEST_POINT} in size"
+                raise ValueError(f"{table.file}:{k}: {names[column]} = {cell.strip()} {words}")
+    numbers[:, [unit == "deg" for unit in units]] *= radians(1)
+    steps = np.diff(numbers[:, 0]) * np.sign(numbers[-1, 0] - numbers[0, 0])
+    wrong = np.flatnonzero(~(steps > LEAST_STEP * abs(numbers[-1, 0] - numbers[0, 0])))
+    if wrong.size:
+        k = int(wrong[0])
+        words = f"{numbers[k + 1, 0]:g} after {numbers[k, 0]:g}; from row to row it must grow, or always fall"
+        raise ValueError(f"{table.file}:{rows[k + 1][0]}: {names[0]} = {words}")
+    return {name: numbers[:, k] for k, name in enumerate(names)}
+
+
+def _read_table(value: Any) -> Any:
+    """A table of its content, or from columns of numbers by name."""
+    if not isinstance(value, Mapping) or {*value} == {"file", "text"}:
+        return value
+    columns = {str(name): np.asarray(column) for name, column in value.items()}
+    for name, column in columns.items():
+        if column.ndim != 1 or column.dtype.kind not in "iuf":
+            raise ValueError(
+                f"the column {name} is no list of numbers: give {{t: [0, 0.4, 0.8], JOINT: [0, 0.1, 0.2]}}"
+            )
+    if len({column.size for column in columns.values()}) > 1:
+        sizes = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
+        raise ValueError(f"the columns differ in length ({sizes})")
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
+    return {"file": "table", "text": "\n".join(lines) + "\n"}
+
+
+def _check_table(table: Table) -> Table:
+    table.columns  # noqa: B018 - raises if the content is wrong
+    return table
+
+
+class TableReference(GivenCurves):
+    """A table of angles, in a file or as columns, over the clock or over a phase variable."""
+
+    table: Annotated[
+        Table,
+        BeforeValidator(_read_table),
+        AfterValidator(_check_table),
+        Field(
+            description="CSV file relative to this one, or columns {t: [...], JOINT: [...]}: time since impact [s], "
+            "or phase variable, and joint angles [rad]"
+        ),
+        WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]}),
+    ]
+    degree: Annotated[
+        int | None,
+        Field(
+            ge=1,
+            le=20,
+            strict=True,
+            description="of the polynomials closest to the rows; if left out, a cubic spline through them all, "
+            "which is for the clock",
+        ),
+    ] = None
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """First and last entry of the first column."""
+        first = next(iter(self.table.columns.values()))
+        return float(first[0]), float(first[-1])
+
+    @property
+    def spline(self) -> Reference:
+        """Cubic splines through the rows of a table over the clock, and their continuation."""
+        return _spline(self.table, BeyondEnd(self.beyond_end or BeyondEnd.HOLD))
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """The knots of a spline, and the end."""
+        return super().breakpoints if self.degree else self.spline.breakpoints
+
+    def data(self, segment: int) -> Array:
+        """The numbers of a piece of the spline."""
+        return super().data(segment) if self.degree else self.spline.data(segment)
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that have a column."""
+        return tuple(self.table.columns)[1:]
+
+    @property
+    def fitted(self) -> Mapping[str, Array]:
+        """Control points of the Bezier curves of this degree that are closest to the rows, by joint."""
+        assert self.degree is not None
+        columns, (start, end) = self.table.columns, self.domain
+        phase, *angles = columns.values()
+        rows = control_points((phase - start) / (end - start), np.array(angles), self.degree)
+        return dict(zip([*columns][1:], rows, strict=True))
+
+    def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
+        """Those that fit the rows."""
+        fitted = self.fitted
+        return [SX(fitted[joint]) for joint in joints]
+
+    def weighted(
+        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
+    ) -> tuple[SX, SX]:
+        """The curves; over the clock then their continuation."""
+        return (
+            super().weighted(now, p, joints, weights) if self.degree else self.spline.weighted(now, p, joints, weights)
+        )
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Those of the phase, a first column that does not suit it, and a degree that does not suit the rows."""
+        (first, argument), *angles = self.table.columns.items()
+        yield from (
+            (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
+            for path, words in self.phase_faults(walker, [name for name, _ in angles], "table")
+        )
+        expected = self.phase_variable or "t"
+        if first != expected:
+            words = f"its first column is {first}, but must be {expected}"
+            yield ("table",), f"{self.table.file}: {words}, what the curves run over: {self.phase}"
+        elif not self.phase_variable and (argument[0] != 0 or argument[-1] < 0):
+            words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
+            yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
+        if self.degree is not None and self.degree >= len(argument):
+            yield ("degree",), f"{self.degree} is too large: {len(argument)} rows determine at most {len(argument) - 1}"
+        elif self.degree is None and self.phase_variable:
+            words = "a spline over a phase variable would have kinks at states: give degree: 6, or another number"
+            yield ("degree",), f"is missing: {words}"
+        elif self.degree is None and len(argument) > MOST_KNOTS:
+            words = f"a spline through {len(argument)} rows divides the motion at each; {MOST_KNOTS} are the most"
+            yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
+        for name, column in angles:
+            largest = float(np.abs(column).max())
+            if name in walker.tracked and name not in walker.lengths and largest > walker.largest_angle:
+                words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+                yield ("table",), f"{self.table.file}: {name} reaches {largest:g}, which is impossible: {words}"
+
+
+@lru_cache(maxsize=32)
+def _spline(table: Table, beyond_end: BeyondEnd) -> Reference:
+    """The cubic splines (not-a-knot) of a table, and their continuation."""
+    from scipy.interpolate import CubicSpline  # slow to import, and most problems have no table
+
+    times, *angles = table.columns.values()
+    spline = CubicSpline(times, np.array(angles), axis=1)
+    pieces = []
+    for start, end in pairwise(times.tolist()):
+        at = (start + end) / 2 + (end - start) / 2 * chebyshev.chebpts1(4)
+        series = [chebyshev.chebfit(chebyshev.chebpts1(4), spline(at, order).T, 3).T for order in (0, 1)]
+        pieces.append(Piece(start=start, end=end, angles=series[0], rates=series[1]))
+    return continued(pieces, float(times[-1]), beyond_end, tuple(table.columns)[1:])
+
+
 class GaitReference(BaseModel, Target):
     """The angles of another gait, over the time since the impact."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    gait: Annotated[Name, Field(description="problem whose gait is tracked: a name, or a path relative to this file")]
+    gait: Annotated[
+        Name,
+        Field(
+            description="problem whose gait is tracked: a name, or a path relative to this file; or the folder of a run"
+        ),
+    ]
+    joints: Annotated[
+        dict[str, Name] | None,
+        Field(
+            min_length=1,
+            description="shape coordinate of that gait for each joint that tracks one; by default each tracked joint "
+            "follows its own",
+        ),
+    ] = None
     beyond_end: Annotated[
         BeyondEnd,
         Field(
@@ -445,6 +850,20 @@ class GaitReference(BaseModel, Target):
     def source(self) -> tuple[str, Path]:
         """The tracked gait."""
         return self.gait, ("gait",)
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that ``joints`` names."""
+        return walker.tracked if self.joints is None else tuple(self.joints)
+
+    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+        """As ``joints`` says."""
+        return super().followed(walker) if self.joints is None else self.joints
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Joints that the walker does not track."""
+        for joint in self.joints or ():
+            if joint not in walker.tracked:
+                yield ("joints", joint), untracked(walker)
 
 
 class CurveSpec(BaseModel):
@@ -553,7 +972,7 @@ class ConstantReference(BaseModel, Target):
         """The joints."""
         return ("constant", *self.constant)
 
-    def joints(self, walker: "WalkerType") -> tuple[str, ...]:
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
         """Those that have an angle."""
         return tuple(joint for joint in walker.tracked if joint in self.constant)
 
@@ -561,8 +980,7 @@ class ConstantReference(BaseModel, Target):
         """Joints that the walker does not track, and angles that it never reaches."""
         for joint, angle in self.constant.items():
             if joint not in walker.tracked:
-                words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
-                yield ("constant", joint), f"is no tracked joint of {walker.model}; {words}"
+                yield ("constant", joint), untracked(walker)
             elif joint not in walker.lengths and abs(angle) > walker.largest_angle:
                 words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
                 yield ("constant", joint), f"{angle:g} is impossible: {words}"
@@ -574,13 +992,30 @@ class ConstantReference(BaseModel, Target):
         return weights[0] * vertcat(*(getattr(p.constant, joint) for joint in joints)), SX(1)
 
 
+FORMS = {
+    "constant": (ConstantReference, "constant: {JOINT: 10 deg}"),
+    "bezier": (BezierMotion, "bezier: {JOINT: [0, 0.1, 0.2]}, duration: 0.8, beyond_end: hold"),
+    "table": (TableReference, "table: file.csv, beyond_end: hold"),
+    "gait": (GaitReference, "gait: NAME, beyond_end: flow"),
+    "curve": (CurveReference, "curve: {degree: 5, start: NAME}, beyond_end: linear"),
+}
+"""Kinds of references by their first key, each with an example."""
+
+
 def _read(value: Any, handler: ValidatorFunctionWrapHandler) -> Target:
     """The target that a file describes, by its keys; a target itself is taken as it is."""
     if isinstance(value, Target):
         return value
-    kinds: dict[str, type[Target]] = {"curve": CurveReference, "constant": ConstantReference}
-    given = value if isinstance(value, Mapping) else {}
-    kind: Any = next((kind for key, kind in kinds.items() if key in given), GaitReference)
+    kinds = [key for key in FORMS if key in value] if isinstance(value, Mapping) else []
+    if len(kinds) != 1:
+        given = f"has both {' and '.join(kinds)}" if kinds else "does not say what to follow"
+        forms = " or ".join(f"{{{form}}}" for _, form in FORMS.values())
+        raise ValueError(f"{given}: give one of {forms}")
+    kind: Any = FORMS[kinds[0]][0]
+    unknown = [str(key) for key in value if key not in kind.model_fields]
+    if unknown:
+        words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kinds[0]}"
+        raise ValueError(f"{words}, which has the keys {', '.join(kind.model_fields)}: {{{FORMS[kinds[0]][1]}}}")
     validated: Target = kind.model_validate(value)
     return validated
 
@@ -589,6 +1024,8 @@ Followed = Annotated[
     GaitReference
     | CurveReference
     | ConstantReference
+    | BezierMotion
+    | TableReference
     | SkipJsonSchema[InstanceOf[Reference]]
     | SkipJsonSchema[InstanceOf[BezierCurve]],
     WrapValidator(_read),

@@ -17,7 +17,7 @@ from gaitopt.model.walker import WalkerType
 
 
 class ProportionalDerivative(Control):
-    """PD tracking of a reference whose clock restarts at every impact.
+    """PD tracking of a reference, over a clock that restarts at every impact or over a phase variable.
 
     u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
     """
@@ -36,6 +36,11 @@ class ProportionalDerivative(Control):
         Within(unit="damping", possible=(0, 100), usual=(0, 10)),
     ]
     reference: Annotated[Followed, Field(description="motion that the joints track")]
+
+    @property
+    def phase_variable(self) -> str:
+        """That of the reference."""
+        return self.reference.phase_variable
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -60,7 +65,7 @@ class ProportionalDerivative(Control):
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """Feedback on the error of each tracked joint."""
         kp, kd, walker = now.p.kp, now.p.kd, now.robot.walker
-        joints, motor = self.reference.joints(walker), dict(zip(walker.tracked, walker.actuators, strict=True))
+        joints, motor = self.reference.followers(walker), dict(zip(walker.tracked, walker.actuators, strict=True))
         angles, rates = (vertcat(*(getattr(names, joint) for joint in joints)) for names in (now.q, now.dq))
         target, active = self.reference.weighted(now, now.p.reference, joints, (kp, kd))
         u = -active * (kp * angles + kd * rates - target)

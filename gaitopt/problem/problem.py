@@ -21,7 +21,7 @@ from gaitopt.model.registry import CONTROLS, WALKERS, Kind, registered_controls,
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.reading import Known, read_statement
 from gaitopt.problem.source import find_problem, parse_source, read_text
@@ -400,7 +400,7 @@ def _build(
     ProblemError
         With all faults, one line each.
     """
-    data = _with_robot(data, files[-1].parent if files else Path(), faults, place)
+    data = _with_files(data, files[-1].parent if files else Path(), faults, place)
     every = Known(
         walkers={**registered_walkers(), **classes.walkers}, controls={**registered_controls(), **classes.controls}
     )
@@ -414,10 +414,17 @@ def _build(
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and walker:
         subject = f"the reference {shown(name)}"
-        untracked = ", ".join(angle for angle in walker.tracked if angle not in reference.walker.shape)
-        if untracked:
-            words = f"is a {reference.walker.model}, which has no {untracked} to track"
-            faults.append(Fault(key, f"{subject} {words}"))
+        target = next(target for target in control.targets.values() if target.source[0])
+        followed = target.followed(type(walker))
+        unknown = ", ".join(angle for angle in followed.values() if angle not in reference.walker.shape)
+        theirs = reference.walker
+        if unknown:
+            words = f"is a {theirs.model}, which has no {unknown} to track"
+            faults.append(Fault(key, f"{subject} {words}; its shape is {', '.join(theirs.shape)}"))
+        elif theirs.shape != walker.shape and getattr(target, "joints", None) is None:
+            words = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
+            remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
+            faults.append(Fault(key, f"{subject} {words}: say which of them each joint follows, {remedy}"))
         if len(reference.cycle.steps) > 1:
             words = "has several steps, but its clock restarts at every impact: name a gait of one step"
             faults.append(Fault(key, f"{subject} {words}"))
@@ -428,26 +435,38 @@ def _build(
     return problem
 
 
-def _with_robot(data: Mapping[str, Any], folder: Path, faults: list[Fault], place: Place) -> Mapping[str, Any]:
-    """The data with the content of the robot's file in place of its path, which is relative to the folder.
+def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], place: Place) -> Mapping[str, Any]:
+    """The data with the content of a robot's file and of tables in place of their paths, relative to the folder.
 
     Raises
     ------
     ProblemError
-        If it cannot be read.
+        If one cannot be read.
     """
-    section = data.get("walker")
-    stated = section.get("urdf") if isinstance(section, Mapping) else None
-    if not isinstance(section, Mapping) or isinstance(stated, Mapping) or "urdf" not in section:
-        return data
-    try:
-        if not isinstance(stated, str) or not stated or "\0" in stated:
-            raise ProblemError(f"{shown(stated)} is no path of a URDF file")
-        robot = {"file": Path(stated).name, "text": read_text(folder / stated, MAX_BYTES)}
-    except ProblemError as error:
-        raise_faults([*faults, Fault(("walker", "urdf"), str(error))], place)
-        raise
-    return {**data, "walker": {**section, "urdf": robot}}
+    control, walker = data.get("control"), data.get("walker")
+    places: list[tuple[Key, object]] = [(("walker", "urdf"), walker)]
+    places += (
+        [(("control", name, "table"), entry) for name, entry in control.items()] if isinstance(control, dict) else []
+    )
+    for path, stated in places:
+        key = path[-1]
+        if not isinstance(stated, Mapping) or key not in stated or isinstance(stated[key], Mapping):
+            continue
+        file = stated[key]
+        try:
+            if not isinstance(file, str) or not file or "\0" in file:
+                kind = "URDF" if key == "urdf" else "CSV"
+                raise ProblemError(f"{shown(file)} is no path of a {kind} file")
+            content = {"file": Path(file).name, "text": read_text(folder / file, MAX_BYTES)}
+        except ProblemError as error:
+            raise_faults([*faults, Fault(path, str(error))], place)
+            raise
+        data = deepcopy(dict(data))
+        section: Any = data
+        for part in path[:-1]:
+            section = section[part]
+        section[key] = content
+    return data
 
 
 def passed_classes(walkers: Walkers, controls: Controls) -> Known:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from gaitopt.model.control import NoControl, is_parameter
@@ -347,7 +347,8 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         ranges = [str(part) for part in entry_field.metadata if isinstance(part, Within)]
         if ranges:
             entry["description"] = "; ".join([entry.get("description", ""), *ranges])
-        if nested := nested_models(entry_field):
+        stated = any(isinstance(part, WithJsonSchema) for part in entry_field.metadata)
+        if (nested := nested_models(entry_field)) and not stated:
             sections = [_section(part) for part in nested]
             schema["properties"][key] = sections[0] if len(sections) == 1 else {"oneOf": sections}
             continue

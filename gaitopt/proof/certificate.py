@@ -11,7 +11,7 @@ problem's double of it.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal, TypedDict
 
@@ -253,7 +253,8 @@ def _certified_target(problem: Problem, target: Target, reference: MotionRecord 
         return target
     if not isinstance(reference, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, but it does not hold one")
-    return _tracked_motion(reference, len(problem.walker.tracked), target.beyond_end)
+    motion = _tracked_motion(reference, len(target.followers(type(problem.walker))), target.beyond_end)
+    return replace(motion, names=target.followers(type(problem.walker)))
 
 
 def _tracked_motion(record: MotionRecord, joints: int, beyond_end: BeyondEnd) -> Reference:

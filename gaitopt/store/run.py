@@ -54,6 +54,8 @@ PROBLEM_FILE = "problem.yaml"
 RESOLVED_FILE = "resolved.json"
 ROBOT_FILE = "robot.urdf"
 """Copy of the URDF file that the problem names; the resolved problem has its text as well."""
+TABLE_FILE = "control.{}.csv"
+"""Copy of the table that the problem names for a key of its control law; the resolved problem has its text as well."""
 PROBLEM_FILES = PROBLEM_FILE, RESOLVED_FILE
 GAIT_FILE, WALK_FILE = "gait.json", "walk.json"
 GAIT_FILES, WALK_FILES = (GAIT_FILE, "trajectory.csv"), (WALK_FILE, "walk.csv")
@@ -211,6 +213,9 @@ class Run:
             resolved = problem.resolved()
             robot = resolved.get("walker", {}).get("urdf")
             named = {ROBOT_FILE: robot["text"]} if robot else {}
+            for name, entry in resolved.get("control", {}).items():
+                table = entry.get("table") if isinstance(entry, Mapping) else None
+                named |= {TABLE_FILE.format(name): table["text"]} if isinstance(table, Mapping) else {}
             run.write({PROBLEM_FILE: problem.text, RESOLVED_FILE: json_file(resolved), **named})
             if self.part:
                 make_folder(self.place, parents=False)

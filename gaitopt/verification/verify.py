@@ -193,6 +193,7 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
     if sequence.passed:
         claims += motion_claims(gait, walked)
         claims += record_claims(gait, walked)
+        claims += phase_claims(gait, walked)
         claims += return_map_claims(
             gait, ReturnMap(simulator, gait.system.section(gait.problem.cycle), len(walked), gait.state)
         )
@@ -293,6 +294,22 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
         impacts_closely = _impact_errors(gait, recomputed, _relative_error)
     yield _worst("measures", (errors, tolerance), (closely, RECOMPUTED))
     yield _worst("impact", (impact_errors, tolerance), (impacts_closely, RECOMPUTED))
+
+
+def phase_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
+    """A phase variable of the control law moves on all along the simulated steps; no claim if the law has none."""
+    name, slowest = gait.system.control.phase_variable, np.inf
+    if not name:
+        return
+    rate = gait.system.phase_rate()
+    for step in walked:
+        direction = 0.0
+        for arc in step.arcs:
+            rates = np.array([float(rate(z, arc.dynamics.p)) for z in arc.states])
+            direction = direction or np.sign(rates[rates.size // 2])
+            slowest = min(slowest, -curves.maximum(-direction * rates)[1])
+    words = f"{name} does not turn back: its rate is at least {slowest:.4g} per second in size"
+    yield claim("phase variable", -slowest * gait.dynamics.scales.time, 0.0, words)
 
 
 def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:

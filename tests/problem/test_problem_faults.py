@@ -227,9 +227,13 @@ def test_a_passive_walker_has_no_control_law():
             "-1 must be at least 0 (gain on the rate",
         ),
         ("kd: 1", "reference", "is missing (motion that the joints track)"),
-        ("kd: 1, reference: 3", "reference", "3 is not a mapping; keys: gait, beyond_end"),
+        (
+            "kd: 1, reference: 3",
+            "reference",
+            "does not say what to follow: give one of {constant: {JOINT: 10 deg}} or ",
+        ),
         ("kd: 1, reference: {gait: compass-passive-b}", "reference.beyond_end", "is missing"),
-        ("kd: 1, reference: {beyond_end: hold}", "reference.gait", "is missing"),
+        ("kd: 1, reference: {beyond_end: hold}", "reference", "does not say what to follow: give one of"),
         (
             "kd: 1, reference: {gait: compass-passive-b, beyond_end: flw}",
             "reference.beyond_end",

@@ -1,0 +1,282 @@
+"""References that are given: their torques by formulas of this file, their files, and errors of wrong ones."""
+
+import re
+import subprocess
+import sys
+from math import comb, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from named import named
+from numpy.typing import NDArray
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.gait.curves import coefficients
+from gaitopt.model.modes import Mode
+from gaitopt.store.run import Run
+from gaitopt.systems import problem_dynamics
+
+NAME = "compass-table"
+STATE = np.array([0.05, -0.2, 0.0, 0.7, -0.4, 0.0])
+POINTS = [-0.1, -0.05, 0.3, 0.14]
+KP, KD = 30, 5
+Array = NDArray[np.float64]
+
+
+def with_reference(reference: object, **others: object) -> go.Problem:
+    return go.load_problem(NAME).replace({"control.reference": reference} | others)
+
+
+def torque(problem: go.Problem, t: float, z: Array = STATE) -> Array:
+    dynamics = problem_dynamics(problem)
+    segment = int(np.searchsorted(dynamics.system.control.breakpoints, t, side="right"))
+    observed = dynamics.system.observation(Mode.STICK)(t, z, dynamics.p, dynamics.system.data(segment))
+    return np.asarray(observed[1]).ravel()
+
+
+def pd(angle: float, rate: float) -> Array:
+    """Torques of ankle and hip at ``STATE`` if only the hip follows a reference."""
+    return np.array([0, -KP * (STATE[1] - angle) - KD * (STATE[4] - rate)])
+
+
+def bezier(s: float, order: int = 0) -> float:
+    points = np.array(POINTS)
+    for _ in range(order):
+        points = np.diff(points) * (len(points) - 1)
+    n = len(points) - 1
+    return float(sum(comb(n, k) * c * s**k * (1 - s) ** (n - k) for k, c in enumerate(points)))
+
+
+@pytest.mark.parametrize(
+    ("beyond_end", "after"),
+    [
+        ("hold", pd(bezier(1), 0)),
+        ("linear", pd(bezier(1) + 0.2 * bezier(1, 1) / 0.8, bezier(1, 1) / 0.8)),
+        ("off", np.zeros(2)),
+    ],
+)
+def test_bezier_curves_run_over_the_clock_and_then_as_stated(beyond_end: str, after: Array) -> None:
+    problem = with_reference({"bezier": {"theta2": POINTS}, "duration": 0.8, "beyond_end": beyond_end})
+    assert torque(problem, 0.3) == pytest.approx(pd(bezier(0.3 / 0.8), bezier(0.3 / 0.8, 1) / 0.8), abs=1e-12)
+    assert torque(problem, 1.0) == pytest.approx(after, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        {"bezier": {"theta2": POINTS}},
+        {"table": {"theta1": np.linspace(-0.1, 0.3, 9), "theta2": [bezier(s) for s in np.linspace(0, 1, 9)]}},
+    ],
+)
+def test_curves_over_a_phase_variable_are_not_clamped(reference: dict[str, object]) -> None:
+    """The curve of a cubic table is that of its control points; s = 0.375, and 1.125 beyond the span."""
+    more = {"span": [-0.1, 0.3]} if "bezier" in reference else {"degree": 3}
+    problem = with_reference({**reference, **more, "phase": "theta1"})
+    for theta1 in (STATE[0], 0.35):
+        s = (theta1 + 0.1) / 0.4
+        expected = pd(bezier(s), bezier(s, 1) * STATE[3] / 0.4)
+        z = np.array([theta1, *STATE[1:]])
+        assert torque(problem, 5.0, z) == pytest.approx(expected, abs=1e-10)
+
+
+def test_a_table_is_a_cubic_spline_through_its_rows() -> None:
+    """A cubic is its own spline; the ends of the table are its first and its last row."""
+    times = np.array([0, 0.1, 0.25, 0.4, 0.8])
+    table = {"t": times, "theta2": [bezier(t / 0.8) for t in times]}
+    problem = with_reference({"table": table, "beyond_end": "linear"})
+    assert problem.control.breakpoints == tuple(times[1:])
+    for t in (0.0, 0.2, 0.7, 1.0):
+        s = min(t / 0.8, 1)
+        rate = bezier(s, 1) / 0.8
+        assert torque(problem, t) == pytest.approx(pd(bezier(s) + rate * max(t - 0.8, 0), rate), abs=1e-12)
+
+
+def test_joints_may_follow_those_of_another_walker() -> None:
+    other = named("torso-passive")
+    problem = with_reference({"gait": "torso-passive", "joints": {"theta2": "torso"}, "beyond_end": "hold"})
+    arc, k = other.arcs[0], other.problem.walker.shape.index("torso")
+    s = 2 * 0.2 / arc.duration - 1
+    angle, rate = np.polynomial.chebyshev.chebval(s, coefficients(arc.states))[[k, other.system.n_shape + 1 + k]]
+    assert torque(problem, 0.2) == pytest.approx(pd(angle, rate), abs=1e-9)
+
+
+def test_control_points_are_parameters() -> None:
+    problem = with_reference({"bezier": {"theta2": POINTS}, "duration": 0.8, "beyond_end": "hold"})
+    assert problem.parameters["control.reference.theta2.2"] == 0.3
+    other = problem.replace({"control.reference.theta2.2": "10 deg"})
+    assert other.parameters["control.reference.theta2.2"] == radians(10)
+    assert problem_dynamics(problem).system is problem_dynamics(other).system
+
+
+def test_verify_states_that_the_phase_does_not_turn_back() -> None:
+    rows = [-0.1, -0.12706416905448156, -0.045, 0.419, 0.156, 0.139, 0.1]
+    gait = go.solve(
+        go.load_problem("compass-virtual-constraint").replace(
+            {
+                "control": {
+                    "type": "pd",
+                    "kp": 300,
+                    "kd": 30,
+                    "reference": {"bezier": {"theta2": rows}, "phase": "theta1", "span": [-0.1, 0.1]},
+                }
+            }
+        )
+    )
+    claims = {claim.name: claim for claim in go.verify(gait).claims}
+    assert all(claim.passed for claim in claims.values())
+    arc, unit = gait.arcs[0], gait.dynamics.scales.time
+    slowest = min(arc.states[:, gait.system.n_shape + 1])
+    assert claims["phase variable"].figure == pytest.approx(-slowest * unit, rel=1e-3)
+    assert "phase variable" not in {claim.name for claim in go.verify(named(NAME)).claims}
+
+
+def test_a_phase_that_turns_back_is_named() -> None:
+    reference = {"bezier": {"theta1": [-0.1, 0.1]}, "phase": "theta2", "span": [-0.1, 0.1]}
+    changes = {"control": {"type": "pd", "kp": 0, "kd": 0, "reference": reference}}
+    gait = go.solve(go.load_problem("compass-passive-stick").replace(changes))
+    assert [cause.what for cause in gait.causes] == ["phase"]
+    assert "the phase variable theta2 is not monotone: it turns back 0.0" in gait.message
+
+
+# files
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """The problem ``compass-table`` with its table in a folder beside it."""
+    (tmp_path / "tables").mkdir()
+    shipped = go.load_problem(NAME).path
+    assert shipped is not None
+    (tmp_path / "tables" / "swing.csv").write_text(shipped.with_suffix(".csv").read_text())
+    (tmp_path / "walk.yaml").write_text(shipped.read_text().replace("compass-table.csv", "tables/swing.csv"))
+    return tmp_path / "walk.yaml"
+
+
+def test_a_table_enters_the_hash_and_stays_in_the_run(file: Path) -> None:
+    problem, table = go.load_problem(file), file.parent / "tables" / "swing.csv"
+    text = table.read_text()
+    table.write_text(text.replace("11", "10"))
+    assert go.load_problem(file).digest != problem.digest
+    table.write_text(text)
+    assert go.load_problem(file).digest == problem.digest
+    run = Run(file.parent / "run")
+    run.folder.mkdir()
+    gait = go.solve(problem)
+    with run.begun(problem):
+        pass
+    table.unlink()
+    file.unlink()
+    assert (run.folder / "control.reference.csv").read_text() == text
+    code = "import gaitopt, sys; from gaitopt.store.run import Run; from pathlib import Path; "
+    code += "p = Run(Path(sys.argv[1])).problem(); print(p.digest, gaitopt.solve(p).period)"
+    done = subprocess.run([sys.executable, "-c", code, str(run.folder)], capture_output=True, text=True, check=True)
+    digest, period = done.stdout.split()
+    assert digest == problem.digest
+    assert float(period) == gait.period
+
+
+def test_a_table_is_found_beside_its_problem_by_overrides_too(file: Path) -> None:
+    (file.parent / "other.csv").write_text("t,theta2\n0,-0.1\n0.8,0.1\n")
+    problem = go.load_problem(file).replace({"control.reference.table": "other.csv"})
+    assert problem.control.reference.table.file == "other.csv"  # type: ignore[attr-defined]
+    array = problem.replace({"control.reference.table": {"t": np.array([0, 0.8]), "theta2": np.array([-0.1, 0.1])}})
+    assert torque(array, 0.3) == pytest.approx(torque(problem, 0.3), abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: 1 entries, but there are 2 columns"),
+        ("# degrees\nt,theta2 [deg]\n\n0,1\n0.1,x\n", "swing.csv:5: 'x' is not a number"),
+        ("t,theta2\n0,0\n0.1,nan\n", "swing.csv:3: theta2 = nan is no finite number"),
+        ("t,theta2\n0,0\n0.2,1e9\n", "swing.csv:3: theta2 = 1e9 is no finite number of at most 1000"),
+        ("t,theta2\n0,0\n0.2,0\n0.2,0.1\n", "swing.csv:4: t = 0.2 after 0.2; from row to row it must grow"),
+        ("t,theta2\n0.1,0\n0.2,0\n", "swing.csv: t starts at 0.1 and ends at 0.2, but must rise from 0"),
+        ("theta1,theta2\n0,0\n0.2,0\n", "swing.csv: its first column is theta1, but must be t"),
+        ("t,torso\n0,0\n0.2,0\n", "torso is no tracked joint of compass_biped; the tracked joints are theta1, theta2"),
+        ("t,theta2\n0,0\n0.2,2\n", "swing.csv: theta2 reaches 2, which is impossible: angles of compass_biped"),
+        ("t,theta2\n0,0\n", "swing.csv has 1 rows of numbers, must have from 2 to"),
+        ("0,0\n0.1,1\n", "swing.csv:1: '0,0' does not name the columns: it must have a line of names such as t,theta2"),
+        ("t\n0\n", "swing.csv:1: one column is not enough"),
+        ("t,t\n0,1\n1,2\n", "swing.csv:1: two columns have one name"),
+        ("", "swing.csv is empty: it must have a line of names"),
+        (b"\xff\xfe", "swing.csv:1:1: byte 0xff is not UTF-8 text"),
+        (None, "swing.csv:1:1: no such file"),
+    ],
+)
+def test_a_wrong_table_is_one_sentence_with_file_and_line(file: Path, content: Any, words: str) -> None:
+    table = file.parent / "tables" / "swing.csv"
+    if content is None:
+        table.unlink()
+    else:
+        table.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ProblemError) as caught:
+        go.load_problem(file)
+    assert caught.value.exit_code == 3
+    (line,) = str(caught.value).splitlines()
+    assert re.match(rf"{re.escape(str(file))}:18:15 control\.reference\.table: ", line)
+    assert words in line
+
+
+CURVE = {"bezier": {"theta2": [0, 0.1]}}
+
+
+@pytest.mark.parametrize(
+    ("reference", "key", "words"),
+    [
+        ({}, "", "does not say what to follow: give one of {constant: {JOINT: 10 deg}} or {bezier:"),
+        (3, "", "give one of {constant: {JOINT: 10 deg}} or"),
+        ({"constant": {"theta2": 0.1}, "gait": "x"}, "", "has both constant and gait: give one of {constant:"),
+        (
+            {"constant": {"theta2": 0.1}, "beyond_end": "hold"},
+            "",
+            "beyond_end does not belong to constant, which has the keys constant: {constant: {JOINT: 10 deg}}",
+        ),
+        ({"bezier": {"theta2": [0]}, "duration": 1, "beyond_end": "off"}, ".bezier.theta2", "1 control points"),
+        ({"bezier": {"hip": [0, 1]}, "duration": 1, "beyond_end": "off"}, ".bezier.hip", "is no tracked joint"),
+        ({"bezier": {}, "duration": 1, "beyond_end": "off"}, ".bezier", "has no curve: give the control points"),
+        ({**CURVE, "beyond_end": "off"}, ".duration", "is missing: curves over the clock need their duration"),
+        ({**CURVE, "duration": 1}, ".beyond_end", "is missing: give linear, hold or off, because a step may last"),
+        ({**CURVE, "duration": 1, "beyond_end": "flow"}, ".beyond_end", "'flow' is not one of the choices"),
+        ({**CURVE, "duration": 0, "beyond_end": "off"}, ".duration", "0 must be greater than 0"),
+        ({**CURVE, "phase": "hip", "span": [0, 1]}, ".phase", "no phase variable 'hip'; it has theta1, theta2; clock"),
+        ({**CURVE, "phase": "theta1"}, ".span", "is missing: curves over a phase variable need span: [START, END]"),
+        ({**CURVE, "phase": "theta1", "span": [1, 1]}, ".span", "is empty: both ends are 1"),
+        ({**CURVE, "phase": "theta2", "span": [0, 1]}, ".bezier.theta2", "theta2 is the phase variable"),
+        (
+            {**CURVE, "phase": "theta1", "span": [0, 1], "beyond_end": "hold"},
+            ".beyond_end",
+            "is for curves over the clock; curves over a phase variable go on as polynomials",
+        ),
+        ({**CURVE, "phase": "theta1", "span": [0, 1], "duration": 1}, ".duration", "does not apply"),
+        ({"table": 3}, ".table", "3 is no path of a CSV file"),
+        ({"table": {"t": [0, 1], "theta2": [0]}}, ".table", "the columns differ in length (t: 2, theta2: 1)"),
+        ({"table": {"t": [0, 1], "theta2": "x"}}, ".table", "the column theta2 is no list of numbers"),
+        ({"table": {"t": [0, 1], "theta2": [0, 1]}}, ".beyond_end", "is missing: give linear, hold or off"),
+        ({"table": {"theta1": [0, 1], "theta2": [0, 1]}, "phase": "theta1"}, ".degree", "is missing: a spline over"),
+        (
+            {"table": {"t": [0, 1], "theta2": [0, 1]}, "degree": 2, "beyond_end": "off"},
+            ".degree",
+            "2 is too large: 2 rows determine at most 1",
+        ),
+        (
+            {"table": {"t": np.arange(80), "theta2": np.zeros(80)}, "beyond_end": "off"},
+            ".degree",
+            "is missing: a spline through 80 rows divides the motion at each",
+        ),
+        ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),
+        ({"gait": "compass-passive-b", "joints": {"hip": "theta1"}, "beyond_end": "hold"}, ".joints.hip", "no tracked"),
+        ({"gait": "torso-passive", "joints": {"theta2": "hip"}, "beyond_end": "hold"}, ".gait", "which has no hip to"),
+    ],
+)
+def test_a_wrong_reference_is_one_sentence_that_shows_the_right_form(reference: Any, key: str, words: str) -> None:
+    with pytest.raises(ProblemError) as caught:
+        with_reference(reference)
+    assert caught.value.exit_code == 3
+    (line,) = str(caught.value).splitlines()
+    where = f"control.reference{key}: "
+    assert where in line
+    assert words in line
