@@ -7,9 +7,8 @@ points. Places between them where a margin is violated are added until none is (
 then fixed in time, and the gait under them is solved by multiple shooting like any other.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,25 +16,16 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Cause, Gait, Status
-from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
-from gaitopt.solver.collocation import ROOM, SAMPLES, Collocation
-from gaitopt.solver.ipopt import Block, Ipopt, IpoptResult, Program
-from gaitopt.solver.mesh import mesh_of
-from gaitopt.solver.newton import Solution
+from gaitopt.solver.collocation import ROOM, SAMPLES, Collocation, Motion, straight_motion
+from gaitopt.solver.ipopt import IpoptResult
 from gaitopt.solver.program import checked_gait
-from gaitopt.solver.rollout import guessed_motion, transit_time
-from gaitopt.solver.shooting import transcribe
+from gaitopt.solver.rollout import guessed_motion
 
-TOLERANCE = 1e-9
-"""Of IPOPT."""
-MAX_ITERATIONS = 200
-NEARBY: dict[str, Any] = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8}
-"""IPOPT stays near the start of a search whose optimum is close."""
 MAX_EXCHANGES = 8
 """Rounds in which places between the points are added."""
 MISSED = 1e-6
@@ -90,7 +80,7 @@ def optimise(
     dynamics = Dynamics.of(system, problem.parameters)
     free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
     freed = [dynamics.parameter(key) for key in free]
-    states: _Motion
+    states: Motion
     states, durations = guessed_states(problem, dynamics, start)
     values = np.array([c for row in law.values.values() for c in row], dtype=float)
     if start is not None and isinstance(start.system.control, OpenLoop):
@@ -100,7 +90,9 @@ def optimise(
     places, iterations = tuple[tuple[int, float], ...](), 0
     for _ in range(MAX_EXCHANGES):
         collocation = Collocation(problem, system, durations, free=free, places=places)
-        result = _solved(collocation, states, values, durations, freed, progress, should_stop, again=bool(places))
+        result = collocation.solve(
+            states, values, durations, freed, progress=progress, should_stop=should_stop, again=bool(places)
+        )
         iterations += result.iterations
         solver = {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
         if result.status is not Status.CONVERGED:
@@ -130,45 +122,18 @@ def optimise(
 def finished(optimum: OpenLoopOptimum, system: HybridSystem) -> Gait:
     """The gait of an optimum under its torques, which are fixed in time in ``system``."""
     problem, collocation = optimum.problem, optimum.collocation
-    dynamics, durations = Dynamics.of(system, problem.parameters), collocation.unpack(optimum.x)["durations"]
-    mesh = mesh_of(problem.cycle, durations, system.control.breakpoints)
-    nodes = np.empty((system.n_z, mesh.n_nodes))
-    for arc, at, (begin, end) in zip(mesh.arcs, mesh.arc_nodes, mesh.arc_times(durations.tolist()), strict=True):
-        nodes[:, at.start : at.stop] = collocation.states_at(optimum.x, arc.phase, np.linspace(begin, end, len(at))).T
-    equations = transcribe(system, mesh)
-    gait = checked_gait(problem, Solution(equations, equations.pack(nodes, durations), dynamics.p), optimum.solver)
-    if not gait.converged:
+    dynamics, origin = Dynamics.of(system, problem.parameters), problem.origin
+    gait = checked_gait(problem, collocation.on_mesh(optimum.x, dynamics), optimum.solver)
+    if not gait.converged or origin is None:
         return gait
     freed = {key: dynamics.parameter(key) for key in [*collocation.free, *collocation.value_keys]}
-    origin = problem.origin
-    assert origin is not None
     objective = sum(weight * gait.scalar(name) for name, weight in origin.objective.items())
     return replace(gait, freed=freed, solver={**optimum.solver, "objective": float(objective)})
 
 
-_Motion: TypeAlias = Callable[[int, Array], Array]
-"""A motion: states (n, n_z) in a phase at times (n,) since the impact."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """The straight motion between two states in a time."""
-
-    start: Array
-    end: Array
-    duration: float
-    cycle: Cycle
-
-    def __call__(self, phase: int, times: Array) -> Array:
-        part = (times / self.duration)[:, None]
-        states = (1 - part) * self.start + part * self.end
-        states[:, -1] = self.cycle.phases[phase].direction * np.abs(states[:, -1])
-        return states
-
-
 @dataclass(frozen=True, slots=True)
 class _Polynomials:
-    """The motion of another collocation."""
+    """The motion of a collocation."""
 
     collocation: Collocation
     x: Array
@@ -191,7 +156,7 @@ class _Known:
         return np.array([np.interp(time, arc.times, column) for column in arc.states.T])
 
 
-def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> tuple[_Motion, Array]:
+def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> tuple[Motion, Array]:
     """The motion with which a search begins, and durations of the phases.
 
     It is that of a gait; or that from the guess, if the walker takes a step with the guessed torques; or a straight
@@ -202,50 +167,11 @@ def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> 
         return _Known(start), np.array([duration for _, duration in start.phases])
     if len(cycle.steps) > 1 or system.walker.flies or system.walker.massless_feet:
         raise ProblemError(f"{problem.name}: open-loop torques are found for walkers without flight, and for one step")
-    rolled = guessed_motion(problem, dynamics)
-    if rolled.endless is None and problem.guess.durations is None:
-        return lambda phase, times: rolled(phase, times).T, np.array(rolled.durations)
-    state = np.array([problem.guess.state[name] for name in system.state_names])
-    n, m = len(system.walker.shape), len(cycle.phases)
-    durations = problem.guess.durations
-    period = float(sum(durations)) if durations else transit_time(dynamics, cycle, state)
-    lengths = np.array(durations if durations else [period / m] * m, dtype=float)
-    mapped = dynamics.after_impact(cycle.impact, state)[:n]
-    A = np.asarray(system.impact_jacobian(cycle.impact)(state, dynamics.p))[:n, :n]
-    end = state.copy()
-    moved = np.linalg.solve(A, state[:n] - mapped)
-    end[:n] += moved
-    for each in (state, end):
-        each[system.n_shape + 1 : system.n_shape + 1 + n] = moved / period
-    return _Line(state, end, period, cycle), lengths
-
-
-def _solved(
-    collocation: Collocation,
-    states: _Motion,
-    values: Array,
-    durations: Array,
-    freed: list[float],
-    progress: Valued,
-    should_stop: Stop,
-    *,
-    again: bool = False,
-) -> IpoptResult:
-    """IPOPT's solution from a motion; ``again`` from one that only misses the conditions at a few new points."""
-    x0 = collocation.start(states, values, durations, freed)
-    lower, upper = collocation.bounds()
-    assembled = collocation.program
-    program = Program(
-        unknowns=(Block(name="unknowns", expression=assembled.x, lower=lower, upper=upper),),
-        rows=(Block(name="rows", expression=assembled.g, lower=collocation.lbg, upper=collocation.ubg),),
-        p=assembled.p,
-        f=assembled.f,
-        x0=x0,
-        p0=collocation.dynamics.p,
-    )
-    options = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "bound_relax_factor": 0.0} | (NEARBY if again else {})
-    ipopt = Ipopt(program, options=options, exact=True, derivatives=assembled.derivatives)
-    return ipopt.solve(progress=progress, should_stop=should_stop)
+    if problem.guess.first is None and problem.guess.durations is None:
+        rolled = guessed_motion(problem, dynamics)
+        if rolled.endless is None:
+            return lambda phase, times: rolled(phase, times).T, np.array(rolled.durations)
+    return straight_motion(problem, dynamics)
 
 
 def _kkt(result: IpoptResult) -> float:
@@ -257,7 +183,7 @@ def _conflicts(
     problem: Problem,
     system: HybridSystem,
     free: Mapping[str, tuple[float, float]],
-    begin: tuple[_Motion, Array, Array, list[float]],
+    begin: tuple[Motion, Array, Array, list[float]],
     should_stop: Stop,
 ) -> Iterator[Cause]:
     """Constraints that the others exclude, with what is in their way: the best value that each reaches without it.
@@ -275,7 +201,7 @@ def _conflicts(
                 continue
             best = replace(problem, objective={name: sign}, constraints=others)
             collocation = Collocation(best, system, begin[2], free=free)
-            result = _solved(collocation, *begin, None, should_stop)
+            result = collocation.solve(*begin, should_stop=should_stop)
             if result.status is not Status.CONVERGED:
                 continue
             reached = sign * result.objective

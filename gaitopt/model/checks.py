@@ -21,7 +21,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, substitute, sum1, vec, vertcat
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, norm_2, solve, substitute, sum1, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -57,6 +57,12 @@ AGREEMENT = 1e-9
 """Tolerance of the equations in natural units, above the rounding of the geometry."""
 DEFINITE = 1e-12
 """Least eigenvalue of the mass matrix with its diagonal scaled to one: the rounding of its factorisation."""
+POSTURE_STEPS = 60
+"""Steps towards a posture with a given step length."""
+LONGEST_TURN = 0.3
+"""Longest of them [rad]."""
+NUDGE = 1e-7
+"""Step of their differences, and the size of the last of them [rad]."""
 NEWTON_STEPS = 20
 """Newton steps to invert ``relabel``; one is enough if it is affine, as for all but exotic walkers."""
 
@@ -134,6 +140,66 @@ def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -
     names = walker.section_names(slipping=True)
     shape, rates = buffered(_section(walker))([float(free.get(name, 0.0)) for name in names], p)
     return shape.copy(), rates.copy()
+
+
+def stepping_posture(walker: type[Walker], step_length: float, p: Array) -> Array:
+    """The posture just after an impact whose feet are ``step_length`` [m] apart, near ``walker.posture``; (n_shape,).
+
+    Gauss-Newton steps in the section coordinates, each as short as possible.
+
+    Raises
+    ------
+    ProblemError
+        If the legs do not reach so far; the message says how far they do.
+    """
+    names = walker.section
+
+    def stretched(length: float) -> Array | None:
+        x = np.array([walker.posture.get(name, 0.0) for name in names])
+        for _ in range(POSTURE_STEPS):
+            here = _lead(walker, x, p)
+            slopes = np.array([(_lead(walker, x + e, p) - here) / NUDGE for e in NUDGE * np.eye(x.size)])
+            step = slopes * (here + length) / max(float(slopes @ slopes), np.finfo(float).tiny)
+            if not np.isfinite(step).all():
+                return None
+            x -= step * min(1.0, LONGEST_TURN / max(float(np.abs(step).max()), LONGEST_TURN))
+            if np.abs(step).max() < NUDGE:
+                return section_posture(walker, dict(zip(names, x.tolist(), strict=True)), p)[0]
+        return None
+
+    posture = stretched(step_length)
+    if posture is not None:
+        return posture
+    shorter = (step_length * part for part in np.arange(0.95, 0.0, -0.05))
+    reached = next((length for length in shorter if stretched(length) is not None), 0.0)
+    raise ProblemError(f"{step_length:g} m is longer than the legs of {walker.model} reach: about {reached:.2g} m")
+
+
+def _lead(walker: type[Walker], x: Array, p: Array) -> float:
+    """How far the swing foot is in front of the stance foot just after an impact, from section coordinates [m]."""
+    shape, _ = section_posture(walker, dict(zip(walker.section, x.tolist(), strict=True)), p)
+    return float(swing_foot(walker, shape, p)[0])
+
+
+def swing_foot(walker: type[Walker], shape: Array, p: Array) -> Array:
+    """Position of the swing foot relative to the stance foot [m], shape (2,)."""
+    return buffered(_feet(walker))(shape, p)[0].copy()
+
+
+def before_impact(walker: type[Walker], shape: Array, p: Array) -> Array:
+    """The posture just before the impact after which the shape is this one, shape (n_shape,)."""
+    return buffered(_feet(walker))(shape, p)[1].copy()
+
+
+@built_once(maxsize=8)
+def _feet(walker: type[Walker]) -> Function:
+    """(shape, p) -> position of the swing foot; the shape before an impact, of which it is the one after it."""
+    s, p = SX.sym("s", len(walker.shape)), SX.sym("p", len(walker.model_fields))
+    named = SimpleNamespace(**{name: s[k] for k, name in enumerate(walker.shape)}, x=SX(0), y=SX(0))
+    mechanism = state_mechanism(walker, named, parameter_namespace(walker, p))
+    relabel = SX(mechanism.relabel)
+    swap, offset = jacobian(relabel, s), substitute(relabel, s, SX.zeros(s.numel()))
+    return Function("feet", [s, p], [densify(mechanism.swing_foot), densify(solve(swap, s - offset))])
 
 
 @lru_cache(maxsize=64)

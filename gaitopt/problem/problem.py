@@ -251,7 +251,7 @@ class Problem(ProblemStatement):
         if self.origin is not None:
             return self.origin.resolved()
         data = problem_data(self)
-        if self.start is not None:
+        if self.start is not None and self.start.first is None:
             data["gait"]["guess"]["state"] = dict(self.start.state)
         if self.reference is not None:
             for section, key in reference_keys(data):

@@ -14,8 +14,9 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.model.checks import check_walker, section_posture
+from gaitopt.model.checks import before_impact, check_walker, section_posture, stepping_posture, swing_foot
 from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.control import Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
@@ -34,6 +35,7 @@ from gaitopt.problem.schema import (
     SECTION_KEYS,
     AngleRangeSection,
     CycleSection,
+    FirstGuessSection,
     FreeSection,
     FrictionCoefficients,
     GaitSection,
@@ -47,7 +49,7 @@ from gaitopt.problem.schema import (
     is_angle,
     state_section,
 )
-from gaitopt.problem.statement import Free, Guess, OpenSequence, Range
+from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Range
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -59,6 +61,10 @@ OPEN_LOOP_UNSUPPORTED = {
     "spectral_radius": "cannot be bounded for open-loop torques; track the gait by a pd law, and design its gains",
 }
 """Scalars that the program of open-loop torques cannot bound."""
+FIRST_KEYS = ("step_length", "duration", "postures")
+"""Keys of a guess without a known motion."""
+SLIDING = 0.1
+"""Guessed velocity of a foot that slips just after the impact, relative to the speed of the walker."""
 SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""
 CLOSE_STATE = 0.05
@@ -319,10 +325,12 @@ class _StatementReader:
         steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
         self._cycle_end = self._read_cycle_end(gait.section)
         cycle = self._read_cycle(steps, ("gait", "steps" if several else "phases"), landings)
+        phases = [mode for step in steps for mode in step.phases]
+        if {*FIRST_KEYS} & {*gait.guess}:
+            return cycle, self._read_first_guess(gait.guess, phases, steps[-1].impact)
         guess = self._section(GuessSection, gait.guess, path)
         if guess is None:
             return cycle, None
-        phases = [mode for step in steps for mode in step.phases]
         if guess.durations is not None and len(guess.durations) != len(phases):
             needed = f"one duration per phase ({', '.join(phases)})"
             message = f"{len(guess.durations)} given, but the gait needs {needed}; or leave durations out"
@@ -332,6 +340,59 @@ class _StatementReader:
         else:
             state = self._read_state(guess.state, steps[-1].impact)
         return cycle, None if state is None else Guess(state=state, durations=guess.durations)
+
+    def _read_first_guess(self, data: Mapping[str, Any], phases: Sequence[Mode], impact: Mode) -> Guess | None:
+        """The guess of a motion that is not known: straight between postures."""
+        path, model, walker = ("gait", "guess"), self._model, self._walker
+        section = self._section(FirstGuessSection, data, path)
+        if section is None or model is None or walker is None:
+            return None
+        if (section.step_length is None) == (section.postures is None):
+            both = "exclude each other: keep one" if section.postures else "is missing; or give postures, or a state"
+            self._fault((*path, "step_length"), "and postures " + both if section.postures else both)
+            return None
+        if model.flies or model.massless_feet or model.contacts or "steps" in self._data["gait"]:
+            words = "is for one step of walkers that always stand on a foot and have no massless feet: give a state"
+            self._fault(path, words)
+            return None
+        p = np.array([float(getattr(walker, name)) for name in model.model_fields])
+        try:
+            if section.step_length is not None:
+                first = stepping_posture(model, section.step_length, p)
+                postures = [first, before_impact(model, first, p)]
+            else:
+                postures = [self._posture(model, posture, k) for k, posture in enumerate(section.postures or ())]
+        except ProblemError as error:
+            self._fault((*path, "step_length"), str(error))
+            return None
+        if any(np.isnan(posture).any() for posture in postures):
+            return None
+        lead = swing_foot(model, postures[0], p)[0]
+        if lead >= 0:
+            words = f"have crossed feet: the foot that swings first is {lead:.3g} m in front of the other one"
+            self._fault((*path, "postures"), f"{words} just after the impact; it must be behind")
+            return None
+        rates = (postures[1] - postures[0]) * (len(postures) - 1) / section.duration
+        values = dict(zip(model.shape, postures[0].tolist(), strict=True))
+        values |= {f"d{name}": float(rate) for name, rate in zip(model.shape, rates, strict=True)}
+        values["dx"] = SLIDING * impact.direction * -lead / section.duration
+        names = model.section_names(slipping=impact.slips)
+        state = self._read_state({name: values[name] for name in names}, impact)
+        stated = tuple(dict(posture) for posture in section.postures or ())
+        known = FirstGuess(step_length=section.step_length, duration=section.duration, postures=stated)
+        durations = (section.duration / len(phases),) * len(phases)
+        return None if state is None else Guess(state=state, durations=durations, first=known)
+
+    def _posture(self, model: type[Walker], posture: Mapping[str, float], number: int) -> Array:
+        """A posture as an array; nan where a coordinate is missing."""
+        path: Key = ("gait", "guess", "postures", number)
+        for name in posture:
+            if name not in model.shape:
+                self._fault((*path, name), f"is no shape coordinate of {model.model}{near_miss(name, model.shape)}")
+        missing = [name for name in model.shape if name not in posture]
+        if missing:
+            self._fault(path, f"lacks {', '.join(missing)}: a posture states every shape coordinate")
+        return np.array([posture.get(name, math.nan) for name in model.shape])
 
     def _with_contacts(
         self, model: type[Walker], data: Mapping[str, Any]
@@ -452,6 +513,9 @@ class _StatementReader:
         sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, least))
         if "steps" in gait.model_fields_set and gait.steps < least:
             self._fault(("gait", "steps"), UNEVEN.format(gait.steps))
+        if gait.guess is not None and {*FIRST_KEYS} & {*gait.guess}:
+            self._fault(path, "with phases: auto the guess is a state; state the phases, or leave the guess out")
+            return sequence, None
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
         if guess is None or self._model is None:
             return sequence, None

@@ -23,6 +23,7 @@ from gaitopt.model.units import (
     Finite,
     NonNegative,
     Number,
+    Positive,
     Within,
     parse_angle,
     symmetric,
@@ -178,6 +179,25 @@ class GuessSection(Section):
     ] = None
 
 
+class FirstGuessSection(Section):
+    """A first guess without a known motion: how far the feet are apart, or some postures, and the time of the step."""
+
+    step_length: Annotated[
+        Positive | None,
+        Field(description="distance of the feet just after the impact [m], near the walker's typical posture"),
+        Within(unit="length", possible=(0, 2)),
+    ] = None
+    duration: Annotated[Duration, Field(description="of the step [s]"), DURATION]
+    postures: Annotated[
+        tuple[dict[str, Angle], ...] | None,
+        Field(
+            min_length=2,
+            max_length=50,
+            description="shape coordinates [rad] at equal times, from just after one impact to just before the next",
+        ),
+    ] = None
+
+
 class FreeSection(Section):
     """An unknown in place of a number."""
 
@@ -323,17 +343,26 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
             words = (law.__doc__ or "").strip().partition("\n")[0].rstrip(".")
             stated["properties"] = {"type": {"const": name, "description": words}, **stated["properties"]}
             stated["required"] = sorted({*stated.get("required", []), "type"})
-            laws += [] if stated in laws else [stated]
+            alike = next((one for one in laws if _same_law(one, stated)), None)
+            if alike is None:
+                laws.append(stated)
+            else:  # keys of other motors; one law must match one entry
+                alike["properties"] |= stated["properties"]
     return laws
 
 
+def _same_law(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two entries state a law of the same type with the same required keys."""
+    return bool(one["required"] == other["required"] and one["properties"]["type"] == other["properties"]["type"])
+
+
 def _gait(walkers: Any) -> dict[str, Any]:
-    guess = _section(GuessSection)
+    guess, first = _section(GuessSection), _section(FirstGuessSection)
     states = [_section(state_section(walker)) for walker in walkers]
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
     gaits = [_section(GaitSection), _section(CycleSection), _section(OpenGaitSection)]
     for gait in gaits:
-        gait["properties"]["guess"] = guess
+        gait["properties"]["guess"] = {"description": guess["description"], "oneOf": [guess, first]}
     return {"description": "phases and impact of one step, of several steps, or to be found", "oneOf": gaits}
 
 

@@ -53,6 +53,27 @@ class OpenSequence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FirstGuess:
+    """What a file says about a motion that is not known.
+
+    Attributes
+    ----------
+    step_length, duration : distance of the feet [m], None if there are postures; time of the step [s].
+    postures : shape coordinates by name at equal times, from just after one impact to just before the next.
+    """
+
+    step_length: float | None
+    duration: float
+    postures: tuple[Mapping[str, float], ...] = ()
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """As in a file."""
+        known: dict[str, Any] = {"step_length": self.step_length, "postures": [dict(each) for each in self.postures]}
+        return {key: value for key, value in known.items() if value} | {"duration": self.duration}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Guess:
     """First guess of a gait.
 
@@ -60,10 +81,12 @@ class Guess:
     ----------
     state : the whole state just after the impact by name [rad, m, rad/s, m/s].
     durations : durations of the phases [s]; None if the solver has to estimate them.
+    first : what the file says, if the state follows from that; the motion is then straight between the postures.
     """
 
     state: Mapping[str, float]
     durations: tuple[float, ...] | None
+    first: FirstGuess | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,6 +251,8 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         names = problem.walker.state_names() if problem.walker.contacts else (*names, "x")
         gait["guess"] = {"state": {name: start.state[name] for name in names}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
+        if start.first is not None:
+            gait["guess"] = start.first.data
     data: dict[str, Any] = {
         "name": problem.name,
         "about": problem.about,
@@ -331,6 +356,10 @@ def override(
         return any(path[: len(key)] == key for key in place.keys.values())
 
     guess, is_open = gait["guess"], gait.get("phases") == OPEN
+    if any(key[:3] == ("gait", "guess", "state") for key in place.keys.values()):
+        for key in ("step_length", "duration", "postures"):
+            if not is_set(("gait", "guess", key)):
+                guess.pop(key, None)
     replaced = {"steps": ("phases", "impact"), "phases": ("steps",)}  # one step and several exclude each other
     if is_open:
         replaced = {} if was_open else {"phases": ("impact", "steps")}

@@ -15,10 +15,10 @@ References
 L. T. Biegler (2010), Nonlinear Programming, ch. 10.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from casadi import SX, Function, collocation_coeff, collocation_points, cse, dot, pi, sin, sqrt, sum1, vertcat
@@ -27,7 +27,8 @@ from scipy.sparse import coo_array, csc_array
 
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
-from gaitopt.gait.gait import Cause
+from gaitopt.callbacks import Stop, Valued
+from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop, Order
@@ -37,7 +38,17 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS
 from gaitopt.problem.statement import Range
 from gaitopt.solver.elements import AssembledProgram, Elements, assembled
+from gaitopt.solver.ipopt import Block, Ipopt, IpoptResult, Program
+from gaitopt.solver.mesh import mesh_of
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.rollout import transit_time
+from gaitopt.solver.shooting import transcribe
 
+TOLERANCE = 1e-9
+"""Of IPOPT."""
+MAX_ITERATIONS = 200
+NEARBY: dict[str, Any] = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8}
+"""IPOPT stays near the start of a search whose solution is close."""
 DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
@@ -115,6 +126,53 @@ class Goals:
     def paths(self) -> tuple[str, ...]:
         """Quantities that have a range along the whole step."""
         return tuple(name for name in self.ranges if name == CLEARANCE or name.startswith(ANGLE))
+
+
+Motion: TypeAlias = Callable[[int, Array], Array]
+"""A motion: states (n, n_z) in a phase at times (n,) since the impact."""
+
+
+def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array]:
+    """The straight motion between the postures of a guess, and the durations of its phases.
+
+    Without postures it leads from the guessed posture just after the impact to the one just before the next.
+    """
+    guess, system, cycle = problem.guess, dynamics.system, problem.cycle
+    state = np.array([guess.state[name] for name in system.state_names])
+    n, m, first = len(system.walker.shape), len(cycle.phases), guess.first
+    period = sum(guess.durations) if guess.durations else transit_time(dynamics, cycle, state)
+    durations = np.array(guess.durations if guess.durations else [period / m] * m, dtype=float)
+    if first is not None and first.postures:
+        shapes = np.array([[posture[name] for name in system.walker.shape] for posture in first.postures])
+    else:
+        mapped = dynamics.after_impact(cycle.impact, state)[:n]
+        A = np.asarray(system.impact_jacobian(cycle.impact)(state, dynamics.p))[:n, :n]
+        shapes = np.array([state[:n], state[:n] + np.linalg.solve(A, state[:n] - mapped)])
+    grid = np.linspace(0.0, period, len(shapes))
+
+    def motion(phase: int, times: Array) -> Array:
+        states = np.tile(state, (times.size, 1))
+        pieces = np.clip(np.searchsorted(grid, times, side="right") - 1, 0, len(shapes) - 2)
+        rates = np.diff(shapes, axis=0) / np.diff(grid)[:, None]
+        states[:, :n] = shapes[pieces] + (times - grid[pieces])[:, None] * rates[pieces]
+        states[:, system.n_shape + 1 : system.n_shape + 1 + n] = rates[pieces]
+        states[:, -1] = cycle.phases[phase].direction * np.abs(states[:, -1])
+        return states
+
+    return motion, durations
+
+
+def first_gait(
+    problem: Problem, dynamics: Dynamics, *, progress: Valued = None, should_stop: Stop = None
+) -> tuple[Solution | None, IpoptResult, Sequence[Cause]]:
+    """A motion of a problem without a known one, under its control law: the solution, if any, and why there is none."""
+    motion, durations = straight_motion(problem, dynamics)
+    plain = replace(problem, objective={}, constraints={}, free={})
+    collocation = Collocation(plain, dynamics.system, durations, free={})
+    result = collocation.solve(motion, np.zeros(0), durations, [], progress=progress, should_stop=should_stop)
+    if result.status is Status.CONVERGED:
+        return collocation.on_mesh(result.w, dynamics), result, ()
+    return None, result, collocation.worst(result.w)
 
 
 class _Rows:
@@ -600,13 +658,48 @@ class Collocation:
         x[self.slices["extrema"]] = 1.0
         return x
 
+    def solve(
+        self,
+        motion: Motion,
+        values: Array,
+        durations: Array,
+        freed: Sequence[float],
+        *,
+        progress: Valued = None,
+        should_stop: Stop = None,
+        again: bool = False,
+    ) -> IpoptResult:
+        """IPOPT's solution from a motion; ``again`` from one that misses the conditions only at a few new points."""
+        lower, upper = self.bounds()
+        program = Program(
+            unknowns=(Block(name="unknowns", expression=self.program.x, lower=lower, upper=upper),),
+            rows=(Block(name="rows", expression=self.program.g, lower=self.lbg, upper=self.ubg),),
+            p=self.program.p,
+            f=self.program.f,
+            x0=self.start(motion, values, durations, freed),
+            p0=self.dynamics.p,
+        )
+        options = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "bound_relax_factor": 0.0} | (NEARBY if again else {})
+        ipopt = Ipopt(program, options=options, exact=True, derivatives=self.program.derivatives)
+        return ipopt.solve(progress=progress, should_stop=should_stop)
+
+    def on_mesh(self, x: Array, dynamics: Dynamics) -> Solution:
+        """The motion of a solution on a mesh of multiple shooting, under the law of ``dynamics``."""
+        system, durations = dynamics.system, self.unpack(x)["durations"]
+        mesh = mesh_of(self.cycle, durations, system.control.breakpoints)
+        nodes = np.empty((system.n_z, mesh.n_nodes))
+        for arc, at, (begin, end) in zip(mesh.arcs, mesh.arc_nodes, mesh.arc_times(durations.tolist()), strict=True):
+            nodes[:, at.start : at.stop] = self.states_at(x, arc.phase, np.linspace(begin, end, len(at))).T
+        equations = transcribe(system, mesh)
+        return Solution(equations, equations.pack(nodes, durations), dynamics.p)
+
     @property
     def value_keys(self) -> tuple[str, ...]:
         """Dotted keys of the torque values."""
         law = self.law
         return () if law is None else tuple(f"control.{name}.{k}" for name in law.values for k in range(law.count))
 
-    def start(self, motion: Any, values: Array, durations: Array, freed: Sequence[float]) -> Array:
+    def start(self, motion: Motion, values: Array, durations: Array, freed: Sequence[float]) -> Array:
         """A start from a motion, called with a phase and times; integrals and lengths have their values there."""
         times, states = self.point_times(durations), np.empty((self.n_states, self.system.n_z))
         of_phase: dict[int, list[int]] = {}

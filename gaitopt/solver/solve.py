@@ -22,6 +22,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import search_record
+from gaitopt.solver.collocation import first_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
@@ -66,12 +67,14 @@ def solve_gait(
     if lacks_energy(problem):
         cause = Cause(what="energy", words=NO_ENERGY)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))
-    guess = guessed_motion(problem, dynamics)
 
     def failed(by: Method, status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
         solver = search_record(by, iterations, began)
         return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
 
+    if problem.guess.first is not None and method is not Method.NEWTON:
+        return _first_gait(problem, dynamics, began, progress, should_stop)
+    guess = guessed_motion(problem, dynamics)
     if method is not Method.IPOPT and guess.endless is None:
         _, near = _search(guess, partial(solve_nearby, progress=progress, should_stop=should_stop))
         if near.status is Status.INTERRUPTED:
@@ -107,6 +110,16 @@ def solve_gait(
     causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
     words = f"{solution.words}: {describe_causes(causes)}" if causes else solution.words
     return failed(Method.IPOPT, solution.status, words, solution.iterations, causes)
+
+
+def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Valued, should_stop: Stop) -> Gait:
+    """The gait of a problem whose guess is no known motion, by collocation."""
+    found, end, worst = first_gait(problem, dynamics, progress=progress, should_stop=should_stop)
+    solver = search_record(Method.IPOPT, end.iterations, began)
+    if found is not None:
+        return checked_gait(problem, found, solver)
+    words, causes = "; ".join((end.words, *(cause.words for cause in worst))), tuple(worst)
+    return Gait(problem=problem, dynamics=dynamics, status=end.status, message=words, solver=solver, causes=causes)
 
 
 def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Solution, Solution]:

@@ -142,3 +142,12 @@ def test_a_speed_beyond_the_torque_limits_says_how_far_one_gets():
     assert gait.status is go.Status.INFEASIBLE
     assert "constraints.speed: speed = 2 conflicts with" in gait.message
     assert "best reached" in gait.message
+
+
+def test_rabbit_walks_from_nothing_at_the_cost_of_plain_collocation():
+    gait = named("rabbit-optimal")
+    assert go.verify(gait).passed
+    assert gait.solver["kkt"] < 1e-9
+    assert gait.scalar("required_friction") == pytest.approx(0.6, abs=1e-6)
+    # a plain program in CasADi, benchmarks/rabbit_plain.py: 8 intervals per interval of the torques, Radau degree 4
+    assert gait.scalar("torque_squared") / 0.4 == pytest.approx(330.8466, rel=1e-5)

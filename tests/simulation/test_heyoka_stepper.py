@@ -22,7 +22,7 @@ from gaitopt.systems import build_system
 from gaitopt.verification.return_map import ReturnMap
 
 AGREEMENT = 1e-10
-DESIGNS = [name for name in problem_names() if load_problem(name).free or "curve" in load_problem(name).text]
+DESIGNS = [name for name in problem_names() if load_problem(name).is_design]
 GAITS = [name for name in problem_names() if name not in DESIGNS]
 INTRICATE = (
     *("compass-passive-a", "compass-pd-impact-slip", "compass-torque-impact-slip", "compass-torque-slip"),
