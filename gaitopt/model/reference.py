@@ -18,7 +18,7 @@ the motion, so that curves over a phase are single polynomials: Bezier curves, o
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
@@ -375,11 +375,45 @@ class FreePoint(BaseModel):
 
 def _read_point(value: Any, handler: ValidatorFunctionWrapHandler) -> "float | FreePoint":
     """A control point, by whether it is a mapping."""
-    return (_FREE_POINT if isinstance(value, Mapping | FreePoint) else _ANGLE).validate_python(value)
+    if not isinstance(value, Mapping | FreePoint):
+        return _ANGLE.validate_python(value)
+    bounds = value.get("free") if isinstance(value, Mapping) else ()
+    if isinstance(value, Mapping) and ({*value} != {"free", "guess"} or np.shape(bounds) != (2,)):
+        raise ValueError("an unknown is {free: [lo, hi], guess: value}")
+    return _FREE_POINT.validate_python(value)
 
 
 _ANGLE, _FREE_POINT = TypeAdapter[float](PointValue), TypeAdapter(FreePoint)
 Point = Annotated[PointValue | FreePoint, WrapValidator(_read_point)]
+
+
+def _value(point: float | FreePoint) -> float:
+    """A number, or the guess of an unknown."""
+    return point.guess if isinstance(point, FreePoint) else point
+
+
+def _free_bounds(points: Iterable[tuple[str, float | FreePoint]]) -> dict[str, tuple[float, float]]:
+    """Bounds of those that are unknowns."""
+    return {key: (point.free[0], point.free[1]) for key, point in points if isinstance(point, FreePoint)}
+
+
+def _guessed(point: float | FreePoint, value: float | None) -> object:
+    """The data of a point, with a known value as the guess of an unknown, within its bounds."""
+    if not isinstance(point, FreePoint):
+        return point
+    guess = float(np.clip(point.guess if value is None else value, point.free[0], point.free[1]))
+    return {"free": list(point.free), "guess": guess}
+
+
+def _point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
+    """Bounds and guess of an unknown that contradict each other."""
+    if not isinstance(point, FreePoint):
+        return
+    words = f"[{point.free[0]:g}, {point.free[1]:g}]"
+    if not point.free[0] < point.free[1]:
+        yield ("free",), f"is empty: {words} needs lo < hi; for a fixed value, give a number"
+    elif not point.free[0] <= point.guess <= point.free[1]:
+        yield ("guess",), f"{point.guess:g} is outside of its bounds {words}"
 
 
 class BezierReference(BaseModel, Target):
@@ -395,7 +429,7 @@ class BezierReference(BaseModel, Target):
     @property
     def parameters(self) -> Mapping[str, float]:
         """The control points, or their guesses, as ``JOINT.K``."""
-        return {key: point.guess if isinstance(point, FreePoint) else point for key, point in self._points()}
+        return {key: _value(point) for key, point in self._points()}
 
     @property
     def structure(self) -> object:
@@ -405,23 +439,16 @@ class BezierReference(BaseModel, Target):
 
     def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
         """Bounds of the free control points."""
-        free = {key: point.free for key, point in self._points() if isinstance(point, FreePoint)}
-        return {key: (lower, upper) for key, (lower, upper) in free.items()}
+        return _free_bounds(self._points())
 
     def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
         """The curves with known values as guesses of the free points, within their bounds."""
-        known = {key: point for key, point in self._points() if isinstance(point, FreePoint) and key in values}
-        if not known:
+        if not {key for key, point in self._points() if isinstance(point, FreePoint)} & {*values}:
             return {}
-
-        def entry(key: str, point: float | FreePoint) -> object:
-            if not isinstance(point, FreePoint):
-                return point
-            guess = float(np.clip(values.get(key, point.guess), point.free[0], point.free[1]))
-            return {"free": list(point.free), "guess": guess}
-
         rows = self.bezier.items()
-        return {"bezier": {name: [entry(f"{name}.{k}", c) for k, c in enumerate(row)] for name, row in rows}}
+        return {
+            "bezier": {name: [_guessed(c, values.get(f"{name}.{k}")) for k, c in enumerate(row)] for name, row in rows}
+        }
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
         """Curves with fewer than two points, and free points whose bounds and guess contradict each other."""
@@ -429,13 +456,7 @@ class BezierReference(BaseModel, Target):
             if len(points) < 2:
                 yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
             for k, point in enumerate(points):
-                if isinstance(point, FreePoint) and not point.free[0] < point.free[1]:
-                    lower, upper = point.free
-                    words = f"[{lower:g}, {upper:g}] needs lo < hi; for a fixed value, give a number"
-                    yield ("bezier", name, k, "free"), f"is empty: {words}"
-                elif isinstance(point, FreePoint) and not point.free[0] <= point.guess <= point.free[1]:
-                    words = f"[{point.free[0]:g}, {point.free[1]:g}]"
-                    yield ("bezier", name, k, "guess"), f"{point.guess:g} is outside of its bounds {words}"
+                yield from ((("bezier", name, k, *path), words) for path, words in _point_faults(point))
 
     def curves(self, p: SimpleNamespace, joints: Sequence[str], s: SX) -> SX:
         """The curves of some joints at the phase ``s``, from 0 to 1 along the span; shape (n,)."""
@@ -956,34 +977,52 @@ class ConstantReference(BaseModel, Target):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     constant: Annotated[
-        dict[str, Angle],
+        dict[str, Point],
         Field(
-            min_length=1, description="angle of each tracked joint [rad]; the motor of a joint that is left out is off"
+            min_length=1,
+            description="angle of each tracked joint [rad], a number or {free: [lo, hi], guess: value}; the motor of a "
+            "joint that is left out is off",
         ),
     ]
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """The angles as ``constant.JOINT``."""
-        return {f"constant.{joint}": angle for joint, angle in self.constant.items()}
+        """The angles, or their guesses, as ``constant.JOINT``."""
+        return {key: _value(point) for key, point in self._points()}
 
     @property
     def structure(self) -> object:
-        """The joints."""
-        return ("constant", *self.constant)
+        """The joints, with the bounds of each angle that is an unknown."""
+        return ("constant", *self.constant, tuple(_free_bounds(self._points()).items()))
+
+    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
+        """Bounds of the free angles."""
+        return _free_bounds(self._points())
+
+    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
+        """Known values of free angles as their guesses, within their bounds."""
+        free = {key: point for key, point in self._points() if isinstance(point, FreePoint)}
+        return {key: _guessed(point, values[key]) for key, point in free.items() if key in values}
 
     def followers(self, walker: "WalkerType") -> tuple[str, ...]:
         """Those that have an angle."""
         return tuple(joint for joint in walker.tracked if joint in self.constant)
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Joints that the walker does not track, and angles that it never reaches."""
-        for joint, angle in self.constant.items():
+        """Joints that the walker does not track, angles that it never reaches, and bounds that contradict the guess."""
+        for joint, point in self.constant.items():
+            values = point.free if isinstance(point, FreePoint) else (point,)
+            yield from ((("constant", joint, *path), words) for path, words in _point_faults(point))
             if joint not in walker.tracked:
                 yield ("constant", joint), untracked(walker)
-            elif joint not in walker.lengths and abs(angle) > walker.largest_angle:
-                words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
-                yield ("constant", joint), f"{angle:g} is impossible: {words}"
+                continue
+            for value in values:
+                if joint not in walker.lengths and abs(value) > walker.largest_angle:
+                    words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+                    yield ("constant", joint), f"{value:g} is impossible: {words}"
+
+    def _points(self) -> Iterator[tuple[str, float | FreePoint]]:
+        yield from ((f"constant.{joint}", point) for joint, point in self.constant.items())
 
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]

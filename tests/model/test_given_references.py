@@ -111,6 +111,23 @@ def test_control_points_are_parameters() -> None:
     assert problem_dynamics(problem).system is problem_dynamics(other).system
 
 
+def test_a_free_set_point_gives_the_step_length_of_the_fixed_one() -> None:
+    upright = go.load_problem("torso-upright")
+    expected = go.solve(upright.replace({"control.reference.constant.theta2": "12 deg"}))
+    free = {"free": ["8 deg", "14 deg"], "guess": "10 deg"}
+    design = upright.replace(
+        {
+            "control.reference.constant.theta2": free,
+            "constraints": {"step_length": expected.scalar("step_length")},
+        }
+    )
+    gait = go.solve(design)
+    assert gait.freed == {"control.reference.constant.theta2": pytest.approx(radians(12), abs=1e-7)}
+    assert go.verify(gait).passed
+    again = design.with_guess(gait.to_record())
+    assert again.parameters["control.reference.constant.theta2"] == pytest.approx(radians(12), abs=1e-7)
+
+
 def test_verify_states_that_the_phase_does_not_turn_back() -> None:
     rows = [-0.1, -0.12706416905448156, -0.045, 0.419, 0.156, 0.139, 0.1]
     gait = go.solve(
@@ -252,6 +269,19 @@ CURVE = {"bezier": {"theta2": [0, 0.1]}}
             "is for curves over the clock; curves over a phase variable go on as polynomials",
         ),
         ({**CURVE, "phase": "theta1", "span": [0, 1], "duration": 1}, ".duration", "does not apply"),
+        ({"constant": {"theta2": {"free": [1, 0], "guess": 0.5}}}, ".constant.theta2.free", "is empty: [1, 0] needs"),
+        (
+            {"constant": {"theta2": {"free": [0, 0.1], "guess": 1}}},
+            ".constant.theta2.guess",
+            "1 is outside of its bounds",
+        ),
+        (
+            {"constant": {"theta2": {"free": [0], "guess": 0}}},
+            ".constant.theta2",
+            "an unknown is {free: [lo, hi], guess",
+        ),
+        ({"constant": {"theta2": {"fre": [0, 1]}}}, ".constant.theta2", "an unknown is {free: [lo, hi], guess: value}"),
+        ({"constant": {"theta2": {"free": [0, 3], "guess": 0}}}, ".constant.theta2", "3 is impossible: angles of"),
         ({"table": 3}, ".table", "3 is no path of a CSV file"),
         ({"table": {"t": [0, 1], "theta2": [0]}}, ".table", "the columns differ in length (t: 2, theta2: 1)"),
         ({"table": {"t": [0, 1], "theta2": "x"}}, ".table", "the column theta2 is no list of numbers"),
