@@ -32,6 +32,8 @@ from gaitopt.model.reference import (
 )
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import WalkerType
+from gaitopt.problem.faults import raise_faults
+from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
@@ -207,7 +209,10 @@ def _shared_system(structure: _Structure) -> HybridSystem:
     problem = structure.problem
     control = _control(problem, structure.should_stop)
     law = problem.friction_law
-    return HybridSystem(type(problem.walker), control, problem.impact_law, law, problem.cycle_end)
+    system = HybridSystem(type(problem.walker), control, problem.impact_law, law, problem.cycle_end)
+    if problem.control.source[0]:  # the torques of any other law are checked when its problem is read
+        raise_faults(torque_faults(problem, control, lambda: system), problem.place)
+    return system
 
 
 def _control(problem: Problem, should_stop: Stop) -> Control:

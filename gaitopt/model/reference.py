@@ -377,9 +377,10 @@ def _read_point(value: Any, handler: ValidatorFunctionWrapHandler) -> "float | F
     """A control point, by whether it is a mapping."""
     if not isinstance(value, Mapping | FreePoint):
         return _ANGLE.validate_python(value)
-    bounds = value.get("free") if isinstance(value, Mapping) else ()
-    if isinstance(value, Mapping) and ({*value} != {"free", "guess"} or np.shape(bounds) != (2,)):
-        raise ValueError("an unknown is {free: [lo, hi], guess: value}")
+    if isinstance(value, Mapping):
+        bounds = value.get("free")
+        if {*value} != {"free", "guess"} or not isinstance(bounds, list | tuple) or len(bounds) != 2:
+            raise ValueError("an unknown is {free: [lo, hi], guess: value}")
     return _FREE_POINT.validate_python(value)
 
 

@@ -5,7 +5,7 @@ must be at least tan(slope).
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import SimpleNamespace
@@ -22,7 +22,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
 from gaitopt.model.contract import check_clock
-from gaitopt.model.control import ConstantTorque, NoControl
+from gaitopt.model.control import ConstantTorque, Control, NoControl
 from gaitopt.model.declaration import state_mechanism
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction
@@ -88,10 +88,22 @@ def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
     law, walker = problem.control, type(problem.walker)
     if isinstance(law, NoControl | ConstantTorque) or law.source[0]:  # a gait that is to be tracked is not known yet
         return
+    key = (walker, problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
+    yield from torque_faults(problem, law, lambda: _controlled(_Controlled(key=key, problem=problem)))
+
+
+def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], HybridSystem]) -> Iterator[Fault]:
+    """Torques of a law that are no numbers, or jump at a breakpoint.
+
+    Parameters
+    ----------
+    law : of the problem, complete.
+    build : of the system of the problem under this law.
+    """
+    walker = type(problem.walker)
     try:
         check_clock(law)
-        key = (walker, problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
-        system = _controlled(_Controlled(key=key, problem=problem))
+        system = build()
         mode = walker.released(Mode.STICK) if problem.is_open else problem.cycle.phases[0]
         function = system.torques(mode)
     except ProblemError as error:

@@ -3,6 +3,7 @@
 A problem that tracks another gait contains the problem of that gait, which overrides never change.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
@@ -37,6 +38,8 @@ from gaitopt.problem.statement import (
 
 Walkers: TypeAlias = Sequence[type[Walker]]
 Controls: TypeAlias = Sequence[type[Control]]
+RESOLVED_FILE = "resolved.json"
+"""File of a stored run with the resolved problem."""
 FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem: the file's values of the parameters that were changed."""
 
@@ -359,10 +362,24 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), control
 def _load(name_or_path: str | Path, classes: Known, files: Sequence[Path]) -> Problem:
     """Load a problem; ``files`` is the chain of files that refer to it, the nearest one last."""
     path = find_problem(name_or_path, files[-1].parent if files else None)
+    if files and path.is_dir():
+        return _stored(path, classes)
     text = read_text(path)
     if path.resolve() in [file.resolve() for file in files]:
         raise ProblemError(f"circular reference: {' -> '.join(file.stem for file in (*files, path))}")
     return _parse(text, classes, (*files, path))
+
+
+def _stored(run: Path, classes: Known) -> Problem:
+    """The problem of a stored run, to which another one refers by its folder."""
+    file = run / RESOLVED_FILE
+    try:
+        record = json.loads(read_text(file, MAX_BYTES))
+    except ValueError as error:
+        raise ProblemError(f"{file}:1:1: is not JSON: {error}") from error
+    if not isinstance(record, dict):
+        raise ProblemError(f"{file}:1:1: is no problem of a run")
+    return restore_problem(record, walkers=[*classes.walkers.values()], controls=[*classes.controls.values()])
 
 
 def _parse(text: str, classes: Known, files: Sequence[Path]) -> Problem:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from gaitopt.errors import GaitoptError, StorageError
-from gaitopt.problem.problem import Problem, restore_problem
+from gaitopt.problem.problem import RESOLVED_FILE, Problem, restore_problem
 from gaitopt.problem.statement import digest_of
 from gaitopt.store.files import (
     TEMPORARY_SUFFIX,
@@ -51,7 +51,6 @@ RESULTS = Path("results")
 """Folder of all runs, unless the user names another."""
 MANIFEST_FILE = "manifest.json"
 PROBLEM_FILE = "problem.yaml"
-RESOLVED_FILE = "resolved.json"
 ROBOT_FILE = "robot.urdf"
 """Copy of the URDF file that the problem names; the resolved problem has its text as well."""
 TABLE_FILE = "control.{}.csv"

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from casadi import SX, log
 from named import named
 from numpy.typing import NDArray
 
@@ -16,6 +17,8 @@ import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.gait.curves import coefficients
 from gaitopt.model.modes import Mode
+from gaitopt.model.reference import Followed
+from gaitopt.problem.problem import restore_problem
 from gaitopt.store.run import Run
 from gaitopt.systems import problem_dynamics
 
@@ -158,6 +161,42 @@ def test_a_phase_that_turns_back_is_named() -> None:
     assert "the phase variable theta2 is not monotone: it turns back 0.0" in gait.message
 
 
+class Faulty(go.Control):
+    """Holds the hip at the first angle of another gait's swing leg, wrongly."""
+
+    type = "faulty"
+
+    reference: Followed
+    mistake: str
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        return self.reference.breakpoints
+
+    @property
+    def horizon(self) -> float:
+        return self.reference.horizon
+
+    def data(self, segment: int) -> Array:
+        return self.reference.data(segment)
+
+    def torques(self, now: go.Instant) -> dict[str, SX]:
+        target, active = self.reference.weighted(now, now.p.reference, ("theta1", "theta2"), (SX(1), SX(0)))
+        return {"hip": log(-1 - now.q.theta2**2) if self.mistake == "nan" else active * (1 + target[0])}
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [("nan", "Faulty: the torque of hip is nan at the guess"), ("jump", "Faulty: the torque of hip jumps from 1.")],
+)
+def test_a_law_with_a_gait_is_checked_once_that_is_solved(mistake: str, words: str) -> None:
+    control = f"{{type: faulty, mistake: {mistake}, reference: {{gait: compass-passive-b, beyond_end: off}}}}"
+    text = f"{go.load_problem('compass-passive-stick').text}\ncontrol: {control}\n"
+    problem = go.parse_problem(text, controls=[Faulty])
+    with pytest.raises(ProblemError, match=rf"control: {words}"):
+        problem_dynamics(problem)
+
+
 # files
 
 
@@ -201,6 +240,26 @@ def test_a_table_is_found_beside_its_problem_by_overrides_too(file: Path) -> Non
     assert problem.control.reference.table.file == "other.csv"  # type: ignore[attr-defined]
     array = problem.replace({"control.reference.table": {"t": np.array([0, 0.8]), "theta2": np.array([-0.1, 0.1])}})
     assert torque(array, 0.3) == pytest.approx(torque(problem, 0.3), abs=1e-14)
+
+
+def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
+    followed = go.load_problem("compass-passive-b").replace({"walker.slope": "1 deg"})
+    run = Run(file.parent / "runs" / "passive")
+    run.folder.mkdir(parents=True)
+    with run.begun(followed):
+        pass
+    text = file.read_text().replace("table: tables/swing.csv, beyond_end", "gait: runs/passive, beyond_end")
+    file.write_text(text)
+    problem = go.load_problem(file)
+    assert problem.reference is not None
+    assert problem.reference.digest == followed.digest
+    assert restore_problem(problem.resolved()).digest == problem.digest
+    (run.folder / "resolved.json").write_text("[")
+    with pytest.raises(ProblemError, match=r"18:15 control.reference.gait: .*resolved.json:1:1: is not JSON"):
+        go.load_problem(file)
+    (run.folder / "resolved.json").unlink()
+    with pytest.raises(ProblemError, match=r"18:15 control.reference.gait: .*resolved.json:1:1: no such file"):
+        go.load_problem(file)
 
 
 @pytest.mark.parametrize(
