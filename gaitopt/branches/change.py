@@ -18,8 +18,8 @@ which does not know the sequence, confirms it. A family may also turn back at an
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from itertools import groupby
 from typing import TypeVar
 
 import numpy as np
@@ -32,7 +32,10 @@ from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, margin
+from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, contact_of, kind, margin
+from gaitopt.model.walker import Walker
+from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.rollout import roll_out
 from gaitopt.verification.verify import confirm
 
@@ -54,7 +57,9 @@ NEARBY = 0.3
 to the period."""
 
 T = TypeVar("T")
-Phases = tuple[Mode, ...]
+Phase = tuple[Mode, Mode | None]
+"""A mode, and the mode just after the impact of a named contact with which the phase begins."""
+Phases = tuple[Phase, ...]
 
 
 def successors(table: Transitions, cycle: Cycle, active: Iterable[tuple[MonitorKey, MonitorValue]]) -> list[Cycle]:
@@ -66,9 +71,8 @@ def successors(table: Transitions, cycle: Cycle, active: Iterable[tuple[MonitorK
             candidates[cycle.with_timed({*cycle.timed, key.phase})] = None
             continue
         for phases, impacts in _edits(table, cycle, key, monitor.where):
-            merged = (tuple(mode for mode, _ in groupby(step)) for step in phases)
             try:
-                edited = Cycle(tuple(map(ModeSequence, merged, impacts)))
+                edited = Cycle(tuple(map(_merged, phases, impacts)))
                 table.check(edited)
             except ValueError:  # the edit contradicts itself
                 continue
@@ -81,34 +85,62 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
     """The transition that a vanishing monitor triggers; None where a phase has no duration left."""
     if key.kind == "duration":
         return None
-    if key.phase is None:
-        return table.of_impact(cycle.impacts[key.step])[key.kind]
-    mode, reset = cycle.phases[key.phase], cycle.reset_after(key.phase)
+    last = (cycle.first_phases[(key.step + 1) % len(cycle.steps)] - 1) % len(cycle.phases)
+    phase = last if key.phase is None else key.phase
+    mode, struck = cycle.phases[phase], table.struck(cycle, phase)
+    rows = table.of(mode)
+    if key.phase is None or (key.kind not in rows and struck is not None and kind(key.kind) in IMPACT_MARGINS):
+        assert struck is not None
+        return table.of_impact(struck, mode if mode.is_named else None)[key.kind]
     if key.kind == BREAKPOINT:
         return table.at_breakpoint(mode)
-    if key.kind == "onset":
-        return table.onset(mode)
-    if key.kind == "pull":
+    if kind(key.kind) == "onset":
+        return table.onset(mode, contact_of(key.kind))
+    if kind(key.kind) == "pull":
         return table.pull(cycle.phases[key.phase - 1])
-    rows = table.of(mode)
-    return rows[key.kind] if key.kind in rows or reset is None else table.of_impact(reset)[key.kind]
+    return rows[key.kind]
+
+
+def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
+    """The named contact, or the group of contacts, of which a monitor vanishes; empty where contacts have no names.
+
+    In the impact that ends a step it has its name after the feet have swapped places, as in ``impact``. Of a phase that
+    shrinks to nothing it is the contact that does something of its own there.
+    """
+    if not walker.contacts:
+        return ""
+    if "." in key.kind:
+        partner = {**walker.exchanged_contacts, **{other: one for one, other in walker.exchanged_contacts.items()}}
+        names = contact_of(key.kind).split("+")
+        return "+".join(names if key.phase is not None else (partner.get(name, name) for name in names))
+    if key.phase is None:
+        return ""
+    mode, n = cycle.phases[key.phase], len(cycle.phases)
+    neighbours = [cycle.phases[(key.phase + k) % n].contacts for k in (-1, 1)]
+    differing = {name: sum(m[name] != word for m in neighbours) for name, word in mode.contacts.items()}
+    most = max(differing, key=lambda name: differing[name])
+    return most if differing[most] else ""
 
 
 def _edits(
     table: Transitions, cycle: Cycle, key: MonitorKey, where: float
 ) -> Iterator[tuple[list[Phases], list[Mode]]]:
     """Phases and impacts of all steps after each edit for a monitor that vanishes at ``where`` in its phase."""
-    transition, phases, impacts = transition_at(table, cycle, key), [s.phases for s in cycle.steps], [*cycle.impacts]
+    transition, impacts = transition_at(table, cycle, key), [*cycle.impacts]
+    phases = [tuple((mode, dict(step.landings).get(k)) for k, mode in enumerate(step.phases)) for step in cycle.steps]
+    if cycle.phases[0].is_named:
+        yield from _contact_edits(table, cycle, key, where, phases)
+        return
     if key.phase is None:
         assert transition is not None
         following = (key.step + 1) % len(phases)
-        first, *rest = old = phases[following]
+        (first, _), *rest = old = phases[following]
         for impact in transition.candidates:
             if transition.at_rest:  # the slip after the impact fades: it is gone, goes on from rest, or turns round
                 opposite = Mode.slip(-impacts[key.step].direction)
-                edited = [(*rest,), old, (first.with_contact(opposite), *rest)]
+                edited = [(*rest,), old, ((first.with_contact(opposite), None), *rest)]
             else:
-                edited = [old if first.contact is impact else (first.with_contact(impact), *old)]
+                edited = [old if first.contact is impact else ((first.with_contact(impact), None), *old)]
             for new in edited:
                 yield _replaced(phases, following, new), _replaced(impacts, key.step, impact)
         return
@@ -120,24 +152,113 @@ def _edits(
         edited = [(*before, *after)]
     elif transition.guard in IMPACT_MARGINS:  # of the stop's impact that ends the phase
         if transition.at_rest:
-            remaining = [after[1:]] if len(after) > 1 and after[1].locked == after[0].locked else []
-            remaining.append((after[0].with_contact(Mode.STICK), *after[1:]))
+            remaining = [after[1:]] if len(after) > 1 and after[1][0].locked == after[0][0].locked else []
+            remaining.append(((after[0][0].with_contact(Mode.STICK), None), *after[1:]))
         else:
-            remaining = [after if after[0] is slip else (slip, *after) for slip in transition.candidates]
+            remaining = [after if after[0][0] is slip else ((slip, None), *after) for slip in transition.candidates]
         edited = [(*before, mode, *new) for new in remaining]
     elif transition.reset is None and not transition.margin.rises:
-        for inserted in transition.candidates:  # the place of the event makes one of three ways the most plausible
-            at_start, inside, at_end = (inserted, mode), (mode, inserted, mode), (mode, inserted)
-            middles = (at_start, inside, at_end) if where < EDGE else (inside, at_start, at_end)
-            if where > 1 - EDGE:
-                middles = (at_end, inside, at_start)
-            edited += [(*before, *middle, *after) for middle in middles]
+        for candidate in transition.candidates:
+            edited += [(*before, *middle, *after) for middle in _inserted(mode, candidate, where)]
         if transition.at_rest:  # the foot may also stay in the mode of its neighbours
             edited.append((*before, *after))
     for new in edited:
         yield _replaced(phases, step, new), impacts
     if transition is None and place == 0 and impacts[step - 1].slips:  # no slip is left after the impact: it sticks
         yield _replaced(phases, step, after), _replaced(impacts, step - 1, Mode.STICK)
+
+
+def _inserted(phase: Phase, mode: Mode, where: float) -> tuple[Phases, ...]:
+    """The phase with another mode in it; the place of the event makes one of three ways the most plausible."""
+    held, struck = phase
+    at_start, inside = ((mode, struck), (held, None)), (phase, (mode, None), (held, None))
+    at_end = (phase, (mode, None))
+    if where > 1 - EDGE:
+        return at_end, inside, at_start
+    return (at_start, inside, at_end) if where < EDGE else (inside, at_start, at_end)
+
+
+def _merged(phases: Phases, impact: Mode) -> ModeSequence:
+    """The step with these phases; equal neighbours are one, unless an impact is between them.
+
+    Where an impact would follow another one at once, the second one counts: the phase between them is gone.
+    """
+    modes, landings = list[Mode](), dict[int, Mode]()
+    for mode, struck in phases:
+        if not modes or modes[-1] is not mode or struck is not None:
+            modes.append(mode)
+            landings |= {} if struck is None else {len(modes) - 1: struck}
+    return ModeSequence(tuple(modes), impact, landings=tuple(landings.items()))
+
+
+def _contact_edits(
+    table: Transitions, cycle: Cycle, key: MonitorKey, where: float, phases: list[Phases]
+) -> Iterator[tuple[list[Phases], list[Mode]]]:
+    """As ``_edits``, for named contacts: only those of the event change. Walks propose changes of several at once."""
+    transition, impacts = transition_at(table, cycle, key), [*cycle.impacts]
+    contacts = {*contact_of(key.kind).split("+")}
+    if key.phase is None or (transition is not None and kind(transition.guard) in IMPACT_MARGINS):
+        assert transition is not None
+        ends_step = key.phase is None
+        step = key.step if key.phase is None else cycle.step_of(key.phase)
+        following = (step + 1) % len(phases) if ends_step else step
+        place = 0 if key.phase is None else key.phase + 1 - cycle.first_phases[step]
+        before, ((first, landed), *rest) = phases[following][:place], phases[following][place:]
+        impact = impacts[step] if ends_step or landed is None else landed
+        for candidate in transition.candidates:
+            new = table.walker.swapped(candidate) if ends_step and table.cycle_end == TOUCHDOWN else candidate
+            changed = {name: word for name, word in new.contacts.items() if word != impact.contacts[name]}
+            struck, mode = None if ends_step else new, first.with_states(changed)
+            ways = [((mode, struck), *rest), ((mode, struck), (first, None), *rest), ((first, struck), *rest)]
+            if transition.at_rest and rest:  # the slip after the impact fades: it is gone, or turns round
+                turned = {name: str(Mode.slip(-impact.directions[name])) for name in changed}
+                ways = [((rest[0][0], struck), *rest[1:]), *ways, ((first.with_states(turned), struck), *rest)]
+            for way in ways:
+                edited = _replaced(phases, following, (*before, *way))
+                yield edited, _replaced(impacts, step, new) if ends_step else impacts
+        return
+    step = cycle.step_of(key.phase)
+    place = key.phase - cycle.first_phases[step]
+    before, ((mode, landed), *after) = phases[step][:place], phases[step][place:]
+
+    def ended(new: Phases) -> list[Mode]:
+        """The impacts; a step that ends without one has the contacts of its last phase there."""
+        return impacts if table.cycle_end == TOUCHDOWN else _replaced(impacts, step, new[-1][0].contact)
+
+    if transition is None or transition.at_rest:  # the phase is gone, or its contact does what its neighbours do
+        without = (*before, (after[0][0], after[0][1] or landed), *after[1:]) if after else before
+        if without:
+            yield _replaced(phases, step, without), ended(without)
+        struck = impacts[step - 1] if place == 0 else landed
+        if after and struck is not None:  # no slip is left after the impact: it sticks
+            goes_on = after[0][0].directions
+            new = struck.with_states({n: "stick" for n, d in struck.directions.items() if d and goes_on[n] != d})
+            if place == 0:
+                yield _replaced(phases, step, (*after,)), _replaced(impacts, step - 1, new)
+            else:
+                yield _replaced(phases, step, (*before, (after[0][0], new), *after[1:])), impacts
+    if transition is not None and transition.reset is None and not transition.margin.rises:
+        for candidate in transition.candidates:
+            if {name for name, word in candidate.contacts.items() if word != mode.contacts[name]} <= contacts:
+                for middle in _inserted((mode, landed), candidate, where):
+                    yield _replaced(phases, step, (*before, *middle, *after)), ended((*before, *middle, *after))
+
+
+def walked_cycles(point: CurvePoint, offset: float) -> list[Cycle]:
+    """Cycles of a walker with several contacts that the simulator walks past an event; it may change many at once.
+
+    The walk starts from the gait as it is predicted there. A change of the impact shows in its second cycle.
+    """
+    dynamics = Dynamics(point.gait.system, point.curve.p).at({point.curve.parameter: point.value + offset})
+    state, n = _start_states(point, point.curve.cycle, offset, dynamics)[0], len(point.curve.cycle.steps)
+    walk = Simulator(dynamics).run(state, 2 * n)
+    steps, cycles = [step for step in walk.steps if step.impact is not None], list[Cycle]()
+    for k in (n, 0):
+        try:
+            cycles += [Cycle(tuple(step.sequence for step in steps[k : k + n]))] if len(steps) >= k + n else []
+        except ValueError:  # the walk has left the gait: its cycle does not close
+            continue
+    return cycles
 
 
 def _replaced(items: Sequence[T], index: int, new: T) -> list[T]:
@@ -164,7 +285,11 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         lost = " shrinks to nothing" if key.kind == "duration" else f": {margin(key.kind).lost}"
         reason = f"{curve.cycle.phase_words(key.phase)}{lost}"
     for side in (ahead, -ahead):
-        for cycle in candidates:
+        walked = list[Cycle]()
+        if point.gait.system.walker.contacts:
+            offsets = (side * distance * curve.metric.span for distance in DISTANCES[:2])
+            walked = [cycle for offset in offsets for cycle in walked_cycles(point, offset)]
+        for cycle in dict.fromkeys((*walked, *candidates)):
             for distance in DISTANCES:
                 offset = side * distance * curve.metric.span
                 successor = _attempt(point, cycle, offset)
@@ -225,8 +350,11 @@ def halved_cycle(gait: Gait) -> Cycle | None:
 def in_turn(first: Cycle, second: Cycle) -> Cycle:
     """Both cycles one after the other; the first phases of each still follow the impact that they follow alone."""
     (*before, last_of_first), (*after, last_of_second) = first.steps, second.steps
-    joint = ModeSequence(last_of_first.phases, last_of_second.impact)
-    return Cycle((*before, joint, *after, ModeSequence(last_of_second.phases, last_of_first.impact)))
+    joint, last = (
+        replace(one, impact=other.impact)
+        for one, other in ((last_of_first, last_of_second), (last_of_second, last_of_first))
+    )
+    return Cycle((*before, joint, *after, last))
 
 
 def holds(point: CurvePoint) -> bool:
@@ -283,8 +411,11 @@ def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dyna
         impact = cycle.impacts[step - 1]
         state = nodes[:, (ends[step - 1] + 1) % nodes.shape[1]]
         if impact is not curve.cycle.impacts[step - 1]:
-            state = dynamics.after_impact(impact, nodes[:, ends[step - 1]])
-            if impact.sticks:
+            last = (cycle.first_phases[step] - 1) % len(cycle.phases)
+            struck = point.gait.system.transitions.struck(cycle, last)
+            assert struck is not None
+            state = dynamics.after_impact(struck, nodes[:, ends[step - 1]], cycle.phases[last])
+            if impact.fixes_x:
                 state[-1] = 0.0
         states.append(state)
     return np.array(states)

@@ -14,7 +14,14 @@ from itertools import count
 
 import numpy as np
 
-from gaitopt.branches.change import NEARBY, find_change, halved_cycle, located_on_successor, transition_at
+from gaitopt.branches.change import (
+    NEARBY,
+    find_change,
+    halved_cycle,
+    located_on_successor,
+    named_contact,
+    transition_at,
+)
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point, resumed_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.request import FOLLOWS, Request
@@ -350,20 +357,25 @@ class Continuation:
             yield self._special("vanishing", event.point, event.status, VANISHING)
             return
         transition = transition_at(event.point.gait.system.transitions, event.point.curve.cycle, key)
-        if transition is not None and (transition.margin.ending or transition.ends_step):
-            kind = transition.margin.ending if transition.margin.ending in TERMINAL else "end"
-            yield self._special(kind, event.point, event.status, transition.margin.lost)
+        several = bool(event.point.gait.system.walker.contacts)
+        contact = named_contact(event.point.curve.cycle, key, event.point.gait.system.walker)
+        ending = None if transition is None else transition.ending if several else transition.margin.ending
+        if transition is not None and (ending or transition.ends_step):
+            kind = ending if ending in TERMINAL else "end"
+            special = self._special(kind, event.point, event.status, transition.margin.lost)
+            yield replace(special, contact=contact)
             return
         successor, reason, length = find_change(event, key)
         if successor is None:
-            yield self._special("end", event.point, event.status, reason)
+            yield replace(self._special("end", event.point, event.status, reason), contact=contact)
             return
         number = next(self.numbers)
         before, after = event.point.curve.cycle, successor.curve.cycle
-        kind = "mode_change" if before.impacts == after.impacts else "impact_change"
+        same = before.impacts == after.impacts and before.landed == after.landed
+        kind = "mode_change" if same else "impact_change"
         located = located_on_successor(event, successor)
         special = self._special(kind, located or event.point, event.status if located is None else "converged", reason)
-        yield replace(special, before=before, after=after, next=(number,))
+        yield replace(special, before=before, after=after, next=(number,), contact=contact)
         self.point, self.branch, self.index = successor, number, 0
         self.length = min(FIRST_LENGTH, length)
         yield from self._point_records()

@@ -34,7 +34,7 @@ References
 Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -50,7 +50,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.modes import Mode
-from gaitopt.model.transitions import CONE, margin_unit
+from gaitopt.model.transitions import CONE, contact_of, kind, margin_unit, named
 from gaitopt.solver.rollout import JUMP
 
 OPEN = 1.0
@@ -69,7 +69,7 @@ class MonitorKey:
     Attributes
     ----------
     kind : ``duration``, ``onset``, ``pull``, ``breakpoint`` or the name of a margin; ``touchdown`` is a second
-        touchdown within the step.
+        touchdown within the step. ``onset`` and ``pull`` of named contacts have their names.
     phase : index of the phase, None for an impact.
     step : index of the step that an impact ends.
     """
@@ -105,21 +105,51 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
             continue
         long = [arc for arc in arcs if arc.duration > SHORT_ARC * period]
         after = cycle.after(phase)
-        ended_by = None if after is None else table.ending(cycle, phase).guard
-        for row, (kind, transition) in enumerate(table.of(cycle.phases[phase]).items()):
-            if kind != "upright" and not transition.margin.rises:
-                start = cycle.onset_order(phase, jump=drops) if kind == "slip_velocity" else 0
+        zeros = () if after is None else table.ending(cycle, phase).zeros
+        landed = table.zeros_after(cycle, (phase - 1) % len(cycle.phases)) if cycle.phases[phase].is_named else ()
+        for row, (name, transition) in enumerate(table.of(cycle.phases[phase]).items()):
+            if name != "upright" and not transition.margin.rises:
+                slips = kind(name) == "slip_velocity"
+                start = cycle.onset_order(phase, contact_of(name), jump=drops) if slips else int(name in landed)
+                # of a foot only the event itself is zero at the end
+                end = name in zeros if cycle.phases[phase].is_named else name == next(iter(zeros), None)
                 along = [margins[id(arc)][row] for arc in long]
-                values[MonitorKey(kind, phase)] = _lowest(along, (start, int(kind == ended_by)), long, arcs)
+                values[MonitorKey(name, phase)] = _lowest(along, (start, int(end)), long, arcs)
         if phase - 1 in cycle.timed:
-            kind = "onset" if cycle.phases[phase].slips else "pull"
-            values[MonitorKey(kind, phase)] = MonitorValue(-_guard_after(phases[phase - 1][-1], arcs[0]), 0.0)
-        elif cycle.starts_from_rest(phase) and drops:
-            values[MonitorKey("onset", phase)] = MonitorValue(_force_beyond_cone(arcs[0]), 0.0)
+            before = phases[phase - 1][-1]
+            guard = table.between(before.mode, cycle.phases[phase]).guard
+            name = named("onset" if kind(guard).startswith("cone") else "pull", guard)
+            values[MonitorKey(name, phase)] = MonitorValue(-_guard_after(before, arcs[0]), 0.0)
+        elif drops:
+            for contact in cycle.starts_from_rest(phase):
+                name = f"onset.{contact}" if cycle.phases[phase].is_named else "onset"
+                values[MonitorKey(name, phase)] = MonitorValue(_force_beyond_cone(arcs[0], contact), 0.0)
         time = np.inf if after is None or phase in cycle.timed else _time_to_jump(arcs[-1], after)
         if time < np.inf:
             values[MonitorKey(BREAKPOINT, phase)] = MonitorValue(time / period)
 
+    values |= dict(_rising_margins(gait, margins))
+    for phase, mode in cycle.resets:
+        within, last_arc = cycle.after(phase) is not None, phases[phase][-1]
+        place = {"phase": phase} if within else {"step": cycle.step_of(phase)}
+        struck = table.struck(cycle, phase) if mode.is_named else mode
+        assert struck is not None
+        old = last_arc.mode if mode.is_named else None
+        for name, value in last_arc.dynamics.impact_margins(struck, last_arc.states[-1], old).items():
+            # a grazing touchdown is also a second touchdown; without a jump the slip velocity decides about an onset
+            if kind(name) != "touchdown_rate" and (gait.dynamics.stick_comes_first or name != "impact_onset"):
+                values[MonitorKey(name, **place)] = MonitorValue(float(value) / margin_unit(name, scales))
+    return values
+
+
+def _rising_margins(gait: Gait, margins: Mapping[int, Array]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
+    """Monitors of margins that rise before they fall, such as that of a touchdown, over each step.
+
+    Parameters
+    ----------
+    margins : of every arc, by its identity, in natural units.
+    """
+    cycle, table = gait.cycle, gait.system.transitions
     for first, step in zip(cycle.first_phases, gait.steps, strict=True):
         rows = [row for arc in step.arcs for row in table.of(arc.mode).values()]
         for name in dict.fromkeys(row.guard for row in rows if row.margin.rises):
@@ -128,15 +158,7 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
             times = [arc.times for arc, _ in having]
             along = [margins[id(arc)][table.margin_names(arc.mode).index(name)] for arc, _ in having]
             last = max(phase for _, phase in having)
-            values[MonitorKey(name, first + last)] = MonitorValue(min(OPEN, lowest_after_rise(times, along)[0]))
-
-    for phase, mode in cycle.resets:
-        place, last_arc = {"phase": phase} if mode.locked else {"step": cycle.step_of(phase)}, phases[phase][-1]
-        for kind, value in last_arc.dynamics.impact_margins(mode, last_arc.states[-1]).items():
-            # a grazing touchdown is also a second touchdown; without a jump the slip velocity decides about an onset
-            if kind != "touchdown_rate" and (gait.dynamics.stick_comes_first or kind != "impact_onset"):
-                values[MonitorKey(kind, **place)] = MonitorValue(float(value) / margin_unit(kind, scales))
-    return values
+            yield MonitorKey(name, first + last), MonitorValue(min(OPEN, lowest_after_rise(times, along)[0]))
 
 
 def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[str, float]:
@@ -172,8 +194,10 @@ def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
 def stride(gait: Gait) -> float:
     """Largest distance between the feet at a touchdown, in leg lengths, without slip.
 
-    Infinite for a walker that lands out of flight, possibly where it took off.
+    Infinite for a walker that lands out of flight, possibly where it took off, and with several contacts.
     """
+    if gait.system.walker.contacts:
+        return float("inf")
     x = gait.system.n_shape
     distances = [
         abs(step.final_impact.step_length - step.arcs[-1].states[-1, x])
@@ -247,8 +271,11 @@ def _time_to_jump(arc: Arc, after: Mode) -> float:
     return min(times, default=np.inf)
 
 
-def _force_beyond_cone(arc: Arc) -> float:
-    """By how much the force that would hold the foot at the start of a slip exceeds static friction [N]."""
-    stick, table = arc.mode.with_contact(Mode.STICK), arc.dynamics.system.transitions
+def _force_beyond_cone(arc: Arc, contact: str) -> float:
+    """By how much the force that would hold a contact at the start of a slip exceeds static friction [N]."""
+    table = arc.dynamics.system.transitions
+    stick, cone = arc.mode.with_contact(Mode.STICK), CONE.get(arc.mode.contact, "")
+    if arc.mode.is_named:
+        stick, cone = table.held(arc.mode, contact)
     margins = arc.dynamics.margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
-    return -float(margins[table.margin_names(stick).index(CONE[arc.mode.contact])])
+    return -float(margins[table.margin_names(stick).index(cone)])

@@ -156,6 +156,7 @@ class SpecialPoint(ReadOnlyArrays):
     status : ``converged`` when located to rounding, ``guess`` when only bracketed.
     reason : an explanation, if any.
     before, after : cycles of modes on both sides of a change.
+    contact : the named contact, or the group of contacts, whose event it is; empty for any other.
     next : numbers of the branches that continue from here.
     bound : whether the family itself continues beyond this end, which is a bound of the request.
     open : whether the continuation would go on with more points or more time.
@@ -171,6 +172,7 @@ class SpecialPoint(ReadOnlyArrays):
     reason: str = ""
     before: Cycle | None = None
     after: Cycle | None = None
+    contact: str = ""
     next: tuple[int, ...] = ()
     bound: bool = False
     open: bool = False
@@ -192,6 +194,7 @@ class SpecialPoint(ReadOnlyArrays):
             "reason": self.reason,
             "next": list(self.next),
         }
+        record |= {"contact": self.contact} if self.contact else {}
         record |= {name: True for name, holds in (("bound", self.bound), ("open", self.open)) if holds}
         for key, cycle in (("from", self.before), ("to", self.after)):
             if cycle is not None:

@@ -358,6 +358,7 @@ SpecialRecord = TypedDict(
         "status": Literal["converged", "guess"],
         "reason": Text,
         "next": Annotated[list[Count], Len(max_length=1000)],
+        "contact": NotRequired[Word],
         "bound": NotRequired[Flag],
         "open": NotRequired[Flag],
         "from": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],

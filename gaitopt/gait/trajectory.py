@@ -45,7 +45,7 @@ class Arc(ReadOnlyArrays):
     struck: Mode | None = None
 
     def __repr__(self) -> str:
-        return f"<Arc {self.mode}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
+        return f"<Arc {self.mode.brief}, {self.start:.6g} s to {self.end:.6g} s, {len(self.times)} points>"
 
     @property
     def start(self) -> float:
@@ -142,8 +142,8 @@ class Step:
     impact: ImpactRecord | None
 
     def __repr__(self) -> str:
-        phases = ", ".join(str(mode) for mode, _ in self.phases)
-        return f"<Step {phases}; {'no impact' if self.impact is None else self.impact.mode}, {self.period:.6g} s>"
+        phases = ", ".join(mode.brief for mode, _ in self.phases)
+        return f"<Step {phases}; {'no impact' if self.impact is None else self.impact.mode.brief}, {self.period:.6g} s>"
 
     @property
     def phases(self) -> tuple[tuple[Mode, float], ...]:

@@ -19,7 +19,7 @@ from itertools import product
 
 from gaitopt.model.contact_set import shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle
-from gaitopt.model.modes import OFF, Mode
+from gaitopt.model.modes import FOOT, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.transitions import CONE, GROUND_FORCES, Reset, Transition, Transitions
 from gaitopt.model.walker import Walker
@@ -138,6 +138,11 @@ class ContactTransitions(Transitions):
         """Candidates where the forces are decided anew and the contacts that stick are at rest."""
         return self._candidates(mode, at_rest=(name for name in mode.touching if not mode.directions[name]))
 
+    def onset(self, mode: Mode, contact: str = FOOT) -> Transition:
+        """As of ``Transitions``."""
+        rests = tuple(name for name in mode.touching if not mode.directions[name] or name == contact)
+        return self._row(f"onset.{contact}", at_rest=rests, candidates=self._candidates(mode, at_rest=rests))
+
     def at_breakpoint(self, mode: Mode) -> Transition:
         """The transition at a breakpoint of the control law, as of ``Transitions``; a slipping contact may lift off."""
         rests = tuple(name for name in mode.touching if not mode.directions[name])
@@ -210,7 +215,7 @@ class ContactTransitions(Transitions):
             if name in mode.touching and name not in shared:
                 rows.append(self._row(f"impulse.{name}", candidates=other(name, OFF)))
             if name in mode.touching and mode.directions[name]:
-                rows.append(self._row(f"impact_slip_velocity.{name}", candidates=other(name, "stick")))
+                rows.append(self._row(f"impact_slip_velocity.{name}", at_rest=(name,), candidates=other(name, "stick")))
             elif name in mode.touching and name not in shared:
                 rows += [
                     self._row(f"impulse_{cone}.{name}", candidates=other(name, slip)) for slip, cone in CONE.items()

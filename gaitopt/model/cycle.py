@@ -186,10 +186,15 @@ class Cycle:
         pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
         return tuple((phase, reset) for phase, reset in pairs if reset is not None)
 
+    @property
+    def landed(self) -> list[Mode]:
+        """The modes just after the impacts of named contacts within the steps, in order."""
+        return [mode for step in self.steps for _, mode in step.landings]
+
     def phase_words(self, phase: int) -> str:
         """The number of a phase within its step, its mode and, in a cycle of several steps, its step."""
         step = self.step_of(phase)
-        words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase]})"
+        words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase].brief})"
         return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
 
     def onset_order(self, phase: int, contact: str = FOOT, *, jump: bool = False) -> int:

@@ -424,8 +424,8 @@ class Transitions:
         """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""
         return tuple(mode.with_contact(contact) for contact in self.walker.foot_modes())
 
-    def onset(self, mode: Mode) -> Transition:
-        """The transition where static friction holds the foot at the start of a slip from rest."""
+    def onset(self, mode: Mode, contact: str = FOOT) -> Transition:
+        """The transition where static friction holds a contact at the start of a slip from rest."""
         return self._row("onset", at_rest=(FOOT,), candidates=self.at_rest(mode))
 
     def pull(self, mode: Mode) -> Transition:

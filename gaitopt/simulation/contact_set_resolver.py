@@ -97,7 +97,7 @@ class ContactSetResolver:
         chosen = self._one_of(options)
         if chosen is not None:
             return chosen.mode
-        names = " and ".join(str(option.mode) for option in options)
+        names = " and ".join(option.mode.brief for option in options)
         if options:
             return Termination(Ending.CONTACT_AMBIGUOUS, f"several motions are consistent: {names}")
         if undetermined:
@@ -166,7 +166,7 @@ class ContactSetResolver:
         if chosen is not None:
             return chosen
         if options:
-            names = " and ".join(str(option.mode) for option in options)
+            names = " and ".join(option.mode.brief for option in options)
             return Termination(Ending.IMPACT_AMBIGUOUS, f"several impacts are consistent: {names}")
         return Termination(Ending.IMPACT_INCONSISTENT, f"no impact of {', '.join(sorted(touching))} is consistent")
 

@@ -182,7 +182,7 @@ class Simulator:
                 switches += 1
                 following, z, struck = self._switch(transition, time, z, segment, struck)
         values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
-        where = "at the choice of the first mode" if mode is None else f"in mode {mode}"
+        where = "at the choice of the first mode" if mode is None else f"in mode {mode.brief}"
         return StepOutcome(
             step=Step(arcs=tuple(arcs), impact=None) if arcs else None,
             ending=following.ending,

@@ -84,10 +84,10 @@ class Label:
     def __str__(self) -> str:
         words = f"{self.name} of {self.coordinate}" if self.coordinate else self.name
         words += "" if self.node is None else f" at node {self.node}"
-        if self.phase is not None:
-            words += f", phase {self.phase + 1} ({self.mode})"
+        if self.phase is not None and self.mode is not None:
+            words += f", phase {self.phase + 1} ({self.mode.brief})"
         elif self.mode is not None:
-            words += f", impact of step {self.step + 1} ({self.mode})"
+            words += f", impact of step {self.step + 1} ({self.mode.brief})"
         return f"{words} [{self.unit}]"
 
 

@@ -108,6 +108,7 @@ def special_point(family: Gait, parameter: str, record: SpecialRecord) -> Specia
         reason=record["reason"],
         before=Cycle.from_record(record["from"]) if "from" in record else None,
         after=Cycle.from_record(record["to"]) if "to" in record else None,
+        contact=record.get("contact", ""),
         next=tuple(record["next"]),
         bound=record.get("bound", False),
         open=record.get("open", False),

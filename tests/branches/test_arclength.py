@@ -22,7 +22,9 @@ class Planar:
     w: SX = field(default_factory=lambda: SX.sym("w", 2))
     mesh: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(cycle=SimpleNamespace(impact=None)))
     units: Callable[[np.ndarray], NaturalUnits] = lambda _: NaturalUnits(unknowns=np.ones(2), equalities=np.ones(1))
-    system: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(section=lambda _: np.array([0])))
+    system: SimpleNamespace = field(
+        default_factory=lambda: SimpleNamespace(section=lambda _: SimpleNamespace(indices=np.array([0])))
+    )
 
     def violation(self, w: np.ndarray, p: np.ndarray) -> np.ndarray:
         return self.linearised(w, p)[0]

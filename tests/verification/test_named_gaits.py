@@ -138,7 +138,7 @@ def test_simulator_finds_the_same_gait_by_itself(name: str) -> None:
     assert point.converged
     assert np.abs(gait.dynamics.lift(point.xi) - gait.state).max() < AGREEMENT
     assert point.cycle.steps[0].period == pytest.approx(gait.period, abs=AGREEMENT)
-    assert return_map.section_mode is gait.problem.cycle.impact
+    assert return_map.section is gait.system.section(gait.problem.cycle)
 
 
 @pytest.mark.parametrize("name", NAMED)

@@ -1,0 +1,64 @@
+"""Families of gaits of walkers with several contacts: changes of what any contact does, located and named."""
+
+import pytest
+from contact_problems import contact_gait
+
+from gaitopt.api.verbs import continuation
+from gaitopt.gait.branch import Branch
+from gaitopt.search.solve import solve
+from gaitopt.verification.verify import verify
+
+
+def family(name: str, parameter: str, to: float) -> Branch:
+    return continuation(contact_gait(name), parameter, to=to)
+
+
+def test_the_heel_begins_to_slip_where_its_friction_is_what_sticking_needs() -> None:
+    gait = contact_gait("heel-toe")
+    needed = gait.to_record()["contacts"]["heel"]["required_friction"]
+    close = solve(gait.problem.replace({"friction": needed + 1e-3}))
+    near = continuation(close, "friction", to=needed - 5e-4)
+    change = near.specials[0]
+    assert (change.type, change.contact, change.status) == ("mode_change", "heel", "converged")
+    assert change.value == pytest.approx(needed, abs=1e-10)
+    assert [mode.brief for mode in change.after.phases] == ["heel slip_forward", "heel stick", "toe stick"]
+    assert change.to_record()["contact"] == "heel"
+    assert verify(near.points[-1].gait).passed
+
+
+@pytest.mark.slow
+def test_with_less_friction_the_heel_slips_then_the_toe_and_then_the_strike() -> None:
+    branch = family("heel-toe", "friction", 0.25)
+    changes = [(s.type, s.contact) for s in branch.specials[:-1]]
+    assert changes == [("mode_change", "heel"), ("mode_change", "toe"), ("impact_change", "heel")]
+    assert [s.value for s in branch.specials] == pytest.approx([0.274837608, 0.265109192, 0.258732126, 0.25], abs=1e-8)
+    for special, name in zip(branch.specials[:3], ("heel", "toe", "heel"), strict=True):
+        assert special.status == "converged"
+        assert special.contact == name
+    strike = branch.specials[2]
+    assert strike.gait.measures["impulse_ratio"] == pytest.approx(strike.value, abs=1e-9)
+    assert verify(branch.points[-1].gait).passed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "parameter", "to", "contacts"),
+    [
+        ("crawler", "friction.rear", 0.3, ["rear", "front", "front"]),
+        ("inchworm", "friction.front", 0.38, ["rear"]),  # two phases of a thousandth of the period vanish at once
+    ],
+)
+def test_a_crawl_goes_on_where_several_phases_change_at_once(
+    name: str, parameter: str, to: float, contacts: list[str]
+) -> None:
+    branch = family(name, parameter, to)
+    assert branch.specials[-1].value == to
+    assert [special.contact for special in branch.specials[:-1]] == contacts
+    assert all(special.status == "converged" for special in branch.specials)
+    assert verify(branch.points[-1].gait).passed
+
+
+def test_a_conservative_runner_loses_its_flight_at_a_steep_angle_of_attack() -> None:
+    branch = family("run", "walker.attack", 1.25)
+    assert {special.type for special in branch.specials} >= {"period_doubling", "end"}
+    assert "shrinks to nothing" in branch.specials[-1].reason
