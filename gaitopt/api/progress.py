@@ -110,14 +110,16 @@ def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], N
             yield lambda done, total: progress.update(bar, completed=done, total=total)
         return
     began = last = time.monotonic()
-    first: int | None = None
+    first: tuple[int, float] | None = None  # the first part, which also builds what all parts need, predicts no other
 
     def show(done: int, total: int) -> None:
         nonlocal last, first
-        now, first = time.monotonic(), done - 1 if first is None else first
+        now = time.monotonic()
+        counted_from, since = first = (done, now) if first is None or done < first[0] else first
         if now - last < LINE_EVERY and done < total:
             return
-        last, left = now, (now - began) / max(done - first, 1) * (total - done)
+        rate = (done - counted_from) / (now - since) if done > counted_from else 1 / (now - began)
+        last, left = now, (total - done) / rate
         words = f"about {left:.0f} s left" if done < total else f"{now - began:.0f} s"
         console.print(f"  {what}: {done} of {total}, {words}")
 

@@ -701,6 +701,10 @@ def sweep(
 ) -> "Sweep":
     """Solve and verify a problem over a grid of its parameters; the result at a point is that of ``solve``.
 
+    Where the section has one coordinate, or two with heyoka, a scan of the return map first rules out points without
+    a gait, and leads to gaits that ``solve`` misses; ``gaits`` counts those of a point. Points without a gait then
+    start from the gaits of their neighbours. ``start`` says what led to the gait: ``cold``, ``scan`` or ``neighbour``.
+
     Finished points are kept in the run folder and never solved again; an interrupted call resumes where it stopped.
 
     Parameters

@@ -459,10 +459,14 @@ def _without_scalars(record: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 class SolvedRecord(GaitRecord):
-    """A gait in a file of jobs or of a front: with the key of its job, and whether its solve started warm or cold."""
+    """A gait in a file of jobs or of a front: with the key of its job, and the start of its solve.
+
+    ``start`` is ``cold``, ``warm``, ``neighbour`` or ``scan``; ``gaits`` the number of gaits that a scan has found.
+    """
 
     job: NotRequired[Word]
     start: NotRequired[Word]
+    gaits: NotRequired[Annotated[Count, Ge(2)]]
 
 
 OutcomeRecord = SolvedRecord | AttemptRecord

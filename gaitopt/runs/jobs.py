@@ -10,18 +10,19 @@ file of solved problems.
 
 import hashlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar, cast
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
-from gaitopt.gait.gait import Status
+from gaitopt.gait.gait import Method, Status
 from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartRecord, is_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.search.find import Gaits, SearchPlan, search
+from gaitopt.search.scan import EMPTY, possible_gaits, scanned
 from gaitopt.search.solve import solve
 from gaitopt.store.formats import validated
 from gaitopt.store.run import Run
@@ -31,6 +32,8 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
 R = TypeVar("R", covariant=True)
 Stored = tuple[dict[str, Any], Callable[[str, Any], Any]]
 """Results that are on the disk by the keys of their jobs, and the function that stores another one."""
+SAME_DIGITS = 7
+"""Decimals to which the states of two gaits that are the same agree; Newton's method leaves 1e-10."""
 SET_ASIDE: Literal["set_aside"] = "set_aside"
 """Status of a job that has no result."""
 
@@ -136,11 +139,18 @@ def problem_job(problem: Problem, parent: str | None = None) -> Job:
     return Job(key=key, argument=problem, parent=parent)
 
 
-def solve_all(jobs: ResumableJobs, problems: Iterable[Job], total: int) -> list[OutcomeRecord]:
-    """Solve and verify the problems of ``problem_job``; records of their gaits or attempts in the same order."""
+def solve_all(
+    jobs: ResumableJobs, problems: Iterable[Job], total: int, task: Callable[..., OutcomeRecord] | None = None
+) -> list[OutcomeRecord]:
+    """Solve and verify the problems of ``problem_job``; records of their gaits or attempts in the same order.
+
+    Parameters
+    ----------
+    task : that solves one problem, ``solve_job`` by default.
+    """
     return [
         AttemptRecord(status=SET_ASIDE, message=result.reason) if isinstance(result, FailedJob) else result
-        for result in jobs.complete(solve_job, problems, total)
+        for result in jobs.complete(task or solve_job, problems, total)
     ]
 
 
@@ -162,6 +172,53 @@ def solve_job(problem: Problem, neighbour: OutcomeRecord | None = None, should_s
             gait = gait.verified(verify(gait).to_record())
             break
     return cast(OutcomeRecord, {**gait.to_record(), "start": start})
+
+
+def sweep_job(problem: Problem, _: None = None, should_stop: Stop = None) -> OutcomeRecord:
+    """As ``solve_job``, unless a scan of the return map shows that there is no gait; runs in any process.
+
+    Where ``solve`` finds no gait, the result is the most stable one to which the scan leads. The entry ``gaits`` counts
+    the gaits with the problem's phases, if there are several.
+    """
+    starts = list[dict[str, float]]()
+    if scanned(problem):
+        possible, starts = possible_gaits(problem)
+        if not possible:
+            return AttemptRecord(status="infeasible", message=EMPTY, start="scan")
+    record = solve_job(problem, None, should_stop)
+    found = {_identity(record): record} if is_gait(record) else {}
+    if is_gait(record) and starts:
+        state = record["state"]
+        starts.remove(min(starts, key=lambda start: max(abs(value - state[name]) for name, value in start.items())))
+    for start in starts:
+        other = _from_state(problem, start, "scan")
+        if is_gait(other):
+            found.setdefault(_identity(other), other)
+    if not found:
+        return record
+    best = record if is_gait(record) else min(found.values(), key=lambda gait: gait["spectral_radius"] or 0.0)
+    return cast(OutcomeRecord, {**best, "gaits": len(found)} if len(found) > 1 else best)
+
+
+def lent_job(problem: Problem, neighbour: OutcomeRecord, should_stop: Stop = None) -> OutcomeRecord:
+    """The record of a problem's verified gait by Newton's method from the gait of a neighbour; runs in any process."""
+    assert is_gait(neighbour)
+    return _from_state(problem, neighbour["state"], "neighbour", [phase["duration"] for phase in neighbour["phases"]])
+
+
+def _from_state(
+    problem: Problem, state: Mapping[str, float], start: str, durations: Sequence[float] | None = None
+) -> OutcomeRecord:
+    complete = {**dict.fromkeys(problem.walker.section_names(slipping=True), 0.0), **state}
+    candidate = problem.with_modes(problem.cycle, complete, durations).from_guess()
+    gait = replace(solve(candidate, method=Method.NEWTON), problem=problem)
+    gait = gait.verified(verify(gait).to_record()) if gait.converged else gait
+    return cast(OutcomeRecord, {**gait.to_record(), "start": start})
+
+
+def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
+    """What two gaits have in common that are the same."""
+    return tuple(round(value, SAME_DIGITS) for value in cast(Mapping[str, float], gait["state"]).values())
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +17,12 @@ from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.frames import columns_of, data_frame, data_set
 from gaitopt.gait.gait import Status
-from gaitopt.gait.records import SweepRecord
+from gaitopt.gait.records import OutcomeRecord, SweepRecord, is_gait
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, problem_job, solve_all
+from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, lent_job, problem_job, solve_all, sweep_job
 from gaitopt.store.formats import (
     Table,
     cell_rows,
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
-WORDS = ("status", "verified", "start", "modes")
+WORDS = ("status", "verified", "start", "modes", "gaits")
 """Columns of text, between the parameters and the scalars."""
 STOPS_SEPARATOR = "; "
 """Between modes with stops; other modes are separated by a space."""
@@ -89,6 +90,7 @@ class Sweep(Plotted):
             "statuses": {status: statuses.count(status) for status in sorted(set(statuses))},
             "verified": verified.count(True),
             "refuted": verified.count(False),
+            **({"several": several} if (several := sum("gaits" in record for record in self.records)) else {}),
             "set_aside": [
                 {"at": record["at"], "reason": record.get("message", "")}
                 for record in self.records
@@ -125,7 +127,9 @@ def sweep_table(sweep: Sweep) -> Table:
         modes = (STOPS_SEPARATOR if any(mode.stops for mode in names) else " ").join(names)
         sequence = f"{modes} / {record['impact']}" if names else ""
         values = [float("nan") if record.get(name) is None else record[name] for name in scalars]
-        rows.append([*record["at"].values(), record["status"], passed, record.get("start", ""), sequence, *values])
+        several = str(record.get("gaits", 1)) if names and record["status"] == Status.CONVERGED else ""
+        words = (record["status"], passed, record.get("start", ""), sequence, several)
+        rows.append([*record["at"].values(), *words, *values])
     return Table(header=(*keys, *WORDS, *scalars), rows=rows)
 
 
@@ -161,6 +165,9 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
             passed = {"true": {"passed": True}, "false": {"passed": False}}.get(row["verified"])
             phases, _, impact = row["modes"].partition(" / ")
             words = {"status": row["status"], "start": row["start"], "verification": passed, "impact": impact}
+            words |= (
+                {"gaits": int(row["gaits"])} if row.get("gaits") not in (None, "", "1") else {}
+            )  # not in version 0.1
             modes = {"phases": [Mode(mode).record for mode in phases.split(STOPS_SEPARATOR if "," in phases else None)]}
             rows.append(words | modes | {name: parse_cell(row[name]) for name in known})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -176,8 +183,8 @@ class SweepPlan(Plan[Sweep]):
     ----------
     problem : the grid changes some of its parameters.
     grid : over dotted keys of parameters.
-    warm : whether a job starts from the gait of its neighbour towards the grid's first point; otherwise, and if that
-        fails, the result at a point is that of ``solve``.
+    warm : whether a job starts from the gait of its neighbour towards the grid's first point; if that fails, the
+        result at a point is that of ``solve``. Otherwise it is that of ``solve`` wherever ``solve`` finds a gait.
     from_guess : whether every point is solved from the guess of the problem instead.
     """
 
@@ -204,11 +211,35 @@ class SweepPlan(Plan[Sweep]):
 
     def result(self, jobs: ResumableJobs) -> Sweep:
         """The gaits of all points, with their table."""
-        solved = solve_all(jobs, self.jobs, len(self.jobs))
+        solved = solve_all(jobs, self.jobs, len(self.jobs)) if self.warm else self._scanned(jobs)
         records = [{**record, "at": self.point(k)} for k, record in enumerate(solved)]
         swept = Sweep(problem=self.problem, grid=self.grid, records=records, folder=self.run.place)
         self.run.write({TABLE_FILE: csv_text(sweep_table(swept)), SWEEP_FILE: json_file(swept.to_record())})
         return swept
+
+    def _scanned(self, jobs: ResumableJobs) -> list[OutcomeRecord]:
+        """Solve all points that a scan does not rule out; then points without a gait, from the gaits of neighbours.
+
+        The order is random, so that the time of the first points predicts that of the others.
+        """
+        order = np.random.default_rng(0).permutation(len(self.jobs)).tolist()
+        in_order = solve_all(jobs, [self.jobs[number] for number in order], len(order), sweep_job)
+        records, keys = dict(zip(order, in_order, strict=True)), [job.key for job in self.jobs]
+        tried = set[tuple[int, int]]()
+        while True:
+            lent = dict[int, int]()  # the neighbour whose gait a point tries next
+            for number in range(len(records)):
+                if not is_gait(records[number]) and records[number]["status"] != SET_ASIDE:
+                    lenders = (n for n in self._around(number) if is_gait(records[n]) and (number, n) not in tried)
+                    for lender in islice(lenders, 1):
+                        lent[number] = lender
+            if not lent:
+                return [records[number] for number in range(len(records))]
+            tried |= set(lent.items())
+            again = [problem_job(self.jobs[number].argument, keys[lender]) for number, lender in lent.items()]
+            for number, job, record in zip(lent, again, solve_all(jobs, again, len(again), lent_job), strict=True):
+                if is_gait(record):
+                    records[number], keys[number] = record, job.key
 
     @cached_property
     def jobs(self) -> list[Job]:
@@ -229,6 +260,17 @@ class SweepPlan(Plan[Sweep]):
     @cached_property
     def _numbers(self) -> dict[str, list[float]]:
         return {axis.key: axis.numbers(self.problem) for axis in self.grid.axes}
+
+    def _around(self, number: int) -> list[int]:
+        """The points next to a point along every axis."""
+        index, neighbours = np.unravel_index(number, self.grid.shape), list[int]()
+        for axis, count in enumerate(self.grid.shape):
+            for k in (int(index[axis]) - 1, int(index[axis]) + 1):
+                if 0 <= k < count:
+                    moved = [*map(int, index)]
+                    moved[axis] = k
+                    neighbours.append(int(np.ravel_multi_index(moved, self.grid.shape)))
+        return neighbours
 
     def _neighbour(self, number: int) -> int | None:
         """The point one step towards the first along the first axis that allows it; None for the first point."""

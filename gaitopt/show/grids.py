@@ -35,8 +35,8 @@ FOOT, MARGIN = 0.03, 0.02
 """Height of the crosses of a curve in the axes, and margin beside the requested range."""
 LOST = "#d55e00"
 """Colour of the line where stability is lost; it stands out from all colours of the map."""
-OUTLYING = 2
-"""Percentile beyond which values may be outliers: of another branch, most often."""
+FENCE = 3.0
+"""Distance from the quartiles, in their distance, beyond which values are outliers: of another branch, most often."""
 ROUNDING, AROUND = 1e-9, 0.01
 """Relative spread below which all values are equal, and half width of the colour scale around them."""
 BOUNDARY = 1.0
@@ -152,8 +152,9 @@ def _colour_range(values: Array) -> tuple[float, float]:
         middle = float(known.mean()) if known.size else 0.0
         half = AROUND * abs(middle) or 1.0
         return middle - half, middle + half
-    low, high = np.percentile(known, OUTLYING), np.percentile(known, 100 - OUTLYING)
-    return float(max(known.min(), 2 * low - high)), float(min(known.max(), 2 * high - low))
+    low, high = np.percentile(known, [25, 75])
+    near = known[(known >= low - FENCE * (high - low)) & (known <= high + FENCE * (high - low))]
+    return float(near.min()), float(near.max())
 
 
 def basin(result: Basin) -> Figure:

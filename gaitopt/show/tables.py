@@ -384,6 +384,8 @@ def print_sweep(console: Console, record: Record) -> None:
     statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
     console.print(f"{record['problem']}: {counted(record['jobs'], 'job')}, {statuses}")
     console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
+    if record.get("several"):
+        console.print(f"several gaits: at {counted(record['several'], 'point')}; column gaits of the table")
     for job in record["set_aside"]:
         place = ", ".join(f"{key} = {value:g}" for key, value in job["at"].items())
         console.print(f"set aside: {place}: {job['reason']}")
