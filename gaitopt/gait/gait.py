@@ -20,7 +20,7 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame, sample_set
-from gaitopt.gait.measures import contact_record, observe
+from gaitopt.gait.measures import contact_record, control_record, observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
@@ -389,6 +389,7 @@ class Gait(WalkerMotion):
             **self._motion_record(),
             **{name: self.measures.get(name) for name in MEASURES},
             **contact_record(self.steps),
+            **control_record(self.steps),
             "multipliers": [{"re": float(m.real), "im": float(m.imag)} for m in self.multipliers],
             "spectral_radius": self.spectral_radius,
             **({} if constraints is None else constraints.to_record()),

@@ -14,7 +14,11 @@ from gaitopt.gait import curves
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.contact_set import undetermined
+from gaitopt.model.control import ConstantTorque, NoControl
+from gaitopt.model.open_loop import OpenLoop
+from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import Scales
+from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.scalars import MEASURES, SCALARS
 
 ENDS = np.array([-1.0, 1.0])
@@ -123,6 +127,36 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
         value = extrema[name] if formula is None else formula(cycle)
         values[name] = None if value is None or np.isnan(value) else value
     return values
+
+
+def control_record(steps: Sequence[Step]) -> dict[str, Any]:
+    """Parameters of the control law by name, and where it has a reference the errors at both ends of the steps.
+
+    The error just after the impact is the mismatch between the ends of the reference, if the error at its end is small.
+    Empty for passive walkers, constant torques and torques of an open loop.
+    """
+    if not steps:
+        return {}
+    first, last = steps[0].arcs[0], steps[-1].arcs[-1]
+    system = first.dynamics.system
+    law = system.control
+    if isinstance(law, NoControl | ConstantTorque | OpenLoop):
+        return {}
+    values = {key: value for key, value in first.dynamics.parameters.items() if key.startswith("control.")}
+    record: dict[str, Any] = {"control": {key.removeprefix("control."): value for key, value in values.items()}}
+    if isinstance(law, ProportionalDerivative):
+        names: Sequence[str] = law.reference.followers(system.walker)
+    elif isinstance(law, VirtualConstraints):
+        names = law.outputs
+    else:
+        return record
+
+    def errors(arc: Arc, k: int) -> Array:
+        at = {"t": arc.times[k], "z": arc.states[k], "p": arc.dynamics.p, "r": system.data(arc.segment)}
+        return np.asarray(system.quantities(arc.mode)(**at)["outputs"], dtype=float).ravel()
+
+    pairs = zip(names, errors(first, 0).tolist(), errors(last, -1).tolist(), strict=True)
+    return record | {"tracking_errors": {name: {"start": start, "end": end} for name, start, end in pairs}}
 
 
 def contact_record(steps: Sequence[Step]) -> dict[str, Any]:

@@ -248,7 +248,21 @@ class ConstraintRecord(TypedDict):
     zero_dynamics: NotRequired[ZeroDynamicsRecord]
 
 
-class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord):
+class TrackingRecord(TypedDict):
+    """Errors of a joint that follows a reference, just after the impact and at the end of the cycle [rad, or m]."""
+
+    start: Number
+    end: Number
+
+
+class ControlRecord(TypedDict):
+    """Numbers of a gait under a control law; not in the records of passive walkers and of constant torques."""
+
+    control: NotRequired[dict[Word, Number]]
+    tracking_errors: NotRequired[dict[Word, TrackingRecord]]
+
+
+class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord, ControlRecord):
     """A gait: state after the impact before its first step, modes with durations, scalars and multipliers."""
 
     problem: NotRequired[Word]

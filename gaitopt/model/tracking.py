@@ -62,6 +62,13 @@ class ProportionalDerivative(Control):
         if len(walker.tracked) != len(walker.actuators):
             yield ("type",), f"{walker.model} does not say which joint each motor tracks: it has no `tracked`"
 
+    def quantities(self, now: Instant) -> Mapping[str, SX]:
+        """Errors theta - theta_r of the joints that follow the reference, in the order of its followers."""
+        joints = self.reference.followers(now.robot.walker)
+        angles = vertcat(*(getattr(now.q, joint) for joint in joints))
+        target, active = self.reference.weighted(now, now.p.reference, joints, (SX(1), SX(0)))
+        return {"outputs": active * (angles - target)}
+
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """Feedback on the error of each tracked joint."""
         kp, kd, walker = now.p.kp, now.p.kd, now.robot.walker

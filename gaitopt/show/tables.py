@@ -259,6 +259,19 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
         keys = relevant_scalars([record])
         scalars = ((labels.get(key, label_of(key)), number(values[key]), unit_of(key)) for key in keys)
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
+    if "tracking_errors" in record:
+        ends = record["tracking_errors"].items()
+        errors = ((name, number(at["start"]), number(at["end"]), state_unit(name)) for name, at in ends)
+        heads = ("joint", "after the impact", "before the next", "unit")
+        section(console, f"distance from the reference{last}", heads, errors, numbers=(1, 2))
+    if "zero_dynamics" in record:
+        zero, least = record["zero_dynamics"], record["decoupling_min_singular_value"]
+        rows = [("decoupling matrix, least singular value", number(least), "1/(kg m^2)")]
+        rows.append(("on the constraint surface", "yes" if zero["invariant"] else "no", ""))
+        if zero["delta_squared"] is not None:
+            rows.append(("delta_zero^2", number(zero["delta_squared"]), ""))
+            rows.append(("largest V_zero", number(zero["potential_max"]), "kg^2 m^4/s^2"))
+        section(console, f"virtual constraints{last}", ("", "value", "unit"), rows, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
     section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
 

@@ -12,9 +12,10 @@ from gaitopt.callbacks import Stop
 from gaitopt.display import counted
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait, WalkerMotion
-from gaitopt.gait.measures import contact_record, measure
+from gaitopt.gait.measures import contact_record, control_record, measure
 from gaitopt.gait.records import phase_records
 from gaitopt.gait.trajectory import Step, Trajectory
+from gaitopt.gait.zero_dynamics import constraint_measures
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
@@ -62,6 +63,7 @@ class Walk(WalkerMotion):
         state = self.trajectory.section_states[-1]
         stated = self.system.values(self.problem.parameters)
         moving = zip(self.dynamics.parameters.items(), stated, strict=True)
+        constraints = None if last is None else constraint_measures([last])
         impacts = [None, *(step.impact.mode.words for step in self.complete_steps if step.impact is not None)]
         return {
             "problem": self.problem.name,
@@ -73,7 +75,8 @@ class Walk(WalkerMotion):
             "impact": None if last is None or last.impact is None else last.impact.mode.words,
             "state": self._state_record(state),
             **(dict.fromkeys(MEASURES) if last is None else measure([last])),
-            **({} if last is None else contact_record([last])),
+            **({} if last is None else {**contact_record([last]), **control_record([last])}),
+            **({} if constraints is None else constraints.to_record()),
             "section": [
                 {"time": float(t), "impact": mode, "state": self._state_record(z)}
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)

@@ -12,6 +12,7 @@ import pytest
 from casadi import SX, log
 from named import named
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
@@ -95,6 +96,19 @@ def test_a_table_is_a_cubic_spline_through_its_rows() -> None:
         s = min(t / 0.8, 1)
         rate = bezier(s, 1) / 0.8
         assert torque(problem, t) == pytest.approx(pd(bezier(s) + rate * max(t - 0.8, 0), rate), abs=1e-12)
+
+
+def test_results_state_how_far_the_ends_of_a_table_are_from_the_joint() -> None:
+    """The last angle of the spline is that at the impact, from ``scipy`` and the rows of the file."""
+    gait = named(NAME)
+    record = gait.to_record()
+    spline = CubicSpline(np.arange(9) / 10, np.radians([-6, -4, 0, 5, 9, 11, 11, 9, 8]))
+    before = gait.arcs[-1].states[-1]
+    errors = record["tracking_errors"]["theta2"]
+    assert errors["start"] == pytest.approx(gait.state[1] - radians(-6), abs=1e-12)
+    assert errors["end"] == pytest.approx(before[1] - spline(gait.period), abs=1e-12)
+    assert record["control"] == {"kp": KP, "kd": KD}
+    assert not {"control", "tracking_errors"} & {*named("compass-passive-b").to_record()}
 
 
 def test_joints_may_follow_those_of_another_walker() -> None:

@@ -245,6 +245,18 @@ def test_zero_dynamics_are_null_where_they_are_not_defined(changes):
     assert record["decoupling_min_singular_value"] > 0.4
 
 
+def test_a_simulated_walk_has_the_entries_of_its_gait():
+    gait = named(NAME)
+    solved, walked = gait.to_record(), go.simulate(gait, steps=2).to_record()
+    assert walked["zero_dynamics"] == pytest.approx(solved["zero_dynamics"], rel=1e-9)
+    for key in ("decoupling_min_singular_value", "peak_torque"):
+        assert walked[key] == pytest.approx(solved[key], rel=1e-9)
+    assert walked["control"] == solved["control"]
+    assert solved["control"]["gains.kp"] == 36
+    for record in (walked, solved):
+        assert record["tracking_errors"]["theta2"] == pytest.approx({"start": 0, "end": 0}, abs=1e-10)
+
+
 def test_other_laws_have_no_entries_of_constraints():
     assert not {"zero_dynamics", "decoupling_min_singular_value"} & {*named("compass-torque-stick").to_record()}
 
