@@ -69,8 +69,8 @@ class Dynamics(ReadOnlyArrays):
 
     @cached_property
     def static_friction(self) -> float:
-        """Coefficient that bounds |f_t| / f_n of a sticking foot."""
-        return float(self.system.friction_coefficients(self.p)[0])
+        """Coefficient that bounds |f_t| / f_n of a sticking foot; the largest one of several contacts."""
+        return max(self.contact_friction.values())
 
     @cached_property
     def contact_friction(self) -> dict[str, float]:

@@ -67,8 +67,9 @@ SLIDING = 0.1
 """Guessed velocity of a foot that slips just after the impact, relative to the speed of the walker."""
 SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""
-CLOSE_STATE = 0.05
-"""In rad and SI units, or relative: with several contacts, values of solved coordinates only select a solution."""
+CLOSE_STATE = 0.5
+"""In rad and SI units, or relative: with several contacts, values of solved coordinates only select a solution. One leg
+in place of the other, or a knee bent to the other side, is farther away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -247,8 +247,12 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         if problem.cycle_end != TOUCHDOWN:
             gait["section"] = CLOCK if problem.cycle_end == CLOCK else {"margin": problem.cycle_end}
     if start is not None:
-        # of named contacts the section may have several states with the same coordinates
-        names = problem.walker.state_names() if problem.walker.contacts else (*names, "x")
+        # of named contacts the section may have several states with the same coordinates; rates are unique but for the
+        # sign that the energy leaves open
+        places = problem.walker.coordinates() if problem.walker.contacts else ("x",)
+        keeps_energy = problem.walker.contacts and "energy" in type(problem.walker).model_fields
+        rates = problem.walker.state_names() if keeps_energy else ()
+        names = tuple(dict.fromkeys((*names, *places, *rates)))
         gait["guess"] = {"state": {name: start.state[name] for name in names}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
         if start.first is not None:

@@ -90,7 +90,7 @@ def test_every_contact_may_have_friction_of_its_own() -> None:
         ("impact: {heel: stick}", "impact: {heel: stick}\n  section: {margin: apex}", "has no section 'apex'"),
         ("friction: 0.265", "friction: {heel: 0.3}", "friction.toe: is missing: every contact has its friction"),
         ("friction: 0.265", "friction: {heel: 0.3, toe: 1, swing_heel: 1, swing_toe: 1}", "swing_heel: differs from"),
-        ("theta2: -0.317", "theta2: -0.1", "-0.1 contradicts the section, where it is"),
+        ("theta2: -0.317", "theta2: 0.9", "0.9 contradicts the section, where it is"),
         ("slope: 0.0524", "slope: {free: [0.05, 0.06], guess: 0.0524}", "a design of the heel_toe, which has several"),
         (", dtheta2: -0.34413086", "", "dtheta2: is missing; at the end of this cycle the section is theta1, dtheta1"),
         ("phases: [{heel: slip_forward}, {heel: stick}, {toe: stick}, {toe: slip_backward}]", "phases: auto", "auto"),

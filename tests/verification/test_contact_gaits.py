@@ -1,15 +1,19 @@
 """Gaits of walkers with several contacts, by both methods."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from contact_problems import TEXTS, WALKERS, contact_gait, contact_problem
+from contact_walkers import HeelToe
 from named import named
 
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.problem.problem import restore_problem
+from gaitopt.model.walker import Contact, polar
+from gaitopt.problem.problem import parse_problem, restore_problem
 from gaitopt.search.solve import solve
+from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.gaits import integrated_steps
 from gaitopt.verification.return_map import ReturnMap
@@ -131,3 +135,49 @@ def test_a_section_in_flight_gives_the_multiplier_of_the_one_at_touchdown() -> N
     assert apex.period == pytest.approx(landing.period, abs=1e-12)
     assert apex.multipliers == pytest.approx(landing.multipliers, abs=1e-11)
     assert apex.measures["step_length"] == pytest.approx(landing.measures["step_length"], abs=1e-12)
+
+
+@pytest.mark.parametrize("factors", [(2.0, 3.0, 0.5), (7.0, 0.2, 4.0)])
+def test_a_gait_is_the_same_in_other_units(factors: tuple[float, float, float]) -> None:
+    mass, length, time = factors
+    gait = contact_gait("heel-toe-slip")
+    sizes = {"leg_length", "leg_com", "heel", "toe"}
+    changes = {f"walker.{name}": value * length for name, value in gait.problem.walker if name in sizes}
+    changes |= {f"walker.{name}": value * mass for name, value in gait.problem.walker if name.endswith("mass")}
+    changes |= {"walker.gravity": gait.problem.walker.gravity * length / time**2}
+    rates = {f"gait.guess.state.{name}": gait.problem.guess.state[name] / time for name in ("dtheta1", "dtheta2")}
+    other = solve(gait.problem.replace({**changes, **rates}).from_guess())
+    unit = np.array([1, 1, length, length]), np.array([1, 1, length, length]) / time
+    assert other.state / np.concatenate(unit) == pytest.approx(gait.state, abs=1e-12)
+    assert other.period / time == pytest.approx(gait.period, rel=1e-12)
+    assert other.multipliers == pytest.approx(gait.multipliers, abs=1e-11)
+
+
+def test_renumbered_contacts_and_one_that_never_touches_change_nothing() -> None:
+    class Renumbered(HeelToe):
+        model = "renumbered"
+        contacts = ("swing_toe", "toe", "swing_heel", "heel", "knee", "other_knee")
+        exchanged_contacts = {**HeelToe.exchanged_contacts, "knee": "other_knee"}  # noqa: RUF012
+
+        @classmethod
+        def mechanism(cls, q, p):
+            stated = super().mechanism(q, p)
+            hip, shank = stated.bodies[1].position, p.leg_length - p.leg_com / 4
+            knees = {"knee": hip - polar(shank, q.theta1), "other_knee": hip - polar(shank, -q.theta2)}
+            known = {**stated.contacts, **{name: Contact(position=point) for name, point in knees.items()}}
+            return replace(stated, contacts={name: known[name] for name in cls.contacts})
+
+    gait = contact_gait("heel-toe-slip")
+    text = gait.problem.text.replace("heel_toe", "renumbered")
+    other = solve(parse_problem(text, walkers=[Renumbered]))
+    assert other.state == pytest.approx(gait.state, abs=1e-12)
+    assert other.multipliers == pytest.approx(gait.multipliers, abs=1e-11)
+    assert verify(other).passed
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not is_installed(), reason="heyoka is not installed")
+@pytest.mark.parametrize("name", ["heel-toe-slip", "slip-walk", "crawler", "run"])
+def test_both_engines_verify_the_gait(name: str) -> None:
+    checked = verify(contact_gait(name), engine="heyoka")
+    assert checked.passed, [claim.words for claim in checked.claims if not claim.passed]
