@@ -4,7 +4,8 @@ A layer above does the work. Its name is text, as that of the plotting backend o
 figures, pages or files.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -41,10 +42,17 @@ def told_apart(first: float, second: float, digits: int = 4) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """One HTML page that needs no network: a notebook shows it, ``save`` writes it to a file."""
+    """One HTML page that needs no network: a notebook shows it, ``save`` writes it to a file.
+
+    Attributes
+    ----------
+    title, text : of the page.
+    movie : of a moving walker: returns the file of a format, ``gif`` or ``mp4``; None of other pages.
+    """
 
     title: str
     text: str
+    movie: Callable[[str], bytes] | None = field(default=None, compare=False, repr=False)
 
     def __repr__(self) -> str:
         return f"<Page {self.title}: {len(self.text.encode()) / 1000:.0f} kB; .save(path) writes it>"
@@ -54,8 +62,20 @@ class Page:
         return f'<iframe srcdoc="{escape(self.text)}" title="{escape(self.title)}" style="{style}"></iframe>'
 
     def save(self, path: str | Path) -> Path:
-        """Write the page; the file appears whole or not at all."""
-        return Path(_call("write_page", self.text, Path(path)))
+        """Write the page; the file appears whole or not at all.
+
+        Parameters
+        ----------
+        path : ends in ``.html``; of an animation also in ``.gif`` or, where ffmpeg is installed, ``.mp4``.
+
+        Raises
+        ------
+        UnknownNameError
+            If the path has another ending, or ffmpeg is missing.
+        StorageError
+            If the file cannot be written.
+        """
+        return Path(_call("write_page", self, Path(path)))
 
 
 class Tabulated:
@@ -72,9 +92,9 @@ class Plotted(Tabulated):
 
     __slots__ = ()
 
-    def plot(self, what: str | None = None) -> "Axes":
-        """Draw one figure; see ``gaitopt.plot``."""
-        return _call("plot", self, what)
+    def plot(self, what: str | None = None, *, ax: "Axes | Sequence[Axes] | None" = None) -> "Axes":
+        """Draw one figure, into ``ax`` if it is given; see ``gaitopt.plot``."""
+        return _call("plot", self, what, ax=ax)
 
 
 class Reported(Plotted):
@@ -101,5 +121,5 @@ class Moving(Reported):
         return _call("save", self, path)
 
 
-def _call(name: str, *arguments: Any) -> Any:
-    return getattr(import_module(BACKEND), name)(*arguments)
+def _call(name: str, *arguments: Any, **named: Any) -> Any:
+    return getattr(import_module(BACKEND), name)(*arguments, **named)

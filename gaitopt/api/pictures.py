@@ -21,9 +21,10 @@ from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.results import kind_of, restore_walk
-from gaitopt.show.catalogue import Figures, figures_of
+from gaitopt.show.catalogue import PAGE, Figures, figures_of
+from gaitopt.show.movie import MOVIES
 from gaitopt.show.pages import branch_report, comparison_report, walk_report
-from gaitopt.show.style import encoded
+from gaitopt.show.style import STILL, drawing_into, encoded
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
 from gaitopt.store.files import clear_leftovers, make_folder, write_whole
@@ -38,8 +39,10 @@ SMALL = 60
 """Resolution of the picture beside a table [dots per inch]; figures are six inches wide."""
 
 
-def plot(result: Any, what: str | None = None) -> Axes:
+def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | None = None) -> Axes:
     """Draw one figure of a result, and show it in a notebook.
+
+    What your Matplotlib style sheet sets stays as it is.
 
     Parameters
     ----------
@@ -51,15 +54,21 @@ def plot(result: Any, what: str | None = None) -> Axes:
         branch ``multipliers``, or a scalar of the result; of a sweep or of several branches a scalar. A scalar that is
         not given is ``spectral_radius``.
 
+    ax : axes to draw into, several for a figure with several panels; by default a figure of its own.
+
     Returns
     -------
-    axes : of the figure's largest panel; ``axes.figure.savefig(path)`` writes it.
+    axes : of the figure's largest panel, or ``ax``; ``axes.figure.savefig(path)`` writes it.
 
     Raises
     ------
     ValueError
-        If there is no such figure, or nothing to draw.
+        If there is no such figure, nothing to draw, or ``ax`` has not as many axes as the figure has panels.
     """
+    if ax is not None:
+        with drawing_into(ax):
+            draw(result, what)
+        return ax if isinstance(ax, Axes) else ax[0]
     figure = draw(result, what)
     _show(figure)
     return max(figure.axes, key=lambda axes: axes.get_position().width * axes.get_position().height)
@@ -85,7 +94,8 @@ def save_figures(
     result : as for ``plot``. Or a Matplotlib figure, whose name is then the only entry of ``what``.
     folder : made if it is missing.
     what : names of figures as for ``plot``, and ``animation`` of a gait or a walk; by default all that show something.
-    formats : of ``svg``, ``png``, ``pdf``.
+    formats : of ``svg``, ``png``, ``pdf`` for figures; of ``html`` (if none is given), ``gif``, ``mp4`` for the
+        animation. If all are of the animation, no figures are drawn.
 
     Returns
     -------
@@ -94,11 +104,14 @@ def save_figures(
     Raises
     ------
     UnknownNameError
-        If there is no such figure.
+        If there is no such figure or format, or an MP4 is to be written without ffmpeg.
     StorageError
         If the folder cannot be written.
     """
-    place = Path(folder)
+    place, unwritten = Path(folder), [word for word in formats if word not in (*STILL, PAGE, *MOVIES)]
+    if unwritten:
+        raise UnknownNameError(f"format {unwritten[0]}: choose from {', '.join((*STILL, PAGE, *MOVIES))}")
+    still, moving_formats = [f for f in formats if f in STILL], [f for f in formats if f not in STILL] or [PAGE]
     if isinstance(result, Figure):
         (name,) = what
         with adding(place) as written:
@@ -110,13 +123,20 @@ def save_figures(
     unknown = [word for word in what if word not in known]
     if unknown:
         raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").concerning("what")
+    chosen = what or (*(figures.usual if still else ()), *moving)
+    unmoving = [word for word in chosen if word != ANIMATION]
+    if not chosen or (unmoving and not still):
+        words = f"{unmoving[0] if unmoving else 'this result'} does not move"
+        raise UnknownNameError(f"format {moving_formats[0]}: {words}; choose from {', '.join(STILL)}")
     with adding(place) as written:
-        for word in what or (*figures.usual, *moving):
+        for word in chosen:
             if word == ANIMATION and figures.animation is not None:
-                write_whole(place / f"{ANIMATION}.html", figures.animation())
-                written.append(place / f"{ANIMATION}.html")
+                for extension in moving_formats:
+                    path = place / f"{ANIMATION}.{extension}"
+                    write_whole(path, figures.animation(extension))
+                    written.append(path)
             else:
-                written += save_figure(figures.draw(word), place / (figures.stem or word), formats)
+                written += save_figure(figures.draw(word), place / (figures.stem or word), still)
     return written
 
 
@@ -149,7 +169,7 @@ def animate(result: Gait | Walk) -> Page:
     page = figures_of(result).animation
     if page is None:
         raise TypeError(f"a {type(result).__name__} does not move")
-    return Page(f"animation of {result.problem.name}", page())
+    return Page(f"animation of {result.problem.name}", page(PAGE).decode(), page)
 
 
 def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
@@ -192,10 +212,15 @@ def html(result: Any) -> str:
     return f"<p><strong>{title}</strong></p>{picture}{printed(result)}"
 
 
-def write_page(text: str, path: Path) -> Path:
-    """Write a page; it appears whole or not at all."""
+def write_page(page: Page, path: Path) -> Path:
+    """Write a page, or the movie of a moving walker, by the ending of the path; it appears whole or not at all."""
+    endings = (PAGE, *(() if page.movie is None else MOVIES))
+    extension = path.suffix.lower().removeprefix(".")
+    if extension not in endings:
+        raise UnknownNameError(f"{path}: the {page.title} is written as {', '.join(f'.{e}' for e in endings)}")
+    content = page.text.encode() if page.movie is None or extension == PAGE else page.movie(extension)
     with adding(path.parent) as written:
-        write_whole(path, text)
+        write_whole(path, content)
         written.append(path)
     return path
 

@@ -87,11 +87,14 @@ def schema(terminal: Terminal) -> int:
 
 
 class Format(StrEnum):
-    """Formats of a figure."""
+    """Formats of figures, and of the animation."""
 
     SVG = "svg"
     PNG = "png"
     PDF = "pdf"
+    HTML = "html"
+    GIF = "gif"
+    MP4 = "mp4"
 
 
 def plot(
@@ -105,7 +108,13 @@ def plot(
             help="Name of a figure; repeat it for several. By default all that show something.",
         ),
     ] = None,
-    formats: Annotated[list[Format] | None, typer.Option("--format", help="By default svg and png.")] = None,
+    formats: Annotated[
+        list[Format] | None,
+        typer.Option(
+            "--format",
+            help="By default svg and png, and html for the animation; gif and mp4 show the animation alone.",
+        ),
+    ] = None,
     changes: SetOption = None,
     output: Annotated[
         Path | None,

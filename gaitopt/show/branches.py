@@ -188,8 +188,8 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
 
 def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
     """Multipliers of one or several gaits by name."""
-    figure, handles, reach = _plane()
-    axes = figure.axes[0]
+    figure, axes, handles = _plane()
+    reach = SMALLEST_REACH
     for k, (name, values) in enumerate(named.items()):
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         stable = bool(np.abs(values).max(initial=0.0) < 1)
@@ -216,8 +216,8 @@ def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
     records = parameter.shown(records)
     points = [record for record in records if record["record"] == "point"]
     specials = [record for record in records if record["record"] == "special" and record["type"] in CROSSINGS]
-    figure, handles, reach = _plane()
-    axes = figure.axes[0]
+    figure, axes, handles = _plane()
+    reach = SMALLEST_REACH
     texts = dict[complex, list[str]]()
     for special in specials:
         multipliers = multipliers_of(special["gait"]) if special.get("gait") else np.empty(0, complex)
@@ -243,8 +243,8 @@ def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
     return figure
 
 
-def _plane() -> tuple[Figure, list[Line2D], float]:
-    """A figure with the unit circle, its legend entry, and the smallest half width."""
+def _plane() -> tuple[Figure, Axes, list[Line2D]]:
+    """A figure with the unit circle, its axes and its legend entry."""
     figure, (axes,) = panels(height=5.2)
     turn = np.linspace(0, 2 * np.pi, 361)
     axes.plot(np.cos(turn), np.sin(turn), color=NEUTRAL, linewidth=1.0)
@@ -253,7 +253,7 @@ def _plane() -> tuple[Figure, list[Line2D], float]:
     axes.set_box_aspect(1)
     axes.set_xlabel("real part of λ")
     axes.set_ylabel("imaginary part of λ")
-    return figure, [entry("unit circle", linewidth=1.0)], SMALLEST_REACH
+    return figure, axes, [entry("unit circle", linewidth=1.0)]
 
 
 def _reach(values: Multipliers) -> float:

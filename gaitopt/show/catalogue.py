@@ -22,6 +22,7 @@ from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_param
 from gaitopt.show.gaits import foot_slip, force_ratio, method_comparison, phase_portrait, section_states, torques
 from gaitopt.show.grids import basin, front_figure, sweep
 from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
+from gaitopt.show.movie import movie
 from gaitopt.show.pages import animation_page
 from gaitopt.show.programs import jacobian_pattern
 from gaitopt.show.style import Parameter, parameter_of
@@ -30,6 +31,8 @@ from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
 
+PAGE = "html"
+"""Format of an animation with controls."""
 DRAWN_AXES = 2
 """Largest number of keys of a sweep or basin that can be drawn."""
 
@@ -44,14 +47,14 @@ class Figures:
     names : of all figures.
     usual : of those that show something of this result; the first one represents it.
     stem : of the files, if it is not the name of the figure.
-    animation : returns the page of the moving walker; None where nothing moves.
+    animation : returns the moving walker as a file of a format: ``html``, ``gif`` or ``mp4``; None if nothing moves.
     """
 
     draw: Callable[[str], Figure]
     names: tuple[str, ...]
     usual: tuple[str, ...]
     stem: str = ""
-    animation: Callable[[], str] | None = None
+    animation: Callable[[str], bytes] | None = None
 
 
 MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
@@ -139,7 +142,7 @@ def _(result: Walk) -> Figures:
         ),
         names=WALK_FIGURES,
         usual=("section", "portrait"),
-        animation=lambda: animation_page(motion_of_walk(result), result.trajectory.message),
+        animation=lambda extension: _animation(motion_of_walk(result), result.trajectory.message, extension),
     )
 
 
@@ -195,8 +198,12 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
         draw=draw,
         names=(*GAIT_FIGURES, *(f"{OVER}{name}" for name in common)),
         usual=tuple(name for name in GAIT_FIGURES if name not in empty),
-        animation=(lambda: animation_page(motion_of(first), first.problem.about)) if alone else None,
+        animation=(lambda extension: _animation(motion_of(first), first.problem.about, extension)) if alone else None,
     )
+
+
+def _animation(motion: Motion, about: str, extension: str) -> bytes:
+    return animation_page(motion, about).encode() if extension == PAGE else movie(motion, extension)
 
 
 def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) -> Figures:

@@ -8,6 +8,7 @@ folder has the same figure.
 
 from collections.abc import Sequence
 from itertools import cycle, pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -47,8 +48,8 @@ from gaitopt.show.style import (
 )
 from gaitopt.verification.walk import Walk
 
-OUTSIDE = "#f1ece4"
-"""Colour of the region beyond the friction cone."""
+OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "none"}
+"""Look of the region beyond the friction cone, on any background."""
 CONE_ROOM = 1.35
 """Half height of the axes relative to the coefficient of friction."""
 VISIBLE = 1e-6
@@ -82,7 +83,7 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
                 force = observe(arc).force[:, 1] / weight
                 panel.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
             panel.set_ylabel("normal force / weight\n$f_n/(m g)$")
-    figure.axes[-1].set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
+    [axes, *normal][-1].set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
     modes = [mode for motion in motions for mode in motion.modes]
@@ -179,8 +180,8 @@ def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
     axes.set_ylim(-reach, reach)
     if len(frictions) == 1 and entries:
         for low, high in ((-reach, -frictions[0]), (frictions[0], reach)):
-            axes.axhspan(low, high, color=OUTSIDE, zorder=-1, linewidth=0)
-        entries.append(Patch(color=OUTSIDE, label="beyond friction"))
+            axes.axhspan(low, high, zorder=-1, **OUTSIDE)
+        entries.append(Patch(label="beyond friction", **OUTSIDE))
     return entries
 
 

@@ -7,6 +7,7 @@ is dashed. Figures are built without pyplot, which would need a window system an
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from io import BytesIO
 from math import degrees
@@ -33,8 +34,8 @@ MODE_COLOURS = {
     Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
 }  # fmt: skip
 MODE_WORDS = {mode: mode.replace("_", " ") for mode in MODE_COLOURS}
-NEUTRAL = "#4d4d4d"
-"""Colour of legend entries that stand for all curves."""
+NEUTRAL = "#757575"
+"""Colour of legend entries that stand for all curves; it stands out from white as from black."""
 SLIP_DASHES, FLIGHT_DOTS = (0, (3.5, 1.8)), (0, (1, 1.6))
 JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 """Line of a jump at the impact."""
@@ -68,20 +69,54 @@ GREEK = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _STYLING = threading.RLock()
 """Held while Matplotlib has the settings of ``STYLE``, which are those of the whole process."""
+_AXES: ContextVar[tuple[Axes, ...] | None] = ContextVar("axes", default=None)
+"""The axes into which figures are drawn; None if they have their own."""
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+STILL = tuple(_NO_DATE)
+"""Formats of a figure."""
 
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Settings of Matplotlib with which gaitopt draws, within the block; one thread at a time."""
-    with _STYLING, mpl.rc_context(STYLE):
+    """Settings of Matplotlib with which gaitopt draws, within the block; one thread at a time.
+
+    What the reader's style sheet sets stays as it is, and so does everything in axes that the reader has made.
+    """
+    with _STYLING:
+        ours = {k: v for k, v in STYLE.items() if mpl.rcParams[k] == mpl.rcParamsDefault[k] and _AXES.get() is None}
+        with mpl.rc_context(ours):
+            yield
+
+
+@contextmanager
+def drawing_into(axes: Axes | Sequence[Axes] | None) -> Iterator[None]:
+    """Draw the next figure into given axes rather than a figure of its own, within the block."""
+    given = None if axes is None else (axes,) if isinstance(axes, Axes) else tuple(axes)
+    token = _AXES.set(given)
+    try:
         yield
+    finally:
+        _AXES.reset(token)
 
 
 def panels(
     rows: int = 1, *, heights: Sequence[float] | None = None, height: float = HEIGHT
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with panels one above the other that share their horizontal axis."""
+    """A figure with panels one above the other that share their horizontal axis; or the axes of ``drawing_into``.
+
+    Raises
+    ------
+    ValueError
+        If these are more or fewer.
+    """
+    given = _AXES.get()
+    if given is not None:
+        if len(given) != rows:
+            remedy = "ax=axes" if rows == 1 else f"ax=plt.subplots({rows}, 1, sharex=True)[1]"
+            raise ValueError(f"this figure has {rows} panel{'s' * (rows > 1)}, not {len(given)}: give {remedy}")
+        figure = given[0].get_figure(root=True)
+        assert figure is not None, "axes that were removed from their figure"
+        return figure, list(given)
     with figure_style():
         figure = Figure(figsize=(WIDTH, height))
         FigureCanvasAgg(figure)
@@ -130,6 +165,10 @@ def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
     """Add a legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows."""
+    given = _AXES.get()
+    if given is not None:
+        given[-1].legend(handles=list(handles), fontsize="small")
+        return
     for handle in handles:
         handle.set_label(fill(str(handle.get_label()), LEGEND_CHARACTERS - LEGEND_LINE))
     lines = [str(handle.get_label()).split("\n") for handle in handles]

@@ -42,7 +42,7 @@ def test_the_numbers_are_those_of_the_gait(written):
     (shown,) = data_of(written["gait"])["gaits"]
     record = gait("compass-passive-a").to_record()
     for key, value in shown["scalars"].items():
-        assert value == pytest.approx(record[key], rel=1e-8)
+        assert value == (None if record[key] is None else pytest.approx(record[key], rel=1e-8))
     assert {"period", "speed", "spectral_radius", "impulse_ratio"} <= shown["scalars"].keys()
     assert shown["state"].keys() == record["state"].keys()
 

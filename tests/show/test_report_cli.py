@@ -50,7 +50,7 @@ def test_gaits_in_one_picture_go_to_a_folder_of_their_own(tmp_path, capsys):
     assert (tmp_path / "comparison" / "portrait.png").is_file()
 
 
-@pytest.mark.parametrize("arguments", [("--what", "nonsense"), ("--format", "gif")])
+@pytest.mark.parametrize("arguments", [("--what", "nonsense"), ("--format", "avi")])
 def test_unknown_figures_and_formats_are_named(arguments, capsys):
     assert main(["plot", PROBLEM, "--quiet", *arguments]) == 2
     assert arguments[1] in capsys.readouterr().err

@@ -1,0 +1,128 @@
+"""The moving walker as a GIF or an MP4, in real time; the picture follows the walker along the slope.
+
+A gait is shown over one cycle, which repeats without a jump: the marks on the ground are apart by a part of its length.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import ceil, cos, degrees, sin
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from matplotlib.animation import FFMpegWriter, PillowWriter
+from matplotlib.axes import Axes
+
+from gaitopt.arrays import Array
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait import curves
+from gaitopt.show.film import Skeleton, skeleton, slope
+from gaitopt.show.motion import Motion, with_start_times
+from gaitopt.show.style import COLOURS, MODE_WORDS, NEUTRAL, figure_style, panels
+
+MOVIES = ("gif", "mp4")
+"""Formats of a movie."""
+RATE = 25
+"""Pictures per second; a GIF counts hundredths of a second, of which this is four."""
+DPI, HEIGHT = 100, 4.0
+"""Resolution [dots per inch] and height [inch] of a picture."""
+MARKS = 6
+"""Marks on the ground per cycle."""
+ROOM = 0.15
+"""Room above and below the walker, relative to its height."""
+LARGEST_DISC = 0.07
+"""Radius of a disc with the whole mass, relative to the height of the picture; its area is the share of the mass."""
+
+
+def movie(motion: Motion, extension: str) -> bytes:
+    """The file of a movie.
+
+    Parameters
+    ----------
+    extension : of ``MOVIES``.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no program that writes it.
+    """
+    if extension == "mp4" and not FFMpegWriter.isAvailable():
+        words = "an MP4 is written by the program ffmpeg, which is not on the PATH"
+        raise UnknownNameError(f"{words}: install ffmpeg, or write a GIF or a page (.gif, .html)")
+    frames = list(_frames(motion))
+    heights = np.concatenate([drawing.points[:, :, 1].ravel() for _, drawing, _, _ in frames])
+    length = sum(step.impact.step_length for step in motion.steps if step.impact is not None)
+    figure, (axes,) = panels(height=HEIGHT)
+    size = float(np.ptp(heights)) * (1 + 2 * ROOM)
+    width = size * figure.get_figwidth() / HEIGHT
+    writer = PillowWriter(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE)
+    with TemporaryDirectory() as folder, figure_style():
+        path = Path(folder) / f"movie.{extension}"
+        axes.set_position((0, 0, 1, 1))
+        figure.set_layout_engine("none")
+        with writer.saving(figure, str(path), DPI):
+            for place, drawing, origin, words in frames:
+                axes.clear()
+                axes.set_axis_off()
+                axes.set_aspect("equal")
+                low = float(heights.min()) - ROOM * size
+                axes.set(xlim=(-width / 2, width / 2), ylim=(low, low + size))
+                _draw(axes, motion, drawing, origin - place)
+                spacing = abs(length) / MARKS or width / MARKS
+                _draw_ground(axes, motion, place, spacing, width)
+                axes.text(0.02, 0.97, words, transform=axes.transAxes, va="top", color=NEUTRAL)
+                writer.grab_frame()
+        return path.read_bytes()
+
+
+def _frames(motion: Motion) -> Iterator[tuple[float, Skeleton, float, str]]:
+    """Place of the picture, drawing at one time, place of the stance foot's origin, and words, frame by frame."""
+    count = max(ceil(motion.period * RATE), 2)
+    times = np.arange(count) * motion.period / count  # so many that the last is one before the first
+    origin = 0.0
+    for began, step in with_start_times(motion.steps):
+        length = 0.0 if step.impact is None else step.impact.step_length
+        for arc in step.arcs:
+            inside = times[(times >= began + arc.start) & (times < began + arc.end)] - began
+            if not inside.size:
+                continue
+            s = 2 * (inside - arc.start) / arc.duration - 1
+            states = np.asarray(curves.evaluate(curves.coefficients(arc.states), s))
+            drawn = skeleton([replace(arc, times=inside, states=states)])
+            mode = MODE_WORDS.get(arc.mode.contact, str(arc.mode))
+            for k, time in enumerate(inside):
+                here = replace(drawn, points=drawn.points[k : k + 1])
+                yield origin + length * float(time) / step.period, here, origin, mode
+        origin += length
+
+
+def _turned(motion: Motion, points: Array) -> Array:
+    """Points in slope coordinates, seen by someone who stands upright; shape (..., 2)."""
+    angle = slope(motion)
+    return np.asarray(points @ np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]]))
+
+
+def _draw(axes: Axes, motion: Motion, drawing: Skeleton, shift: float) -> None:
+    points = _turned(motion, drawing.points[0] + [shift, 0.0])
+    for number, (a, b) in reversed([*enumerate(drawing.legs)]):
+        colour = COLOURS[0] if number == 0 else NEUTRAL
+        axes.plot(*points[[a, b]].T, color=colour, linewidth=3, solid_capstyle="round")
+    for a, b in drawing.ties:
+        axes.plot(*points[[a, b]].T, color=NEUTRAL, linewidth=1)
+    for point, share in drawing.discs:
+        size = 2 * 72 * HEIGHT * LARGEST_DISC * np.sqrt(share)
+        axes.plot(*points[point], "o", color=NEUTRAL, markersize=size)
+
+
+def _draw_ground(axes: Axes, motion: Motion, place: float, spacing: float, width: float) -> None:
+    """The ground with its marks, which stay where they are."""
+    ends = _turned(motion, np.array([[-width, 0.0], [width, 0.0]]))
+    axes.plot(*ends.T, color="black", linewidth=1)
+    first = ceil((place - width) / spacing)
+    for number in range(first, first + ceil(2 * width / spacing)):
+        x = number * spacing - place
+        mark = _turned(motion, np.array([[x, 0.0], [x - 0.02 * width, -0.02 * width]]))
+        axes.plot(*mark.T, color="black", linewidth=1)
+    words = f"{degrees(slope(motion)):.3g}°"
+    if slope(motion):
+        axes.text(0.98, 0.97, words, transform=axes.transAxes, va="top", ha="right", color=NEUTRAL)

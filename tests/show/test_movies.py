@@ -1,0 +1,99 @@
+"""Movies of moving walkers, and figures in the axes and the style of the reader."""
+
+from math import ceil
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from named import named
+from PIL import Image, ImageSequence
+
+from gaitopt.cli.main import main
+from gaitopt.errors import UnknownNameError
+from gaitopt.show import movie
+from gaitopt.show.movie import RATE
+
+WHEEL = "rimless-wheel-slip"
+
+
+def pictures(path):
+    with Image.open(path) as file:
+        return [np.asarray(frame.convert("L"), dtype=float) for frame in ImageSequence.Iterator(file)]
+
+
+def test_a_gif_shows_one_cycle_in_real_time_and_repeats(tmp_path):
+    gait = named(WHEEL)
+    path = gait.animate().save(tmp_path / "walk.gif")
+    with Image.open(path) as file:
+        assert file.format == "GIF"
+        assert file.info["loop"] == 0
+        assert file.info["duration"] == 1000 / RATE
+    frames = pictures(path)
+    assert len(frames) == ceil(gait.period * RATE)
+    apart = [np.abs(one - frames[0]).mean() for one in frames]
+    assert min(apart[1:]) > 0.1  # the walker moves
+    assert apart[-1] < 2 * apart[1]  # and comes back, as the next picture is the first one
+
+
+def test_an_ending_that_is_not_written_is_an_error(tmp_path, monkeypatch):
+    gait = named(WHEEL)
+    monkeypatch.setattr(movie.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    for name, words in (
+        ("walk.avi", "is written as .html, .gif, .mp4"),
+        ("walk", "is written as"),
+        ("w.mp4", "ffmpeg"),
+    ):
+        with pytest.raises(UnknownNameError, match=words):
+            gait.animate().save(tmp_path / name)
+    with pytest.raises(UnknownNameError, match=r"report of .* is written as \.html$"):
+        gait.report().save(tmp_path / "report.gif")
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.skipif(not movie.FFMpegWriter.isAvailable(), reason="needs ffmpeg")
+def test_an_mp4_is_one(tmp_path):
+    assert b"ftypisom" in named(WHEEL).animate().save(tmp_path / "walk.mp4").read_bytes()[:32]
+
+
+def test_plot_writes_the_animation_alone_in_a_moving_format(tmp_path, monkeypatch, capsys):
+    named(WHEEL).save(tmp_path / "run")
+    monkeypatch.chdir(tmp_path)
+    assert main(["plot", "run", "--format", "gif", "-o", "figures", "--quiet"]) == 0
+    assert capsys.readouterr().out.split() == ["figures/animation.gif"]
+    assert main(["plot", "run", "--format", "gif", "--what", "portrait", "-o", "figures", "--quiet"]) == 2
+    assert "portrait does not move; choose from svg, pdf, png" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("what", ["portrait", "force", "slip", "multipliers"])
+def test_a_figure_is_drawn_into_given_axes_and_nowhere_else(what):
+    figure, (first, second) = plt.subplots(1, 2)
+    try:
+        assert named("compass-passive-a").plot(what, ax=second) is second
+        assert second.has_data()
+        assert second.get_legend() is not None
+        assert not first.has_data()
+        assert figure.axes == [first, second]
+    finally:
+        plt.close(figure)
+
+
+def test_a_figure_with_several_panels_asks_for_as_many_axes():
+    figure, axes = plt.subplots(3, 1)
+    try:
+        with pytest.raises(ValueError, match=r"this figure has 2 panels, not 1: give ax=plt.subplots\(2, 1"):
+            named("slip-run").plot("force", ax=axes[0])
+        assert named("slip-run").plot("force", ax=axes[:2]) is axes[0]
+        assert not axes[2].has_data()
+    finally:
+        plt.close(figure)
+
+
+def test_figures_follow_the_style_sheet_of_the_reader():
+    gait = named(WHEEL)
+    with plt.style.context({"axes.facecolor": "black", "axes.grid": False, "font.size": 17}):
+        own = gait.plot("force")
+        assert own.get_facecolor()[:3] == (0, 0, 0)
+        assert own.xaxis.label.get_size() == 17
+    ours = gait.plot("force")
+    assert ours.xaxis.label.get_size() == 10
+    assert ours.get_facecolor()[:3] == (1, 1, 1)
