@@ -406,7 +406,7 @@ def _guessed(point: float | FreePoint, value: float | None) -> object:
     return {"free": list(point.free), "guess": guess}
 
 
-def _point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
+def point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
     """Bounds and guess of an unknown that contradict each other."""
     if not isinstance(point, FreePoint):
         return
@@ -457,12 +457,17 @@ class BezierReference(BaseModel, Target):
             if len(points) < 2:
                 yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
             for k, point in enumerate(points):
-                yield from ((("bezier", name, k, *path), words) for path, words in _point_faults(point))
+                yield from ((("bezier", name, k, *path), words) for path, words in point_faults(point))
 
-    def curves(self, p: SimpleNamespace, joints: Sequence[str], s: SX) -> SX:
-        """The curves of some joints at the phase ``s``, from 0 to 1 along the span; shape (n,)."""
-        points = (getattr(p, joint) for joint in joints)
-        return vertcat(*(dot(c, _bernstein(c.numel() - 1, s)) for c in points))
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that have a curve."""
+        return tuple(self.bezier)
+
+    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
+        """The curves of some angles at a phase, shape (n,); ``span`` is the phase at both ends."""
+        s = (phase - span[0]) / (span[1] - span[0])
+        return vertcat(*(_bezier(getattr(p, name), s) for name in names))
 
     def _points(self) -> Iterator[tuple[str, float | FreePoint]]:
         for name, row in self.bezier.items():
@@ -474,6 +479,11 @@ def control_points(phases: Array, angles: Array, degree: int) -> Array:
     k = np.arange(degree + 1)
     basis = np.array([comb(degree, j) for j in k]) * phases[:, None] ** k * (1 - phases[:, None]) ** (degree - k)
     return np.asarray(np.linalg.lstsq(basis, angles.T, rcond=None)[0].T, dtype=float)
+
+
+def _bezier(points: SX, s: SX) -> SX:
+    """The curve of some control points at ``s``."""
+    return dot(points, _bernstein(points.numel() - 1, s))
 
 
 def _bernstein(degree: int, s: SX) -> SX:
@@ -542,7 +552,7 @@ class GivenCurves(BaseModel, Target):
         points = self.points(p, joints)
 
         def curve(s: SX, rate: Any) -> tuple[SX, SX]:
-            angles = (dot(c, _bernstein(c.numel() - 1, s)) for c in points)
+            angles = (_bezier(c, s) for c in points)
             slopes = (
                 (c.numel() - 1) * rate * dot(c[1:] - c[:-1], _bernstein(c.numel() - 2, s)) for c in points
             )  # d/dt, by ds/dt
@@ -727,8 +737,10 @@ def _check_table(table: Table) -> Table:
     return table
 
 
-class TableReference(GivenCurves):
-    """A table of angles, in a file or as columns, over the clock or over a phase variable."""
+class TableCurves(BaseModel, Target):
+    """Polynomials that are closest to the rows of a table, over a phase variable."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     table: Annotated[
         Table,
@@ -752,10 +764,42 @@ class TableReference(GivenCurves):
     ] = None
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that have a column."""
+        return tuple(self.table.columns)[1:]
+
+    @property
     def domain(self) -> tuple[float, float]:
         """First and last entry of the first column."""
         first = next(iter(self.table.columns.values()))
         return float(first[0]), float(first[-1])
+
+    @property
+    def fitted(self) -> Mapping[str, Array]:
+        """Control points of the Bezier curves of this degree that are closest to the rows, by joint."""
+        assert self.degree is not None
+        columns, (start, end) = self.table.columns, self.domain
+        phase, *angles = columns.values()
+        rows = control_points((phase - start) / (end - start), np.array(angles), self.degree)
+        return dict(zip([*columns][1:], rows, strict=True))
+
+    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
+        """The polynomials of some angles at a phase, shape (n,); the table has a span of its own."""
+        (start, end), fitted = self.domain, self.fitted
+        return vertcat(*(_bezier(SX(fitted[name]), (phase - start) / (end - start)) for name in names))
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """A degree that is missing or too large for the rows."""
+        rows = len(next(iter(self.table.columns.values())))
+        if self.degree is None:
+            words = "a spline over a phase variable would have kinks at states: give degree: 6, or another number"
+            yield ("degree",), f"is missing: {words}"
+        elif self.degree >= rows:
+            yield ("degree",), f"{self.degree} is too large: {rows} rows determine at most {rows - 1}"
+
+
+class TableReference(TableCurves, GivenCurves):
+    """A table of angles, in a file or as columns, over the clock or over a phase variable."""
 
     @property
     def spline(self) -> Reference:
@@ -773,16 +817,7 @@ class TableReference(GivenCurves):
 
     def followers(self, walker: "WalkerType") -> tuple[str, ...]:
         """Those that have a column."""
-        return tuple(self.table.columns)[1:]
-
-    @property
-    def fitted(self) -> Mapping[str, Array]:
-        """Control points of the Bezier curves of this degree that are closest to the rows, by joint."""
-        assert self.degree is not None
-        columns, (start, end) = self.table.columns, self.domain
-        phase, *angles = columns.values()
-        rows = control_points((phase - start) / (end - start), np.array(angles), self.degree)
-        return dict(zip([*columns][1:], rows, strict=True))
+        return self.names
 
     def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
         """Those that fit the rows."""
@@ -811,12 +846,9 @@ class TableReference(GivenCurves):
         elif not self.phase_variable and (argument[0] != 0 or argument[-1] < 0):
             words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
             yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
-        if self.degree is not None and self.degree >= len(argument):
-            yield ("degree",), f"{self.degree} is too large: {len(argument)} rows determine at most {len(argument) - 1}"
-        elif self.degree is None and self.phase_variable:
-            words = "a spline over a phase variable would have kinks at states: give degree: 6, or another number"
-            yield ("degree",), f"is missing: {words}"
-        elif self.degree is None and len(argument) > MOST_KNOTS:
+        if self.phase_variable or self.degree is not None:
+            yield from super().faults(walker)
+        elif len(argument) > MOST_KNOTS:
             words = f"a spline through {len(argument)} rows divides the motion at each; {MOST_KNOTS} are the most"
             yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
         for name, column in angles:
@@ -1013,7 +1045,7 @@ class ConstantReference(BaseModel, Target):
         """Joints that the walker does not track, angles that it never reaches, and bounds that contradict the guess."""
         for joint, point in self.constant.items():
             values = point.free if isinstance(point, FreePoint) else (point,)
-            yield from ((("constant", joint, *path), words) for path, words in _point_faults(point))
+            yield from ((("constant", joint, *path), words) for path, words in point_faults(point))
             if joint not in walker.tracked:
                 yield ("constant", joint), untracked(walker)
                 continue
@@ -1021,6 +1053,15 @@ class ConstantReference(BaseModel, Target):
                 if joint not in walker.lengths and abs(value) > walker.largest_angle:
                     words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
                     yield ("constant", joint), f"{value:g} is impossible: {words}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that are given."""
+        return tuple(self.constant)
+
+    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
+        """The constants of some angles, shape (n,)."""
+        return vertcat(*(getattr(p.constant, name) for name in names))
 
     def _points(self) -> Iterator[tuple[str, float | FreePoint]]:
         yield from ((f"constant.{joint}", point) for joint, point in self.constant.items())
@@ -1042,22 +1083,42 @@ FORMS = {
 """Kinds of references by their first key, each with an example."""
 
 
-def _read(value: Any, handler: ValidatorFunctionWrapHandler) -> Target:
-    """The target that a file describes, by its keys; a target itself is taken as it is."""
-    if isinstance(value, Target):
-        return value
-    kinds = [key for key in FORMS if key in value] if isinstance(value, Mapping) else []
-    if len(kinds) != 1:
-        given = f"has both {' and '.join(kinds)}" if kinds else "does not say what to follow"
-        forms = " or ".join(f"{{{form}}}" for _, form in FORMS.values())
-        raise ValueError(f"{given}: give one of {forms}")
-    kind: Any = FORMS[kinds[0]][0]
-    unknown = [str(key) for key in value if key not in kind.model_fields]
-    if unknown:
-        words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kinds[0]}"
-        raise ValueError(f"{words}, which has the keys {', '.join(kind.model_fields)}: {{{FORMS[kinds[0]][1]}}}")
-    validated: Target = kind.model_validate(value)
-    return validated
+class ConstantCurves(ConstantReference):
+    """Constants for angles that need not be tracked joints."""
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Bounds of unknowns that contradict their guess."""
+        for name, point in self.constant.items():
+            yield from ((("constant", name, *path), words) for path, words in point_faults(point))
+
+
+PHASE_FORMS = {
+    "bezier": (BezierReference, "bezier: {ANGLE: [0, 0.1, 0.2]}"),
+    "constant": (ConstantCurves, "constant: {ANGLE: 10 deg}"),
+    "table": (TableCurves, "table: file.csv, degree: 6"),
+}
+"""Kinds of curves over a phase variable, each with an example."""
+
+
+def _reader(forms: Mapping[str, tuple[type[BaseModel], str]]) -> WrapValidator:
+    """A validator that reads the target that a file describes, by its keys; a target itself is taken as it is."""
+
+    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        if isinstance(value, Target):
+            return value
+        kinds = [key for key in forms if key in value] if isinstance(value, Mapping) else []
+        if len(kinds) != 1:
+            given = f"has both {' and '.join(kinds)}" if kinds else "does not say what to follow"
+            words = " or ".join(f"{{{form}}}" for _, form in forms.values())
+            raise ValueError(f"{given}: give one of {words}")
+        kind, form = forms[kinds[0]]
+        unknown = [str(key) for key in value if key not in kind.model_fields]
+        if unknown:
+            words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kinds[0]}"
+            raise ValueError(f"{words}, which has the keys {', '.join(kind.model_fields)}: {{{form}}}")
+        return kind.model_validate(value)
+
+    return WrapValidator(read)
 
 
 Followed = Annotated[
@@ -1068,6 +1129,8 @@ Followed = Annotated[
     | TableReference
     | SkipJsonSchema[InstanceOf[Reference]]
     | SkipJsonSchema[InstanceOf[BezierCurve]],
-    WrapValidator(_read),
+    _reader(FORMS),
 ]
 """Type of the key ``reference``: what a file may say, or a motion that is ready for use."""
+OverPhase = Annotated[BezierReference | ConstantCurves | TableCurves, _reader(PHASE_FORMS)]
+"""Type of the key ``reference`` of curves over a phase variable."""

@@ -3,8 +3,8 @@
     y = h(q) - h_d(s),    s = (phi(q) - s0) / (s1 - s0)
 
 with the angles h of some joints or motors, a phase variable phi that is monotone along a step, and Bezier curves h_d,
-which continue as polynomials outside of the span from s0 to s1. With shape accelerations ddq = drift + response u, for
-a foot that is held or in the actual mode, and J = dy/dq, the law is
+which continue as polynomials outside of the span from s0 to s1; or constants, or polynomials that fit a table. With
+shape accelerations ddq = drift + response u, for a foot that is held or in the actual mode, and J = dy/dq, the law is
 
     linearising    u = (J response)^-1 (-J drift - dJ/dt dq - kp y - kd dy),    so that ddy + kd dy + kp y = 0
     pd             u = -kp y - kd dy
@@ -25,7 +25,7 @@ from casadi import SX, jacobian, jtimes, solve, vertcat, vertsplit
 from pydantic import Field
 
 from gaitopt.model.control import Control, Instant
-from gaitopt.model.reference import BezierReference, Path
+from gaitopt.model.reference import OverPhase, Path, TableCurves
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType
 
@@ -63,7 +63,7 @@ class VirtualConstraints(Control):
         tuple[Angle, ...],
         Field(min_length=2, max_length=2, description="phase variable at the start and the end of the curves"),
     ]
-    reference: Annotated[BezierReference, Field(description="curves of the outputs over the phase")]
+    reference: Annotated[OverPhase, Field(description="curves of the outputs over the phase")]
     law: Annotated[
         Law,
         Field(
@@ -127,9 +127,15 @@ class VirtualConstraints(Control):
             yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; it has {', '.join(angles)}"
         if self.span[0] == self.span[1]:
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
-        if {*self.reference.bezier} != {*self.outputs}:
-            given = ", ".join(self.reference.bezier) or "no output"
-            yield ("reference", "bezier"), f"has curves of {given}; the outputs are {', '.join(self.outputs)}"
+        if {*self.reference.names} != {*self.outputs}:
+            given, kind = ", ".join(self.reference.names) or "no output", next(iter(type(self.reference).model_fields))
+            yield ("reference", kind), f"has curves of {given}; the outputs are {', '.join(self.outputs)}"
+        if (
+            isinstance(self.reference, TableCurves)
+            and (first := next(iter(self.reference.table.columns))) != self.phase
+        ):
+            words = f"its first column is {first}, but must be the phase variable {self.phase}"
+            yield ("reference", "table"), f"{self.reference.table.file}: {words}"
         for name in sorted({*GAINS} ^ {*self.gains}):
             yield ("gains", name), "is missing" if name in GAINS else f"unknown key; allowed: {', '.join(GAINS)}"
         for k, name in enumerate(self.motors or ()):
@@ -163,8 +169,9 @@ class VirtualConstraints(Control):
         """Outputs y and their derivative by the shape."""
         walker, motors = now.robot.walker, now.robot.mechanism.motors
         angles = dict(zip(walker.actuators, motors, strict=True)) | vars(now.s)
-        s = (angles[self.phase] - self.span[0]) / (self.span[1] - self.span[0])
-        y = vertcat(*(angles[name] for name in self.outputs)) - self.reference.curves(now.p.reference, self.outputs, s)
+        span = (self.span[0], self.span[1])
+        curves = self.reference.curves(now.p.reference, self.outputs, angles[self.phase], span)
+        y = vertcat(*(angles[name] for name in self.outputs)) - curves
         return y, jacobian(y, now.robot.q[: len(walker.shape)])
 
     def _decoupling(self, now: Instant, J: SX) -> SX:

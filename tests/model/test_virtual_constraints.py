@@ -19,6 +19,7 @@ from gaitopt.verification.verify import zero_dynamics_claims
 NAME = "compass-virtual-constraint"
 L, M_LEG, COM, M_HIP, G = 1.6, 4.0, 0.8, 2.0, 9.8
 POINTS = np.array([-0.1, -0.12706416905448156, -0.045, 0.419, 0.156, 0.139, 0.1])
+TABLE = {"theta1": [-0.1, 0.1], "theta2": [-0.1, 0.1]}
 END, KP, KD = 0.1, 36.0, 12.0
 COUPLING = M_LEG * L * (L - COM)
 ALONG = np.array([1.0, -1.0])  # both legs turn about the foot as one body: the hip motor has no part in it
@@ -278,6 +279,45 @@ def test_a_phase_that_is_not_monotone_is_named_with_its_time():
     assert "the phase variable theta2 is not monotone: it turns back 0.0" in gait.message
 
 
+def test_a_table_of_the_curve_gives_its_gait():
+    """A polynomial of degree 6 is determined by 15 of its values; the table has a span of its own."""
+    gait = named(NAME)
+    s = np.linspace(0.1, 0.9, 15)
+    table = {"theta1": -0.1 + 0.2 * s, "theta2": [bezier(POINTS, x) for x in s]}
+    other = go.solve(gait.problem.replace({"control.reference": {"table": table, "degree": 6}}))
+    assert other.period == pytest.approx(gait.period, abs=1e-9)
+    assert other.multipliers == pytest.approx(gait.multipliers, abs=1e-8)
+    assert other.constraints.delta_squared == pytest.approx(gait.constraints.delta_squared, abs=1e-8)
+
+
+def test_constants_need_no_tracked_joint():
+    """y = q - c; a pd law does what the law ``pd`` does with the same constants."""
+    dynamics = dynamics_of({"control.outputs": ["hip"], "control.reference": {"constant": {"hip": 0.1}}})
+    z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
+    known = dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])
+    assert float(known["outputs"]) == pytest.approx(0.15 + 0.3 - 0.1, rel=1e-12)
+    constant = {"reference": {"constant": {"theta2": "5 deg"}}}
+    gains = {"kp": 40, "kd": 3}
+    mine = dynamics_of({"control.law": "pd", "control.gains": gains, "control.reference": constant["reference"]})
+    other = dynamics_of({"control": {"type": "pd", **gains, **constant}})
+    torques = [np.asarray(d.system.observation(Mode.STICK)(0, z, d.p, [])[1]).ravel() for d in (mine, other)]
+    assert torques[0] == pytest.approx(torques[1], rel=1e-12)
+
+
+def test_gains_and_constants_may_be_unknowns():
+    gain, angle = {"free": [10, 50], "guess": 36}, {"free": [0, 0.2], "guess": 0.1}
+    changes = {"control.gains.kp": gain, "control.reference": {"constant": {"theta2": angle}}, "objective": "work"}
+    problem = go.load_problem(NAME).replace(changes)
+    assert problem.parameters["control.gains.kp"] == 36
+    assert problem.parameters["control.reference.constant.theta2"] == 0.1
+    assert [*problem.free] == ["control.gains.kp"]
+    assert problem.control.unknowns(type(problem.walker)) == {"reference.constant.theta2": (0, 0.2)}
+    best = go.solve(go.load_problem(NAME).replace({"control.gains.kp": gain, "objective": "spectral_radius"}))
+    assert best.converged
+    assert best.freed["control.gains.kp"] != 36
+    assert go.verify(best).passed
+
+
 def test_a_singular_decoupling_matrix_is_named():
     changes = {
         "control.outputs": ["theta2", "hip"],
@@ -306,6 +346,21 @@ def test_a_singular_decoupling_matrix_is_named():
         ({"control.motors": ["ankle", "hip"]}, "one of ankle, hip for each of theta2: 2 given for 1 outputs"),
         ({"control.reference": {"bezier": {"theta1": [0, 1]}}}, "has curves of theta1; the outputs are theta2"),
         ({"control.reference": {"bezier": {"theta2": [0]}}}, "has 1 control points, must have at least 2"),
+        (
+            {"control.reference": {"gait": "compass-passive-b"}},
+            r"give one of \{bezier: .* or \{table: file",
+        ),
+        ({"control.reference": {"constant": {"hip": 0}}}, "has curves of hip; the outputs are theta2"),
+        ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline over a phase variable would have"),
+        ({"control.reference": {"table": TABLE, "degree": 2}}, "2 is too large: 2 rows determine at most 1"),
+        (
+            {"control.reference": {"table": {**TABLE, "hip": [0, 1]}, "degree": 1}},
+            "has curves of theta2, hip; the outp",
+        ),
+        (
+            {"control.reference": {"table": {"t": [0, 1], "theta2": [0, 1]}, "degree": 1}},
+            "its first column is t, but",
+        ),
         ({"control.reference.theta2.7": 0.1}, "has no such entry: name one of 0 to 6"),
         ({"control.reference.theta2.6": "wide"}, r"bezier.theta2\[6\]: write an angle as a number in rad"),
         ({"control.reference.theta2.3": {"free": [0.5, 0.4], "guess": 0.4}}, "needs lo < hi"),
