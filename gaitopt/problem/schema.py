@@ -379,7 +379,8 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         stated = any(isinstance(part, WithJsonSchema) for part in entry_field.metadata)
         if (nested := nested_models(entry_field)) and not stated:
             sections = [_section(part) for part in nested]
-            schema["properties"][key] = sections[0] if len(sections) == 1 else {"oneOf": sections}
+            words = {"description": entry["description"]} if "description" in entry else {}
+            schema["properties"][key] = sections[0] if len(sections) == 1 else {**words, "oneOf": sections}
             continue
         value_types = get_args(entry_field.annotation)
         if "additionalProperties" in entry and is_angle(FieldInfo.from_annotation(value_types[-1])):
