@@ -98,7 +98,7 @@ def check_clock(law: Control) -> None:
         "breakpoints": lambda one: tuple(one.breakpoints),
         "horizon": lambda one: one.horizon,
         "period": lambda one: one.period,
-        "data": lambda one: [np.asarray(one.data(k)) for k in range(len(law.breakpoints) + 1)],
+        "data": lambda one: [one.data(k) for k in range(len(law.breakpoints) + 1)],
     }
     stated = dict[str, Any]()
     for key, value in read.items():
@@ -112,8 +112,10 @@ def check_clock(law: Control) -> None:
     if not (period is None or _is_time(period)):
         raise ProblemError(f"{name}: period is {shown(period)}, but must be a time above 0 [s], or None")
     for segment, data in enumerate(stated["data"]):
-        if data.ndim != 1 or data.dtype.kind not in "iuf" or not np.isfinite(data).all():
-            raise ProblemError(f"{name}: data({segment}) is {shown(data)}, but must be a row of finite numbers")
+        numbers = isinstance(data, np.ndarray) and data.ndim == 1 and data.dtype.kind in "iuf"
+        if not (numbers and np.isfinite(data).all()):
+            words = "must be a row of finite numbers, such as np.array([1.0, 0.0])"
+            raise ProblemError(f"{name}: data({segment}) is {shown(data)}, but {words}")
     lengths = sorted({data.size for data in stated["data"]})
     if len(lengths) > 1:
         words = f"{' or '.join(map(str, lengths))} numbers, but must have as many in every segment"
