@@ -101,9 +101,9 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     for phase, arcs in enumerate(phases):
         duration = sum(arc.duration for arc in arcs)
         values[MonitorKey("duration", phase)] = MonitorValue(duration / period)
-        if duration < SHORT_ARC * period:
-            continue
         long = [arc for arc in arcs if arc.duration > SHORT_ARC * period]
+        if not long:  # a short phase, or one that a breakpoint cuts into short arcs
+            continue
         after = cycle.after(phase)
         zeros = () if after is None else table.ending(cycle, phase).zeros
         landed = table.zeros_after(cycle, (phase - 1) % len(cycle.phases)) if cycle.phases[phase].is_named else ()

@@ -148,3 +148,15 @@ def test_a_branch_of_such_gaits_has_frames_and_columns():
     branch = collected("friction", family(jumping.gait(0.1665, *SLIPPING), 0.169))
     assert len(branch.special("mode_change")) == 1
     assert np.isfinite(branch.column("period")).all()
+
+
+def test_a_phase_that_a_breakpoint_cuts_into_short_arcs_is_a_short_phase(monkeypatch):
+    """Just below the friction at which it slips at all, the foot slips shortly before and after the end of the push."""
+    gait = jumping.gait(AT_ALL - 1e-4, *SLIPPING)
+    parts = [
+        arc.duration / gait.period for arc, phase in zip(gait.arcs, gait.steps[0].arc_phases, strict=True) if phase
+    ]
+    longest, whole = max(parts[:2]), sum(parts[:2])
+    assert longest < whole
+    monkeypatch.setattr("gaitopt.branches.monitors.SHORT_ARC", (longest + whole) / 2)
+    assert [key.kind for key in monitor_values(gait) if key.phase == 1] == ["duration"]
