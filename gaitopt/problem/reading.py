@@ -495,7 +495,8 @@ class _StatementReader:
             return None
         state = dict(zip(names, z.tolist(), strict=True))
         for name, value in given.items():
-            if not math.isclose(value, state[name], rel_tol=CLOSE_STATE, abs_tol=CLOSE_STATE):
+            is_place = name in model.coordinates()
+            if is_place and not math.isclose(value, state[name], rel_tol=CLOSE_STATE, abs_tol=CLOSE_STATE):
                 words = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"
                 self._fault((*path, name), words)
         return state
@@ -503,9 +504,9 @@ class _StatementReader:
     def _read_open_gait(self, data: Mapping[str, Any]) -> tuple[OpenSequence | None, Guess | None]:
         """A gait with an open mode sequence; a slip velocity that is left out of the guess is 0."""
         path: Key = ("gait", "guess")
-        if self._model is not None and self._model.contacts:
-            words = "auto is for walkers that stand on one foot at a time: state the modes of the contacts"
-            self._fault(("gait", "phases"), words)
+        several = self._model is not None and self._model.contacts
+        if several and "impact" in data:
+            self._fault(("gait", "impact"), "with several contacts, phases: auto finds the impact: leave it out")
             return None, None
         gait = self._section(OpenGaitSection, data, ("gait",))
         if gait is None:
@@ -517,15 +518,33 @@ class _StatementReader:
         if gait.guess is not None and {*FIRST_KEYS} & {*gait.guess}:
             self._fault(path, "with phases: auto the guess is a state; state the phases, or leave the guess out")
             return sequence, None
+        self._cycle_end = self._read_cycle_end(gait.section)
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
+        if several and gait.guess is None:
+            self._fault(path, "is missing: with several contacts the search starts around a guess")
         if guess is None or self._model is None:
             return sequence, None
+        if several:
+            return sequence, self._read_whole_state(self._model, guess, path)
         if guess.durations is not None:
             self._fault((*path, "durations"), "the phases are open: leave the durations out")
         slip = guess.state.get("dx", 0.0)
         impact = Mode.slip(slip) if isinstance(slip, int | float) and slip else Mode.STICK
         state = self._read_state(guess.state, impact)
         return sequence, None if state is None else Guess(state=state, durations=None)
+
+    def _read_whole_state(self, model: type[Walker], guess: GuessSection, path: Key) -> Guess | None:
+        """The guess of an open sequence of a walker with several contacts: all coordinates and rates but x."""
+        state = self._section(state_section(model), guess.state, (*path, "state"))
+        if state is None:
+            return None
+        given = {"x": 0.0, **state.model_dump(exclude_none=True)}
+        missing = [name for name in model.state_names() if name not in given]
+        if missing:
+            words = f"is missing; where the modes are open, the state needs {', '.join(model.state_names())}"
+            self._fault((*path, "state", missing[0]), words)
+            return None
+        return Guess(state={name: float(given[name]) for name in model.state_names()}, durations=None)
 
     def _read_cycle(
         self, steps: Sequence[StepSection], path: Key, landings: Sequence[tuple[tuple[int, Mode], ...]] = ()

@@ -161,6 +161,7 @@ class OpenGaitSection(Section):
     """A gait with an open mode sequence."""
 
     phases: Annotated[Literal["auto"], Field(description="the modes are to be found")]
+    section: CycleEnd = "touchdown"
     impact: Annotated[
         Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
     ] = None

@@ -242,17 +242,13 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         gait |= {} if modes.impact is None else {"impact": str(modes.impact)}
         gait |= {} if modes.steps == 1 else {"steps": modes.steps}
         names = problem.walker.section_names(slipping=start is not None and start.state["dx"] != 0)
+        gait |= _section_data(problem.cycle_end)
     else:
         gait, names = cycle_data(modes), problem.section_names
-        if problem.cycle_end != TOUCHDOWN:
-            gait["section"] = CLOCK if problem.cycle_end == CLOCK else {"margin": problem.cycle_end}
+        gait |= _section_data(problem.cycle_end)
     if start is not None:
-        # of named contacts the section may have several states with the same coordinates; rates are unique but for the
-        # sign that the energy leaves open
-        places = problem.walker.coordinates() if problem.walker.contacts else ("x",)
-        keeps_energy = problem.walker.contacts and "energy" in type(problem.walker).model_fields
-        rates = problem.walker.state_names() if keeps_energy else ()
-        names = tuple(dict.fromkeys((*names, *places, *rates)))
+        # of named contacts the section may have several states with the same coordinates
+        names = problem.walker.state_names() if problem.walker.contacts else (*names, "x")
         gait["guess"] = {"state": {name: start.state[name] for name in names}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
         if start.first is not None:
@@ -280,6 +276,13 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
             for name, span in problem.constraints.items()
         }
     return data
+
+
+def _section_data(cycle_end: str) -> dict[str, Any]:
+    """What ends a cycle, if it is no touchdown, as in a file."""
+    if cycle_end == TOUCHDOWN:
+        return {}
+    return {"section": CLOCK if cycle_end == CLOCK else {"margin": cycle_end}}
 
 
 def cycle_data(cycle: Cycle) -> dict[str, Any]:

@@ -113,6 +113,12 @@ class SearchJob:
 
 def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
     """Candidates of one job of a search, and the number of its starts."""
+    if job.problem.walker.contacts:
+        from gaitopt.search.contact_walks import contact_candidates  # most walkers stand on one foot at a time
+
+        stop = should_stop or (lambda: False)
+        candidates, starts = contact_candidates(job.problem, job.number, job.seed, job.n_steps, stop)
+        return {"method": job.method, "starts": starts, "candidates": candidates}
     methods = {"simulation": _from_walks, "complementarity": _from_guesses, "families": _from_family}
     candidates, starts = methods[job.method](job, should_stop or (lambda: False))
     return {"method": job.method, "starts": starts, "candidates": candidates}

@@ -234,9 +234,10 @@ class SearchPlan:
         ProblemError, UnknownNameError
             If the number of starts is out of range, or ``within`` names something that is no section coordinate.
         """
-        self.problem.check_one_foot("a search for gaits")
         if not 1 <= self.starts <= MOST_STARTS:
             raise ProblemError(f"starts: {self.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
+        if self.problem.walker.contacts and self.within:
+            self.problem.check_one_foot("a range of start states")
         names = self.problem.walker.section_names(slipping=True)
         unknown = [name for name in self.within if name not in names]
         if unknown:
@@ -286,12 +287,17 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
     """
     plan.check()
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // WALKS)
+    if problem.walker.contacts:  # starts lie around the guess; families of friction have other sections
+        pending = [plan.job(problem, "simulation", number) for number in range(walks)]
+        results = list(jobs.complete(find_candidates, pending, len(pending)))
+        return gaits_of(problem, results, progress=progress, should_stop=jobs.should_stop)
     boxes = [start_box(problem, dynamics, plan.within)]
     pending = [
         *(plan.job(problem, "complementarity", number) for number in range(-(-GUESSED // GUESSES))),
         *(plan.job(problem, "simulation", number) for number in range(walks)),
     ]
-    results, gaits, n_followed = list[SearchRecord | FailedJob](), gaits_of(problem, []), 0
+    gaits, n_followed = gaits_of(problem, []), 0
+    results = list[SearchRecord | FailedJob]()
     while True:
         results += jobs.complete(find_candidates, pending, len(pending))
         before = [gait.to_record() for gait in gaits]

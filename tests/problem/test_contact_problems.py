@@ -13,6 +13,7 @@ from gaitopt.model.section import contact_section
 from gaitopt.problem.problem import Problem, parse_problem, restore_problem
 from gaitopt.verification.walk import simulate
 
+PHASES = "{heel: slip_forward}, {heel: stick}, {toe: stick}, {toe: slip_backward}"
 HEEL_TOE = """
 name: heel-toe
 walker:
@@ -93,7 +94,8 @@ def test_every_contact_may_have_friction_of_its_own() -> None:
         ("theta2: -0.317", "theta2: 0.9", "0.9 contradicts the section, where it is"),
         ("slope: 0.0524", "slope: {free: [0.05, 0.06], guess: 0.0524}", "a design of the heel_toe, which has several"),
         (", dtheta2: -0.34413086", "", "dtheta2: is missing; at the end of this cycle the section is theta1, dtheta1"),
-        ("phases: [{heel: slip_forward}, {heel: stick}, {toe: stick}, {toe: slip_backward}]", "phases: auto", "auto"),
+        (f"phases: [{PHASES}]", "phases: auto", "with several contacts, phases: auto finds the impact"),
+        (f"phases: [{PHASES}]\n  impact: {{heel: stick}}", "phases: auto", "y: is missing; where the modes are open"),
     ],
 )  # fmt: skip
 def test_a_wrong_statement_is_one_sentence(old: str, new: str, words: str) -> None:

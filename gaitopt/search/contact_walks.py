@@ -1,0 +1,112 @@
+"""Candidates of a walker with several contacts: fixed points of the return map next to walks from around a guess.
+
+Its sections differ with what the contacts do, so that starts are sampled around one state: that of the guess. The
+simulator walks on from each. From every mode sequence that it meets, Newton's method seeks a fixed point of the return
+map on the section of that sequence, which may be unstable.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.errors import ProblemError
+from gaitopt.gait.records import CandidateRecord, phase_records
+from gaitopt.gait.trajectory import Step
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import OFF, Mode
+from gaitopt.model.section import contact_section
+from gaitopt.problem.problem import Problem
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
+from gaitopt.verification.return_map import ReturnMap
+
+STARTS = 12
+"""Start states of a job; each costs some walks of a cycle, a tenth of a second."""
+CYCLES = 6
+"""Cycles of a walk: a stable gait is met after a few, an unstable one in the first."""
+PLACE, RATE = 0.1, 0.3
+"""Range of the starts around the guess, in natural units of coordinates and rates."""
+TOUCHING = 1e-3
+"""A contact of the guess touches the ground if its height and velocity are below this, in natural units."""
+
+
+def contact_candidates(
+    problem: Problem, number: int, seed: int, n_steps: int, should_stop: Callable[[], bool]
+) -> tuple[list[CandidateRecord], int]:
+    """Candidates of one job, and the number of its starts; the first start of job 0 is the guess itself.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If ``should_stop`` ends the job.
+    """
+    dynamics, rng = problem_dynamics(problem), np.random.default_rng([seed, number])
+    simulator, candidates = Simulator(dynamics), list[CandidateRecord]()
+    units, names = dynamics.state_units, dynamics.system.state_names
+    n, guess = len(names) // 2, np.array([problem.guess.state[name] for name in names])
+    spread = units * np.repeat([PLACE, RATE], n)
+    for start in range(STARTS):
+        if should_stop():
+            raise KeyboardInterrupt
+        exact = number == 0 and start == 0
+        z = on_ground(dynamics, guess, np.zeros(2 * n) if exact else spread * rng.uniform(-1, 1, 2 * n))
+        if not np.isfinite(z).all():
+            continue
+        steps = [step for step in simulator.run(z, CYCLES * n_steps).steps if step.impact is not None]
+        tried = set[Cycle]()
+        for length in range(1, n_steps + 1):
+            for last in range(len(steps), length - 1, -1):
+                sequence = _cycle(steps[last - length : last])
+                if sequence is None or sequence in tried:
+                    continue
+                tried.add(sequence)
+                state = steps[last - 1].final_impact.state
+                section = dynamics.system.section(sequence)
+                found = ReturnMap(simulator, section, length, state).damped_fixed_point(
+                    state[section.indices], units[section.indices]
+                )
+                if found is not None:
+                    candidates.append(_candidate(found, names, f"walk {number}.{start}"))
+    return candidates, STARTS
+
+
+def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
+    """A state with its coordinates changed, in which the contacts that touch the ground still do; NaN if there is none.
+
+    They touch it with what they do in ``state``: they stick, or slip.
+    """
+    system, scales, p = dynamics.system, dynamics.scales, dynamics.p
+    heights, velocities = (np.asarray(value).ravel() for value in system.contact_points(state, p))
+    words = dict[str, str]()
+    for name, height, (v_t, v_n) in zip(system.walker.contacts, heights, velocities.reshape(-1, 2), strict=True):
+        touches = abs(height) < TOUCHING * scales.length and abs(v_n) < TOUCHING * scales.speed
+        slip = "stick" if abs(v_t) < TOUCHING * scales.speed else str(Mode.slip(v_t))
+        words[name] = ("stick" if name in system.walker.massless_contacts else slip) if touches else OFF
+    mode = Mode.of_contacts(words)
+    try:
+        section = contact_section(system.walker, system.walker.swapped(mode), mode, system.cycle_end)
+    except ProblemError:  # its contacts do not reach the ground together
+        return np.full(state.size, np.nan)
+    near = state.copy()
+    near[section.indices] += change[section.indices]
+    return section.lift(near[section.indices], p, near)
+
+
+def _cycle(steps: list[Step]) -> Cycle | None:
+    """The modes of some steps as a cycle; None if it does not close."""
+    try:
+        return Cycle(tuple(step.sequence for step in steps))
+    except ValueError:
+        return None
+
+
+def _candidate(steps: tuple[Step, ...], names: tuple[str, ...], start: str) -> CandidateRecord:
+    """The candidate of a simulated cycle."""
+    return {
+        "steps": [{"phases": phase_records(step), "impact": step.final_impact.mode.words} for step in steps],
+        "state": dict(zip(names, map(float, steps[0].arcs[0].states[0]), strict=True)),
+        "parameters": {},
+        "start": start,
+    }

@@ -1,0 +1,47 @@
+"""Searches for gaits of walkers with several contacts, whose modes are open."""
+
+import pytest
+from contact_problems import SLIP_WALK, WALKERS, contact_gait, contact_problem
+
+from gaitopt.problem.problem import parse_problem
+from gaitopt.search.find import SearchPlan, search
+from gaitopt.search.solve import solve
+from gaitopt.verification.verify import verify
+from gaitopt.workers.jobs import ResumableJobs, Workers
+
+RUN = (
+    SLIP_WALK.replace("[{front: stick, back: stick}, {front: stick}]", "[{front: stick}, {}]")
+    .replace("impact: {front: stick, back: stick}", "impact: {front: stick}")
+    .replace("stiffness: 14000, attack: 1.2042771838760873", "stiffness: 20000, attack: 1.1868238913561442")
+    .replace("energy: 816", "energy: 1730")
+    .replace("dy: -0.395", "dy: -0.7")
+)
+
+
+@pytest.mark.parametrize("name", ["slip-walk", "run"])
+def test_open_modes_lead_to_the_gait_whose_modes_are_stated(name: str) -> None:
+    found, gait = solve(contact_problem(name).replace({"gait.phases": "auto"})), contact_gait(name)
+    assert found.cycle == gait.cycle
+    assert found.state[4] == pytest.approx(gait.state[4], abs=1e-10)
+    assert found.multipliers == pytest.approx(gait.multipliers, abs=1e-9)
+
+
+def test_the_legs_that_walk_also_run_in_two_gaits() -> None:
+    """Spring-mass running: a short flight is stable, a long one unstable. Blickhan (1989), Geyer (2006)."""
+    problem = parse_problem(RUN, walkers=WALKERS).replace({"gait.phases": "auto"})
+    plan = SearchPlan(problem=problem, starts=250)
+    short, long = search(plan, ResumableJobs(workers=Workers(count=1)))
+    assert short.spectral_radius < 1 < long.spectral_radius
+    assert short.period < long.period
+    for gait in (short, long):
+        assert [mode.brief for mode in gait.cycle.phases] == ["front stick", "flight"]
+        assert verify(gait).passed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["heel-toe-slip", "crawler"])
+def test_walks_from_around_the_guess_find_its_gait(name: str) -> None:
+    problem = contact_problem(name).replace({"gait.phases": "auto"})
+    (found,) = search(SearchPlan(problem=problem, starts=250), ResumableJobs(workers=Workers(count=1)))
+    assert found.cycle.untimed == contact_gait(name).cycle.untimed
+    assert found.state == pytest.approx(contact_gait(name).state, abs=1e-9)
