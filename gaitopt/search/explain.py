@@ -118,7 +118,6 @@ def explain(
     should_stop: Stop = None,
 ) -> Explanation:
     """As ``gaitopt.explain``; ``progress`` is called with a description of the next step."""
-    problem.check_one_foot("explain")
     say = progress or (lambda _: None)
     say(f"solving {problem.name}")
     try:

@@ -133,7 +133,8 @@ def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, system: Hybri
         phases[k] = phase_code([mode for mode, _ in step.phases], modes)
         if step.impact is not None:
             states[k], lengths[k] = step.impact.state, step.impact.step_length
-            impacts[k] = CONTACTS.index(step.impact.mode)
+            known = modes if step.impact.mode.is_named else CONTACTS
+            impacts[k] = known.index(step.impact.mode)
     return StepOutcomes(
         names=system.state_names,
         states=states,

@@ -40,7 +40,8 @@ def return_map(
     Parameters
     ----------
     start : problem or gait; its walker, control and friction are used.
-    states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest).
+    states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest). Those
+        of a walker with several contacts are the ones of its gait's section, see ``Problem.section_names``.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     workers : number of processes.
 
@@ -50,11 +51,16 @@ def return_map(
         If ``states`` does not have such a shape, or is not finite.
     UnknownNameError
         If the engine is unknown or not installed.
+    ProblemError
+        If the engine is heyoka, and the walker has several contacts.
     """
     problem = start.problem if isinstance(start, Gait) else start
-    problem.check_one_foot("the return map of many states")
     xi = section_coordinates(problem, states)
     chosen = choose_engine(engine, steps=len(xi))
+    if problem.walker.contacts and engine == Engine.AUTO:
+        chosen = Engine.SCIPY
+    if problem.walker.contacts and chosen is not Engine.SCIPY:
+        problem.check_one_foot("the return map of many states on heyoka")
     p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
     arguments = [(problem, p, chosen, chunk) for chunk in chunks]
@@ -79,9 +85,10 @@ def section_coordinates(problem: Problem, states: Array) -> Array:
     ValueError
         If their shape is wrong, or they are not finite.
     """
-    names = problem.walker.section_names(slipping=True)
+    several = bool(problem.walker.contacts)
+    names = problem.section_names if several else problem.walker.section_names(slipping=True)
     xi = np.asarray(states, dtype=float)
-    if xi.ndim != 2 or xi.shape[1] not in (len(names) - 1, len(names)):
+    if xi.ndim != 2 or xi.shape[1] not in ((len(names),) if several else (len(names) - 1, len(names))):
         raise ValueError(f"states of shape {xi.shape}: one row per state is needed, columns {', '.join(names)}")
     if not np.isfinite(xi).all():
         raise ValueError(f"states must be finite; row {np.flatnonzero(~np.isfinite(xi).all(axis=1))[0]} is not")
@@ -97,16 +104,24 @@ def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array],
 class StepMap:
     """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
 
-    def __init__(self, dynamics: Dynamics, engine: Engine) -> None:
+    def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem | None = None) -> None:
         self.dynamics, self.engine = dynamics, engine
         system = dynamics.system
+        self._lift: Callable[[Array], Array]
+        if problem is not None and problem.walker.contacts:
+            section, p = system.section(problem.cycle), dynamics.p
+            near = np.array([problem.guess.state[name] for name in system.state_names])
+            self.names, self._indices = section.names, section.indices
+            self._lift = lambda xi: np.array([section.lift(row, p, near) for row in xi]).reshape(len(xi), near.size)
+            return
         self.names = system.walker.section_names(slipping=True)
         self._indices = system.section(Mode.SLIP_FORWARD).indices
-        self._lift = RowMap(system.lift)
+        lift = RowMap(system.lift)
+        self._lift = lambda xi: lift(xi, self.dynamics.p)[0]
 
     def __call__(self, xi: Array) -> StepOutcomes:
         """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
-        (states,) = self._lift(xi, self.dynamics.p)
+        states = self._lift(xi)
         first, *others = self._steps
         walked = first(states)
         for step in others:
@@ -134,4 +149,4 @@ class StepMap:
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
     """The map of a problem, built once per thread; ``p`` are parameters other than those of the problem."""
     dynamics = problem_dynamics(problem)
-    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine)
+    return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine, problem)

@@ -4,6 +4,7 @@ import pytest
 from contact_problems import SLIP_WALK, WALKERS, contact_gait, contact_problem
 
 from gaitopt.problem.problem import parse_problem
+from gaitopt.search.explain import explain
 from gaitopt.search.find import SearchPlan, search
 from gaitopt.search.solve import solve
 from gaitopt.verification.verify import verify
@@ -45,3 +46,16 @@ def test_walks_from_around_the_guess_find_its_gait(name: str) -> None:
     (found,) = search(SearchPlan(problem=problem, starts=250), ResumableJobs(workers=Workers(count=1)))
     assert found.cycle.untimed == contact_gait(name).cycle.untimed
     assert found.state == pytest.approx(contact_gait(name).state, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_explain_names_the_contact_that_needs_more_friction_and_where_it_has_enough() -> None:
+    why = explain(contact_problem("heel-toe").replace({"friction": 0.27}), starts=250)
+    assert not why.exists
+    cause = why.causes[0].to_record()
+    assert (cause["what"], cause["phase"]) == ("friction", 1)
+    assert cause["needed"] == pytest.approx(0.27483760771, abs=1e-10)
+    assert "heel needs friction" in cause["words"]
+    assert [mode.brief for mode in why.instead[0].cycle.phases] == ["heel slip_forward", "heel stick", "toe stick"]
+    (friction,) = [nearest for nearest in why.nearest if nearest.parameter == "friction"]
+    assert friction.value == pytest.approx(0.27483760771, abs=1e-9)

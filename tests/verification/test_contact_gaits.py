@@ -17,6 +17,7 @@ from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.gaits import integrated_steps
 from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.step_map import return_map
 from gaitopt.verification.verify import verify
 
 EXPECTED = {  # section coordinates, period and multipliers, found by walking and by shooting, which agree in all digits
@@ -181,3 +182,19 @@ def test_renumbered_contacts_and_one_that_never_touches_change_nothing() -> None
 def test_both_engines_verify_the_gait(name: str) -> None:
     checked = verify(contact_gait(name), engine="heyoka")
     assert checked.passed, [claim.words for claim in checked.claims if not claim.passed]
+
+
+@pytest.mark.parametrize("name", ["heel-toe-slip", "slip-walk", "crawler"])
+def test_the_return_map_of_many_states_is_that_of_each(name: str) -> None:
+    gait = contact_gait(name)
+    section = gait.system.section(gait.problem.cycle)
+    xi, n = gait.state[section.indices], len(section.names)
+    step = 1e-6 * gait.dynamics.state_units[section.indices] * np.eye(n)
+    ahead, behind = (return_map(gait, xi + sign * step) for sign in (1, -1))
+    assert ahead.completed.all()
+    assert ahead.names == section.names
+    assert ahead.sequence(0) == gait.cycle.phases
+    derivative = (ahead.states - behind.states).T / (2 * np.diag(step))
+    assert multiplier_distance(floquet_multipliers(derivative), gait.multipliers) < 1e-5
+    with pytest.raises(ValueError, match="one row per state is needed, columns " + ", ".join(section.names)):
+        return_map(gait, np.zeros((1, n + 1)))
