@@ -37,6 +37,7 @@ class Simulator:
         responses = [np.linalg.solve(M, J.T) for J in Js]
         impulses = np.zeros((2, 2))
         for _ in range(self.sweeps):
+            before = impulses.copy()
             for k, J, R in zip(contacts, Js, responses, strict=True):
                 normal = max(impulses[k, 1] - J[1] @ v / (J[1] @ R[:, 1]), 0.0)
                 v = v + R[:, 1] * (normal - impulses[k, 1])
@@ -44,6 +45,8 @@ class Simulator:
                 tangential = float(np.clip(impulses[k, 0] - J[0] @ v / (J[0] @ R[:, 0]), -bound, bound))
                 v = v + R[:, 0] * (tangential - impulses[k, 0])
                 impulses[k] = tangential, normal
+            if np.abs(impulses - before).max() <= 1e-15 * np.abs(impulses).max():
+                break
         self.q, self.v = q + dt / 2 * v, v
         return self.q, self.v, impulses / dt
 

@@ -180,6 +180,16 @@ class Reference:
         s = 2 * (local - arc.start) / arc.duration - 1
         return np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)), dtype=float)
 
+    def slip_speed(self, step: int, local: Array) -> Array:
+        """Speed of the gait's stance foot at times since the impact before a step, shape (m,) [m/s]."""
+        speed = np.zeros(local.size)
+        arcs = self.gait.steps[step % len(self.gait.steps)].arcs
+        for arc in arcs:
+            inside = (local >= arc.start) & ((local < arc.end) | (arc is arcs[-1]))
+            s = 2 * (local[inside] - arc.start) / arc.duration - 1
+            speed[inside] = chebyshev.chebval(s, curves.coefficients(arc.states)[:, -1])
+        return speed
+
     def force(self, t: float) -> Array:
         """Force (f_t, f_n) of the ground on the gait's stance foot at a time since the start [N]."""
         step, local = self.step_at(t)

@@ -22,6 +22,7 @@ from importlib.util import find_spec
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
@@ -45,6 +46,8 @@ TRIMMED = 0.1
 """Fraction of a sticking phase at both ends that does not count as creep."""
 DIVERGED = 1e3
 """Rate, in natural units, of a motion that has diverged."""
+LONGEST_REASON = 120
+"""Characters of an engine's error message that are kept."""
 FITTED = 3
 """Number of the smallest time steps from which the order follows."""
 MIDDLES = 100
@@ -84,7 +87,7 @@ class Outcome:
     Attributes
     ----------
     dt : time step [s].
-    ending : ``completed``, ``no touchdown``, ``diverged``, or ``crashed: ...``.
+    ending : ``completed``, ``no touchdown``, ``diverged``, ``failed: ERROR``, or ``crashed: SIGNAL``.
     sequence : modes that the engine's stance foot goes through, step by step.
     motion : times [s], place of the stance foot from its start [m], and shape coordinates, thinned for pictures.
     deviation : difference of the state before the last impact, of which ``error_before_impact`` is the largest entry.
@@ -216,7 +219,10 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
         local = float(t) - began
         force, touching = reference.torques(step, local, q, v), reference.touching(step, local)
         start = time.perf_counter()
-        q, v, f = walk.step(force, touching)
+        try:
+            q, v, f = walk.step(force, touching)
+        except RuntimeError as error:  # of compiled code, as where a contact solver does not converge
+            return Outcome(dt=dt, ending=f"failed: {str(error).splitlines()[0][:LONGEST_REASON]}")
         spent += time.perf_counter() - start
         if not np.isfinite(v).all() or np.abs(v).max() * reference.time > DIVERGED:
             return Outcome(dt=dt, ending="diverged")
@@ -259,7 +265,8 @@ def _measured(
         reference.energy(cycle, *reference.coordinates(end)),
     ]
     weight = tree.mass * float(np.hypot(*tree.gravity)) * reference.length
-    slip, creep, missed, invented, sequence = {"slip_forward": 0.0, "slip_backward": 0.0}, 0.0, 0.0, 0.0, []
+    slip, sequence, expected = {"slip_forward": 0.0, "slip_backward": 0.0}, list[Any](), list[Any]()
+    creep = missed = invented = 0.0
     for step in range(cycle):
         foot = reference.stance(step)
         first, last = float(reference.starts[step]), min(float(reference.starts[step + 1]), landings[step])
@@ -270,22 +277,20 @@ def _measured(
         path = np.diff(x)
         slip["slip_forward"] += float(path[path > 0].sum())
         slip["slip_backward"] -= float(path[path < 0].sum())
-        modes = np.where(np.abs(speed) < SLIPS * reference.length / reference.time, "stick", "slip_backward")
-        modes = np.where(speed >= SLIPS * reference.length / reference.time, "slip_forward", modes)
         window = max(1, round(SHORTEST * period / (times[1] - times[0])))  # a contact may chatter from step to step
         carried = np.convolve(forces[inside, foot, 1] > 0, np.ones(window), mode="same") > 0
-        modes = np.where(carried, modes, "off")
-        stated = np.array([str(reference.arc(step, times[k] - reference.starts[step]).mode) for k in inside])
-        sticks, slides = stated == "stick", np.char.startswith(modes, "slip")
-        missed += float((~sticks & ~slides).sum()) * (times[1] - times[0]) / period
-        invented += float((sticks & slides).sum()) * (times[1] - times[0]) / period
+        modes = np.where(carried, _modes(reference, speed), "off")
+        stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step]))
+        slides, slips = (np.char.startswith(words, "slip") for words in (modes, stated))
+        missed += float((slips & ~slides).sum()) * (times[1] - times[0]) / period
+        invented += float((slides & ~slips).sum()) * (times[1] - times[0]) / period
         sequence.append(_runs(modes, window))
+        expected.append(_runs(stated, window))
         for arc in (arc for arc in reference.gait.steps[step].arcs if arc.mode.sticks):
             margin = TRIMMED * arc.duration
             began, ended = (reference.starts[step] + t for t in (arc.start + margin, arc.end - margin))
             if began < ended < times[inside[-1]]:
                 creep += abs(float(np.interp(ended, times[inside], x) - np.interp(began, times[inside], x)))
-    expected = tuple(_distinct(str(mode) for mode, _ in step.phases) for step in reference.gait.steps)
     return {
         "state_error": float(np.abs(deviation).max()),
         "error_before_impact": float(np.abs(early).max()),
@@ -294,7 +299,7 @@ def _measured(
         "slip_missed": missed,
         "slip_invented": invented,
         "sequence": tuple(sequence),
-        "sequence_matches": tuple(sequence) == expected,
+        "sequence_matches": sequence == expected,
         "impact_error": _impact_error(reference, times, forces, end),
         "energy_error": (energies[0] - energies[1]) / weight,
         "deviation": tuple(early.tolist()),
@@ -321,7 +326,13 @@ def _impact_error(reference: Reference, times: Array, forces: Array, end: float)
     return float(np.linalg.norm(impulse - expected) / np.linalg.norm(stated))
 
 
-def _runs(modes: Array, shortest: float) -> tuple[str, ...]:
+def _modes(reference: Reference, speed: Array) -> NDArray[np.str_]:
+    """What a foot does at these speeds (m,) [m/s]."""
+    slow = SLIPS * reference.length / reference.time
+    return np.where(speed >= slow, "slip_forward", np.where(speed <= -slow, "slip_backward", "stick"))
+
+
+def _runs(modes: NDArray[np.str_], shortest: float) -> tuple[str, ...]:
     """The modes in order, without those that are too short."""
     edges = np.flatnonzero(modes[1:] != modes[:-1]) + 1
     pieces = np.split(modes, edges)

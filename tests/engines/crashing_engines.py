@@ -33,6 +33,15 @@ class Diverging(Crashing):
         return self.q, self.v, np.zeros((2, 2))
 
 
+class Failing(Crashing):
+    """Raises an error of its own."""
+
+    name = "failing"
+
+    def step(self, force, touching):
+        raise RuntimeError("the contact solver does not converge\nmore lines")
+
+
 class Hanging(Crashing):
     """Needs more time than there is."""
 

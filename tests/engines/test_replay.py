@@ -20,10 +20,11 @@ ROOT = Path(__file__).parents[2]
 for place in (ROOT / "docs" / "examples", Path(__file__).parent):
     sys.path.insert(0, str(place))
 
-from crashing_engines import Crashing, Diverging, Hanging  # noqa: E402
+from crashing_engines import Crashing, Diverging, Failing, Hanging  # noqa: E402
 from numpy_engine import Simulator  # noqa: E402
 
-CASES = runpy.run_path(str(ROOT / "benchmarks" / "engines" / "closed_forms.py"))["CASES"]
+VALIDATION = runpy.run_path(str(ROOT / "benchmarks" / "engines" / "validation.py"))
+CASES, PERTURBATIONS = VALIDATION["CASES"], VALIDATION["PERTURBATIONS"]
 INSTALLED = [name for name, package in engines.ENGINES.items() if find_spec(package) is not None]
 TOLERANCES = {"block slides to rest": 5e-3, "pendulum": 1e-2, "plastic impact": 0.02}
 REBOUND = {"mujoco": 0.15}
@@ -92,6 +93,18 @@ def test_the_best_setting_of_an_engine_converges_to_the_gait_before_its_impact(e
     assert limit == pytest.approx(4.050e-3, rel=0.005)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", INSTALLED)
+def test_a_perturbed_engine_is_flagged_and_the_unperturbed_one_is_not(engine):
+    reference, simulator = Reference(go.solve("compass-passive-a", progress=False)), engines.adapter(engine)
+    best, changes = simulator.settings["best"], PERTURBATIONS | (VALIDATION["OF_MUJOCO"] if engine == "mujoco" else {})
+    assert not VALIDATION["is_flagged"](reference, simulator, best)
+    passed = [
+        name for name, change in changes.items() if not VALIDATION["is_flagged"](reference, simulator, best | change)
+    ]
+    assert passed == []
+
+
 @pytest.mark.skipif("mujoco" not in INSTALLED, reason="needs pip install '.[engines]'")
 def test_the_defaults_of_mujoco_converge_to_another_slip():
     simulator = engines.adapter("mujoco")
@@ -107,6 +120,10 @@ def test_a_crash_is_a_result_of_its_time_step():
     assert [o.ending for o in result.outcomes] == ["no touchdown", "no touchdown", "crashed: SIGABRT"]
     assert result.order is None
     assert result.largest_dt is None
+
+
+def test_an_error_of_the_engine_is_a_result():
+    assert outcome("compass-passive-stick", Failing, 2e-3, {}).ending == "failed: the contact solver does not converge"
 
 
 def test_a_motion_that_diverges_is_named():

@@ -1,13 +1,18 @@
-"""Motions with closed forms, on which the adapters of engines are validated: (measured, exact) of each.
+"""Validation of adapters: motions with closed forms, and a judgement that small errors of an engine do not pass.
 
-A case takes an adapter's class, a time step and settings.
+A case takes an adapter's class, a time step and settings, and returns the measured and the exact number. The judgement
+extrapolates the deviation from a gait before its impact linearly to the time step zero.
 """
 
 import numpy as np
 
 from gaitopt.engines.plant import Body, Foot, Tree
+from gaitopt.engines.replay import run
 
 G = 9.81
+ANGLE, SPEED = 2e-5, 5e-6
+"""Largest limits of the deviations of the angles [rad], and of the speed of the foot that sticks [natural units]. Those
+of the engines at their best settings are 1.2e-5 and 5e-7."""
 
 
 def block(simulator, dt, settings, mu=0.3, v0=1.0):
@@ -39,7 +44,7 @@ def impact(simulator, dt, settings, lean=0.4, v0=1.0):
     d, m, inertia = 0.5, 3.0, 0.08
     rod = Body("rod", -1, (0.0, 0.0), m, (0.0, 0.0), inertia, 0.0)
     tree = Tree(bodies=(rod,), feet=(Foot(0, (0.0, -d), 0.0), Foot(0, (0.0, d), 0.0)), gravity=(0.0, 0.0))
-    walk = simulator(tree, 10.0, dt, settings)
+    walk = simulator(tree, 2.0, dt, settings)
     height = 2.5 * dt * v0
     walk.place(np.array([d * np.sin(lean), d * np.cos(lean) + height, lean]), np.array([0.0, -v0, 0.0]))
     for _ in range(max(60, round(0.1 / dt))):
@@ -47,4 +52,23 @@ def impact(simulator, dt, settings, lean=0.4, v0=1.0):
     return float(v[2]), m * v0 * d * np.sin(lean) / (inertia + m * d * d)
 
 
+def limit(reference, simulator, settings, dt=5e-4):
+    """Deviation from the gait before its impact at the time step zero: angles, rates, place and speed of the foot."""
+    coarse, fine = (np.array(run(reference, simulator, h, settings).deviation) for h in (dt, dt / 2))
+    return 2 * fine - coarse
+
+
+def is_flagged(reference, simulator, settings):
+    """Whether an engine does not converge to the gait."""
+    deviation, n = limit(reference, simulator, settings), len(reference.tree.bodies)
+    return bool(np.abs(deviation[:n]).max() > ANGLE or abs(deviation[-1]) > SPEED)
+
+
+PERTURBATIONS = {
+    "friction 1 % larger": {"friction": 1.01},
+    "friction 1 % smaller": {"friction": 0.99},
+    "gravity wrong in the fourth digit": {"gravity": 1.0001},
+    "feet of 0.1 mm that roll": {"radius": 1e-4},
+}
+OF_MUJOCO = {"a pyramid in place of the cone": {"cone": "pyramidal"}}
 CASES = {"block slides to rest": block, "pendulum": pendulum, "plastic impact": impact}

@@ -1,0 +1,249 @@
+"""Compare physics engines with gaits: ``python benchmarks/engines/compare.py``, in less than ten minutes on two cores.
+
+Replays gaits in every engine, validates the adapters, and writes ``results.json`` and ``tables.md`` here, and the
+figures of the page "Do simulators stick?" in docs. ``--draw`` draws them again from ``results.json``.
+"""
+
+import argparse
+import json
+import platform
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+from rich.progress import track
+
+import gaitopt as go
+from gaitopt.engines.plant import Reference
+from gaitopt.engines.replay import ENGINES, TIME_STEPS, adapter
+from gaitopt.show.motion import motion_of, smooth
+from gaitopt.show.style import COLOURS, dashes, encoded, figure_style, legend_below
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+sys.path[:0] = [str(HERE), str(ROOT / "docs" / "examples")]
+
+from numpy_engine import Simulator as Template  # noqa: E402
+from validation import CASES, OF_MUJOCO, PERTURBATIONS, is_flagged  # noqa: E402
+
+RESULTS = HERE / "results.json"
+GAIT = "compass-passive-a"
+GAITS = (
+    GAIT,
+    "compass-passive-b",
+    "compass-passive-stick",
+    "compass-torque-slip",
+    "compass-torque-impact-slip",
+    "compass-pd-impact-slip",
+    "compass-passive-two-step",
+    "compass-unequal",
+    "round-feet-passive",
+    "torso-passive",
+)
+STEPS = (*TIME_STEPS, 0.000125)
+SHOWN = 0.001
+"""Time step of the tables [s]."""
+CLOSED = 0.001
+"""Time step of the closed forms [s]."""
+DPI = 130
+
+
+def main() -> None:
+    """Measure, or read what was measured; then draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draw", action="store_true", help="draw from results.json instead of measuring")
+    if not parser.parse_args().draw:
+        RESULTS.write_text(json.dumps(measured(), indent=1) + "\n")
+    results = json.loads(RESULTS.read_text())
+    docs = ROOT / "docs"
+    (docs / "engines-slip.png").write_bytes(encoded(slip_figure(results), "png", DPI))
+    (docs / "engines-error.png").write_bytes(encoded(error_figure(results), "png", DPI))
+    (HERE / "tables.md").write_text(tables(results))
+
+
+def measured() -> dict:
+    """All replays, closed forms and judgements."""
+    missing = [name for name, package in ENGINES.items() if find_spec(package) is None]
+    if missing:
+        raise SystemExit(f"{', '.join(missing)} not installed: pip install '.[engines]'")
+    simulators = [*(adapter(name) for name in ENGINES), Template]
+    replays, motions = [], []
+    for name in track(GAITS, "gaits"):
+        gait = go.solve(name, progress=False)
+        for simulator in simulators if name == GAIT else simulators[:-1]:
+            steps = STEPS if name == GAIT else TIME_STEPS
+            records = [r.to_record() for r in go.replay(gait, simulator, time_steps=steps, progress=False)]
+            replays += [{key: value for key, value in record.items() if key != "motion"} for record in records]
+        if name == GAIT:
+            for simulator in simulators[:-1]:
+                for dt in (0.002, 0.00025):
+                    shown = go.replay(gait, simulator, time_steps=[dt], progress=False)
+                    motions += [{"engine": r.engine, "setting": r.setting, **r.to_record()["motion"]} for r in shown]
+    machine = {"python": platform.python_version(), "gaitopt": go.__version__, "machine": platform.machine()}
+    return {"machine": machine, "replays": replays, "motions": motions, **validated(simulators)}
+
+
+def validated(simulators: list) -> dict:
+    """Closed forms, and whether errors of engines are flagged."""
+    reference, closed, flags = Reference(go.solve(GAIT, progress=False)), [], []
+    for simulator in track(simulators, "validation"):
+        for setting, values in simulator.settings.items():
+            for case, solve in CASES.items():
+                number, exact = solve(simulator, CLOSED, values)
+                closed.append({"engine": simulator.name, "setting": setting, "case": case, "error": number / exact - 1})
+        if simulator is not Template:
+            changes = {"nothing": {}, **PERTURBATIONS, **(OF_MUJOCO if simulator.name == "mujoco" else {})}
+            for change, values in changes.items():
+                flagged = is_flagged(reference, simulator, {**simulator.settings["best"], **values})
+                flags.append({"engine": simulator.name, "change": change, "flagged": flagged})
+    return {"closed": closed, "flags": flags}
+
+
+def of(results: dict, engine: str, setting: str, problem: str = GAIT) -> dict:
+    """One replay."""
+    keys = {"engine": engine, "setting": setting, "problem": problem}
+    return next(r for r in results["replays"] if all(r[key] == value for key, value in keys.items()))
+
+
+def slip_figure(results: dict) -> Figure:
+    """Place of the stance foot over a step, one panel per engine."""
+    motion = motion_of(go.solve(GAIT, progress=False))
+    with figure_style():
+        figure = Figure(figsize=(6.6, 7.4))
+        panels = figure.subplots(len(ENGINES), 1, sharex=True)
+    for axes, engine in zip(panels, ENGINES, strict=True):
+        for shown in (m for m in results["motions"] if m["engine"] == engine):
+            colour = COLOURS[1] if shown["setting"] == "default" else COLOURS[0]
+            style = ":" if shown["dt"] > SHOWN else "-"
+            label = f"{shown['setting']}, {1e3 * shown['dt']:g} ms"
+            axes.plot(shown["t"], np.array(shown["x"]) * 1e3, color=colour, ls=style, lw=1.3, label=label)
+        for began, arc in smooth(motion.steps):
+            axes.plot(began + arc.times, 1e3 * arc.states[:, 2], color="k", linestyle=dashes(arc.mode), lw=1)
+        axes.set(ylabel="stance foot [mm]", title=f"{engine} {of(results, engine, 'best')['version']}")
+    panels[-1].set(xlabel="time since impact [s]")
+    handles, labels = panels[0].get_legend_handles_labels()
+    panels[0].plot([], [], color="k", lw=1, label="gait A")
+    handles, labels = panels[0].get_legend_handles_labels()
+    legend_below(figure, [handle for handle, _ in zip(handles, labels, strict=True)])
+    return figure
+
+
+def error_figure(results: dict) -> Figure:
+    """Errors over the time step, one panel per engine."""
+    with figure_style():
+        figure = Figure(figsize=(7.6, 3.6))
+        panels = figure.subplots(1, len(ENGINES), sharey=True)
+    for axes, engine in zip(panels, ENGINES, strict=True):
+        for setting, colour in (("default", COLOURS[1]), ("best", COLOURS[0])):
+            replay = of(results, engine, setting)
+            for key, style, words in (
+                ("error_before_impact", "o-", "before the impact"), ("state_error", "s:", "after one cycle")
+            ):  # fmt: skip
+                errors = [np.nan if error is None else error for error in replay[key]]
+                axes.loglog(
+                    1e3 * np.array(replay["dt"]),
+                    errors,
+                    style,
+                    color=colour,
+                    ms=3.5,
+                    lw=1.2,
+                    label=f"{setting}, {words}",
+                )
+        dt = np.array([STEPS[-1], STEPS[0]])
+        axes.loglog(1e3 * dt, 2 * dt, color="0.6", lw=0.8, ls="--", label="first order")
+        axes.set(title=f"{engine} {replay['version']}", xlabel="time step [ms]")
+        axes.set_xticks([1e3 * step for step in STEPS[::2]], [f"{1e3 * step:g}" for step in STEPS[::2]])
+        axes.xaxis.set_minor_formatter(NullFormatter())
+    panels[0].set_ylabel("error of the state")
+    legend_below(figure, panels[0].get_legend_handles_labels()[0])
+    return figure
+
+
+def tables(results: dict) -> str:
+    """The tables of the page."""
+
+    def number(value: float | None, unit: float = 1.0, digits: str = ".1e") -> str:
+        return "–" if value is None else format(unit * value, digits)
+
+    names = [*ENGINES, Template.name]
+    versions = {name: of(results, name, "default")["version"] for name in names}
+    at = of(results, names[0], "best")["dt"].index(SHOWN)
+    slip = of(results, names[0], "best")["slip"]["gait"]
+    forward, backward = (number(slip[way], 1e3, ".3f") for way in ("slip_forward", "slip_backward"))
+    columns = ["engine, setting", "forward [mm]", "backward [mm]", "creep [µm]", "error before impact (order)"]
+    columns += ["after one cycle (order)", "modes right up to [ms]", "slip missed, invented [%]", "s per simulated s"]
+    lines = [
+        f"Gait A at a time step of {1e3 * SHOWN:g} ms. Its foot slips {forward} mm forward, sticks, and slips "
+        f"{backward} mm backward.",
+        "",
+        f"| {' | '.join(columns)} |",
+        "|---" * len(columns) + "|",
+    ]
+    for name in names:
+        for setting in ("default", "best"):
+            r = of(results, name, setting)
+            way, version = r["slip"]["engine"], f" {versions[name]}" if name in ENGINES else ""
+            orders = [number(r[key], 1, ".1f") for key in ("order_before_impact", "order")]
+            cells = [
+                f"{name}{version}, {setting}",
+                number(way["slip_forward"][at], 1e3, ".3f"),
+                number(way["slip_backward"][at], 1e3, ".3f"),
+                number(r["creep"][at], 1e6, ".2g"),
+                f"{number(r['error_before_impact'][at])} ({orders[0]})",
+                f"{number(r['state_error'][at])} ({orders[1]})",
+                number(r["largest_dt"], 1e3, "g"),
+                f"{number(r['slip_missed'][at], 100, '.1f')}, {number(r['slip_invented'][at], 100, '.1f')}",
+                number(r["seconds_per_second"][at], 1, ".2f"),
+            ]
+            lines.append(f"| {' | '.join(cells)} |")
+    header = " | ".join(f"{name}, {setting}" for name in ENGINES for setting in ("default", "best"))
+    lines += [
+        "",
+        f"Error of the state after one cycle at {1e3 * SHOWN:g} ms; bold where the modes are right.",
+        "",
+        f"| gait | {header} |",
+        "|---|" + "---|" * (2 * len(ENGINES)),
+    ]
+    for problem in GAITS:
+        cells = []
+        for name in ENGINES:
+            for setting in ("default", "best"):
+                r = of(results, name, setting, problem)
+                cell = number(r["state_error"][at]) if r["ending"][at] == "completed" else r["ending"][at]
+                cells.append(f"**{cell}**" if r["sequence_matches"][at] else cell)
+        lines.append(f"| {problem} | {' | '.join(cells)} |")
+    lines += [
+        "",
+        f"Modes of the engines where they differ from those of the gait at {1e3 * SHOWN:g} ms, best settings.",
+        "",
+    ]
+    lines += ["| gait | engine | modes |", "|---|---|---|"]
+    for problem in GAITS:
+        for name in ENGINES:
+            r = of(results, name, "best", problem)
+            if not r["sequence_matches"][at]:
+                modes = "; ".join(", ".join(step) for step in r["sequence"][at])
+                lines.append(f"| {problem} | {name} | {modes} |")
+    lines += ["", f"Relative error of motions with closed forms at {1e3 * CLOSED:g} ms.", ""]
+    lines += [f"| engine, setting | {' | '.join(CASES)} |", "|---|" + "---|" * len(CASES)]
+    for name in names:
+        for setting in ("default", "best"):
+            found = {c["case"]: c["error"] for c in results["closed"] if (c["engine"], c["setting"]) == (name, setting)}
+            lines.append(f"| {name}, {setting} | {' | '.join(number(abs(found[case])) for case in CASES)} |")
+    changes = list(dict.fromkeys(flag["change"] for flag in results["flags"]))
+    lines += ["", "Whether an engine with a small error is told from the gait (best settings).", ""]
+    lines += [f"| error | {' | '.join(ENGINES)} |", "|---|" + "---|" * len(ENGINES)]
+    for change in changes:
+        found = {flag["engine"]: flag["flagged"] for flag in results["flags"] if flag["change"] == change}
+        cells = ("–" if name not in found else "flagged" if found[name] else "passes" for name in ENGINES)
+        lines.append(f"| {change} | {' | '.join(cells)} |")
+    machine = results["machine"]
+    lines += ["", f"Measured with gaitopt {machine['gaitopt']} and Python {machine['python']} on {machine['machine']}."]
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    main()
