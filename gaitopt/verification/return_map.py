@@ -139,9 +139,18 @@ class ReturnMap:
 
         It is not finite if a step grazes an event.
         """
-        system, p = self.simulator.system, self.simulator.dynamics.p
-        deviations = self.section.tangent(steps[0].arcs[0].states[0], p)
-        for step, simulator in zip(steps, cycle(self.simulator.per_step), strict=False):
+        deviations = self.section.tangent(steps[0].arcs[0].states[0], self.simulator.dynamics.p)
+        return np.asarray(self.propagated(steps, deviations, self.simulator.per_step)[self._indices])
+
+    def propagated(self, steps: Sequence[Step], deviations: Array, simulators: Sequence[Simulator]) -> Array:
+        """Deviations (n_z, m) just after the impact that ends complete steps, from those at their start.
+
+        Parameters
+        ----------
+        simulators : of the steps in turn; they differ where the legs do.
+        """
+        system = self.simulator.system
+        for step, simulator in zip(steps, cycle(simulators), strict=False):
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
                 ends = arc.times[[0, -1]]
                 deviations = simulator.stepper.propagate_variations(
@@ -156,7 +165,7 @@ class ReturnMap:
                 impact = system.impact_jacobian(step.final_impact.mode)
             deviations = _matrix(impact, last.states[-1], simulator.dynamics.p) @ deviations
             deviations[system.n_shape] = 0.0  # x is counted from the new stance foot
-        return np.asarray(deviations[self._indices])
+        return deviations
 
     def scaled(self, jacobian: Array) -> Array:
         """A derivative of the map in natural units."""

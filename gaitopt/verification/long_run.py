@@ -1,0 +1,145 @@
+"""What walks settle on: cycles, tori and chaos, found by walking from many states, with their Lyapunov exponents.
+
+    lambda = lim (1/n) log |DP^n v|          of a cycle of m steps: log(largest |multiplier|) / m
+
+lambda is the largest exponent per step: negative for a stable cycle, zero on a torus and at a bifurcation, positive for
+chaos. The deviation v is carried along the walk by the variational equations and the saltation at every event.
+
+References
+----------
+Benettin, Galgani, Giorgilli & Strelcyn (1980), Meccanica 15, 9-20.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.callbacks import Stop
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.step_map import StepMap
+
+ROUNDS = 4
+"""Transients that a walk may take until it repeats itself; near a bifurcation it does so slowly."""
+REPEATS, SAME = 1e-6, 1e-3
+"""Largest distances, in natural units, of states that repeat themselves, and of the same states of two walks."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LongRun(ReadOnlyArrays):
+    """What some walks settle on.
+
+    Attributes
+    ----------
+    states : ndarray, shape (n, n_xi) - section coordinates after the impacts of a cycle; if it does not repeat itself,
+        of all steps that were kept.
+    period_steps : steps of the cycle, None if it does not repeat itself.
+    lyapunov : largest Lyapunov exponent per step.
+    starts : number of walks that settle on it.
+    """
+
+    states: Array
+    period_steps: int | None
+    lyapunov: float
+    starts: int
+
+
+def settled(
+    mapped: StepMap, xi: Array, *, transient: int, keep: int, should_stop: Stop = None
+) -> tuple[list[LongRun], dict[str, int]]:
+    """What the walks from given states settle on, and how many of the others end in each way.
+
+    Parameters
+    ----------
+    mapped : the return map.
+    xi : ndarray, shape (n, n_xi) - section coordinates with ``dx``.
+    transient, keep : cycles of the walker that are walked before, and that are kept.
+    """
+    dynamics, endings, found = mapped.dynamics, Counter[str](), list[LongRun]()
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
+    per_cycle, walking = dynamics.system.walker.steps_per_cycle(), np.asarray(xi, dtype=float)
+    for attempt in range(ROUNDS):
+        path = np.empty((keep + 1, len(walking), len(units)))
+        alive, states = np.arange(len(walking)), walking
+        for step in range(-transient, keep + 1):
+            if step >= 0:
+                path[step, alive] = states
+            if not alive.size or step == keep:
+                break
+            if should_stop is not None and should_stop():
+                raise KeyboardInterrupt
+            outcomes = mapped(states)
+            endings.update(str(name) for name in outcomes.outcomes[~outcomes.completed])
+            alive, states = alive[outcomes.completed], outcomes.states[outcomes.completed]
+        remaining = list[int]()
+        for walk in alive.tolist():
+            orbit = path[:, walk] / units
+            period = _period(orbit)
+            if period is None and attempt < ROUNDS - 1:
+                remaining.append(walk)
+                continue
+            orbit = orbit[-(period or keep) :]
+            same = next((k for k, run in enumerate(found) if _same(run, orbit * units, period, per_cycle, units)), None)
+            if same is not None:
+                found[same] = replace(found[same], starts=found[same].starts + 1)
+                continue
+            rate = lyapunov(dynamics, orbit[-1] * units, (period or keep) * per_cycle, cyclic=period is not None)
+            steps = None if period is None else period * per_cycle
+            found.append(LongRun(states=orbit * units, period_steps=steps, lyapunov=rate, starts=1))
+        walking = path[-1, remaining]
+        if not len(walking):
+            break
+    return found, dict(endings)
+
+
+def lyapunov(dynamics: Dynamics, xi: Array, steps: int, *, cyclic: bool) -> float:
+    """Largest Lyapunov exponent per step of the walk from section coordinates; -inf if all deviations vanish.
+
+    Parameters
+    ----------
+    xi : ndarray, shape (n_xi,) - with ``dx``.
+    steps : of the walk over which it is the mean; of a cycle its own, which then gives the exact value.
+    cyclic : whether the walk is a cycle.
+    """
+    mode = Mode.STICK if xi[-1] == 0 else Mode.SLIP_FORWARD if xi[-1] > 0 else Mode.SLIP_BACKWARD
+    simulator = Simulator(dynamics)
+    mapped = ReturnMap(simulator, mode, steps)
+    outcome = mapped(xi if mode.slips else xi[:-1])
+    complete = [step for step in outcome.steps if step.impact is not None]
+    if cyclic and outcome.xi is not None:
+        radius = float(np.abs(np.linalg.eigvals(mapped.jacobian(complete))).max(initial=0.0))
+        return float(np.log(radius)) / steps if radius > 0 else -np.inf
+    unit, total = dynamics.state_units[:, None], 0.0
+    deviation = mapped.section.tangent(complete[0].arcs[0].states[0], dynamics.p)
+    for number, step in enumerate(complete):
+        turn = number % len(simulator.per_step)
+        deviation = mapped.propagated([step], deviation, simulator.per_step[turn:])
+        # an orthonormal basis in natural units, whose first direction grows the most
+        basis, triangle = np.linalg.qr(deviation / unit)
+        growth = abs(triangle[0, 0])
+        if not 0 < growth < np.inf:
+            return -np.inf if growth == 0 else np.nan
+        total, deviation = total + float(np.log(growth)), basis * unit
+    return total / len(complete)
+
+
+def _period(orbit: Array) -> int | None:
+    """Cycles after which an orbit repeats itself, at most half of it; None if it does not."""
+    for period in range(1, len(orbit) // 2 + 1):
+        if np.abs(orbit[period:] - orbit[:-period]).max() < REPEATS:
+            return period
+    return None
+
+
+def _same(run: LongRun, states: Array, period: int | None, per_cycle: int, units: Array) -> bool:
+    """Whether an orbit is that of ``run``; two that do not repeat themselves are if their ranges overlap."""
+    if run.period_steps != (None if period is None else period * per_cycle):
+        return False
+    if period is None:
+        return bool(np.all((run.states.min(0) <= states.max(0)) & (states.min(0) <= run.states.max(0))))
+    shifted = (np.roll(states, k, axis=0) for k in range(len(states)))
+    return min(float(np.abs((run.states - other) / units).max()) for other in shifted) < SAME
