@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from gaitopt.design.neighbourhood import Neighbourhood
     from gaitopt.engines.replay import Replay, Simulator
     from gaitopt.proof.check import Proof
+    from gaitopt.runs.attractors import Attractors
     from gaitopt.runs.basin import Basin
     from gaitopt.runs.front import Front
     from gaitopt.runs.grid import Grid
@@ -735,6 +736,57 @@ def sweep(
     folder = Run.of(loaded, output).folder
     plan = SweepPlan(problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
     with shown(progress, job_progress, "jobs") as show:
+        return plan.complete(processes, progress=show, should_stop=should_stop)
+
+
+def attractors(
+    problem: Problem | str | Path,
+    over: Over,
+    *,
+    starts: int = 20,
+    transient: int = 200,
+    keep: int = 64,
+    seed: int = 0,
+    engine: str = "auto",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    output: str | Path | None = None,
+    progress: CountProgress = True,
+    should_stop: Stop = None,
+) -> "Attractors":
+    """What walks settle on at many values of a parameter, with the largest Lyapunov exponent per step.
+
+    Cycles, and motions that do not repeat themselves: chaos has a positive exponent. The attractors of one value are
+    starts of the next one; others start around the guess and at random.
+
+    Parameters
+    ----------
+    over : one key with its range, for instance ``{"walker.slope": ("4.2 deg", "5.2 deg", 200)}``.
+    starts : number of walks at each value.
+    transient : cycles that are walked first, up to four times as many by walks that do not repeat themselves yet.
+    keep : cycles that are kept then; a motion that repeats itself after no more than half of them is a cycle.
+    seed : of the random starts.
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+    workers, scheduler, output, progress, should_stop : as for ``sweep``.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, StorageError
+        As for ``sweep``; ProblemError also if there is more than one key, or a number is below 1 (``keep``: 2).
+    """
+    from gaitopt.runs.attractors import AttractorsPlan
+
+    loaded, axes, processes = _loaded(problem), _grid(over).axes, make_workers(workers, scheduler)
+    if len(axes) != 1:
+        raise ProblemError("attractors are computed over one key")
+    for name, number, least in (("starts", starts, 1), ("transient", transient, 1), ("keep", keep, 2)):
+        if number < least:
+            raise ProblemError(f"{name}: {number} is less than {least}")
+    plan = AttractorsPlan(
+        problem=loaded, axis=axes[0], starts=starts, transient=transient, keep=keep, seed=seed, engine=engine,
+        folder=Run.of(loaded, output).folder,
+    )  # fmt: skip
+    with shown(progress, job_progress, "values") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
 

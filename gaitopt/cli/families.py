@@ -1,4 +1,4 @@
-"""Commands about many gaits or many walks: ``continue``, ``front``, ``sweep``, ``basin``.
+"""Commands about many gaits or many walks: ``continue``, ``front``, ``sweep``, ``basin``, ``attractors``.
 
 Results are stored as soon as they are computed; the same command resumes where it stopped.
 """
@@ -18,6 +18,7 @@ from gaitopt.cli.options import (
     ProblemArgument,
     RunArgument,
     SchedulerOption,
+    SeedOption,
     SetOption,
     WorkersOption,
     counts,
@@ -223,6 +224,49 @@ def sweep(
         )  # fmt: skip
     place = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
     terminal.show({**swept.to_record(), **place, **_drawn(swept, [what])}, print_sweep, "table")
+    return 0
+
+
+def attractors(
+    terminal: Terminal,
+    problem: ProblemArgument,
+    over: OverOption,
+    starts: Annotated[int, typer.Option("--starts", min=1, max=1_000_000, help="Number of walks at each value.")] = 20,
+    transient: Annotated[
+        int, typer.Option("--transient", min=1, help="Cycles that are walked before; more near bifurcations.")
+    ] = 200,
+    keep: Annotated[int, typer.Option("--keep", min=2, help="Cycles that are kept then.")] = 64,
+    seed: SeedOption = 0,
+    engine: EngineOption = "auto",
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+) -> int:
+    """Walk on at many values of a parameter, and list what the walks settle on: cycles of any length, and chaos.
+
+    Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Finished values are kept;
+    the same command resumes where it stopped. `gaitopt plot FOLDER --over RUN` draws the diagram over a branch.
+    """
+    from gaitopt.api import verbs
+    from gaitopt.show.tables import print_attractors
+    from gaitopt.simulation.engine import choose_engine
+
+    ranges, loaded = grid(over), load(problem, changes, terminal)
+    if len(ranges) != 1:
+        raise typer.BadParameter("--over: attractors are computed over one key; give one --over KEY=LO:HI:N")
+    choose_engine(engine)
+    with terminal.working("values") as (progress, interrupted):
+        result = verbs.attractors(
+            loaded, ranges, starts=starts, transient=transient, keep=keep, seed=seed, engine=engine, workers=workers,
+            scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    if terminal.json:
+        for record in result.to_records():
+            terminal.print_json(record)
+        return 0
+    print_attractors(terminal.results, result)
+    terminal.results.print(f"run: {result.folder}", soft_wrap=True)
     return 0
 
 

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from gaitopt import __version__
-from gaitopt.cli.families import basin, continue_, front, sweep
+from gaitopt.cli.families import attractors, basin, continue_, front, sweep
 from gaitopt.cli.gaits import explain, find, prove, replay, simulate, solve, verify
 from gaitopt.cli.terminal import (
     BROKEN_PIPE,
@@ -114,6 +114,7 @@ for _name, _command, *_shared in (
     ("explain", explain, JSON, QUIET),
     ("continue", continue_, JSON_LINES, QUIET),
     ("basin", basin, JSON, QUIET),
+    ("attractors", attractors, JSON_LINES, QUIET),
     ("sweep", sweep, JSON, QUIET),
     ("front", front, JSON, QUIET),
     ("prove", prove, JSON, QUIET),

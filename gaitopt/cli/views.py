@@ -115,6 +115,10 @@ def plot(
             help="By default svg and png, and html for the animation; gif and mp4 show the animation alone.",
         ),
     ] = None,
+    over: Annotated[
+        list[str] | None,
+        typer.Option("--over", metavar="RUN", help="Draw attractors over the branches in this run; repeat it."),
+    ] = None,
     changes: SetOption = None,
     output: Annotated[
         Path | None,
@@ -128,7 +132,7 @@ def plot(
         ),
     ] = None,
 ) -> int:
-    """Draw figures of a gait, walk, branch, basin, sweep or front, or of several gaits or several branches together.
+    """Draw figures of a gait, walk, branch, basin, sweep, front, attractors, or of several gaits or branches together.
 
     Gait: portrait, force, slip, torques, force_over_COORDINATE, multipliers, roads (NLP and simulation), animation (an
     HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force, slip, torques, animation.
@@ -143,7 +147,7 @@ def plot(
     if output is not None:
         check_writable(output / FIGURES)
     folder, alone = Path(runs[0]), len(runs) == 1
-    figures = folder_figures(*map(Path, runs))
+    figures = folder_figures(*map(Path, runs), over=[Path(run) for run in over or ()])
     if figures:
         place = output or (Path(COMPARISON) if not alone else folder if kind_of(folder) in PARTS else folder / FIGURES)
     else:

@@ -427,6 +427,31 @@ class SweepRecord(TypedDict):
     over: Axes
 
 
+class AttractorsRecord(TypedDict):
+    """Attractors over a parameter: the axis, and the keys of the values in order."""
+
+    over: AxisRecord
+    jobs: Annotated[list[Word], Len(1, 1_000_000)]
+
+
+class LongRunRecord(TypedDict):
+    """What walks settle on; ``period_steps`` is None if it does not repeat itself, ``lyapunov`` if it is not finite."""
+
+    states: Annotated[list[Numbers], Len(1, 1_000_000)]
+    period_steps: Annotated[Count, Ge(1)] | None
+    lyapunov: Number | None
+    starts: Annotated[Count, Ge(1)]
+
+
+class SettledRecord(TypedDict):
+    """A value of the parameter with what walks settle on, and the numbers of the other walks by their ending."""
+
+    job: NotRequired[Word]
+    value: Number
+    attractors: list[LongRunRecord]
+    endings: dict[Word, Annotated[Count, Ge(1)]]
+
+
 class BasinRecord(TypedDict):
     """A basin: its grid and the fixed coordinates. The rest follows from its tiles."""
 

@@ -20,6 +20,7 @@ from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.transitions import Ending
+from gaitopt.runs.attractors import ATTRACTORS_FILE, Attractors, read_attractors
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
@@ -31,7 +32,7 @@ from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, W
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
 
-Result = Gait | Branch | Walk | Sweep | Basin | Front
+Result = Gait | Branch | Walk | Sweep | Basin | Attractors | Front
 
 
 def restore_gait(folder: Path) -> Gait:
@@ -106,11 +107,12 @@ KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
     "front": (front_file("*"), _only_front),
     "sweep": (SWEEP_FILE, read_sweep),
     "basin": (BASIN_FILE, read_basin),
+    "attractors": (ATTRACTORS_FILE, read_attractors),
 }
 """By kind of result: the file by which it is known, and its reader. Of several kinds in one folder the first counts."""
 
 
-PARTS = ("sweep", "basin")
+PARTS = ("sweep", "basin", "attractors")
 """Kinds of results that have a folder KIND-KEY of their own within a run folder."""
 
 
@@ -175,6 +177,10 @@ def refuse_other_results(folder: Path) -> None:
     others = [f"a {kind}" for kind in ("branch", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
-    places = sorted(str(file.parent) for name in (BASIN_FILE, SWEEP_FILE) for file in folder.glob(f"*/{name}"))
+    places = sorted(
+        str(file.parent) for name in (BASIN_FILE, SWEEP_FILE, ATTRACTORS_FILE) for file in folder.glob(f"*/{name}")
+    )
     if places:
-        raise StorageError(f"{folder} holds no gait; give the folder of its basin or sweep: {' or '.join(places)}")
+        raise StorageError(
+            f"{folder} holds no gait; give the folder of its basin, sweep or attractors: {' or '.join(places)}"
+        )

@@ -13,11 +13,13 @@ from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
+from gaitopt.runs.attractors import Attractors, read_attractors
 from gaitopt.runs.basin import Basin, read_basin
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.results import kind_of, restore_walk
 from gaitopt.runs.sweep import Sweep, read_sweep
+from gaitopt.show.attractors import bifurcation_diagram
 from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.gaits import foot_slip, force_ratio, method_comparison, phase_portrait, section_states, torques
 from gaitopt.show.grids import basin, front_figure, sweep
@@ -152,6 +154,19 @@ def _(result: Sweep) -> Figures:
 
 
 @figures_of.register
+def _(result: Attractors) -> Figures:
+    return attractor_figures(result, {})
+
+
+def attractor_figures(result: Attractors, branches: Mapping[str, Sequence[Record]]) -> Figures:
+    """The figures of attractors, over branches by their names in the legend; a state, or the exponents."""
+    names = (*result.names, "lyapunov")
+    return Figures(
+        draw=lambda name: bifurcation_diagram(result, name, branches), names=names, usual=(result.names[0], "lyapunov")
+    )
+
+
+@figures_of.register
 def _(result: Basin) -> Figures:
     return Figures(draw=lambda _: basin(result), names=("basin",), usual=("basin",))
 
@@ -221,7 +236,7 @@ def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) 
     return Figures(draw=draw, names=BRANCH_FIGURES, usual=tuple(usual))
 
 
-def folder_figures(*folders: Path) -> list[Figures]:
+def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
     """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; or of the branches in all folders.
 
     Empty for folders with gaits. Branches are drawn from their records, without restoring the gaits of their points.
@@ -251,6 +266,15 @@ def folder_figures(*folders: Path) -> list[Figures]:
             words = f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two"
             raise UnknownNameError(words)
         return [figures_of(result)]
+    if kind == "attractors":
+        settled, branches = read_attractors(folder), {str(place): stored_branch(place) for place in over}
+        for place, (_, key, _) in branches.items():
+            if key != settled.axis.key:
+                words = f"{place} is a branch over {key}, but the attractors are over {settled.axis.key}"
+                raise UnknownNameError(words)
+        return [attractor_figures(settled, {place: records for place, (_, _, records) in branches.items()})]
+    if over:
+        raise UnknownNameError(f"--over draws attractors over branches, but {folder} holds no attractors")
     if kind == "branch":
         return [branch_figures(*stored_branch(folder))]
     if kind == "walk":

@@ -27,6 +27,7 @@ from gaitopt.model.units import words_and_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
 from gaitopt.problem.statement import OpenSequence
+from gaitopt.runs.attractors import Attractors
 from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.multistart import Optimum
@@ -50,6 +51,8 @@ LEAST_ABOUT = 40
 """Least width of the column ``about`` beside that of the mode sequences."""
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
+CHAOTIC = 1e-3
+"""Lyapunov exponent above which a motion without a period is chaos, and below which it may be a torus."""
 SHOWN_DIGEST = 16
 """Digits of a problem's SHA-256 in a table."""
 SLIPPING_RATIO = "largest |f_t|/f_n while sticking"
@@ -392,6 +395,34 @@ def print_basin(console: Console, record: Record) -> None:
     section(console, title, ("", "ends on", "states", "share", "modes; impact"), [*gaits, *failed], numbers=(0, 2, 3))
 
 
+def print_attractors(console: Console, result: Attractors) -> None:
+    """What walks settle on: neighbouring values with the same cycle lengths in one row."""
+    key, unit = result.axis.key, unit_of(result.axis.key)
+    rows, before = list[tuple[str, ...]](), ""
+    for record in result.records:
+        runs = record["attractors"]
+        words = ", ".join(sorted({_long_run_words(run) for run in runs})) or "none"
+        rates = [run["lyapunov"] for run in runs if run["lyapunov"] is not None]
+        span = [min(rates), max(rates)] if rates else []
+        if words == before:
+            first, _, _, least, most = rows.pop()
+            span = [*span, *(float(text) for text in (least, most) if text)]
+        else:
+            first = number(record["value"])
+        ends = (f"{min(span):.4g}", f"{max(span):.4g}") if span else ("", "")
+        rows.append((first, number(record["value"]), words, *ends))
+        before = words
+    title = f"{result.problem.name}: what walks settle on over {key}{f' [{unit}]' if unit else ''}"
+    columns = ("from", "to", "attractors", "least exponent", "largest exponent")
+    section(console, title, columns, rows, numbers=(0, 1, 3, 4))
+
+
+def _long_run_words(run: Record) -> str:
+    if run["period_steps"] is not None:
+        return f"cycle of {counted(run['period_steps'], 'step')}"
+    return "chaos" if (run["lyapunov"] or 0.0) > CHAOTIC else "no cycle"
+
+
 def print_sweep(console: Console, record: Record) -> None:
     """Numbers of points of a grid by status."""
     statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
@@ -566,6 +597,7 @@ print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.t
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
 print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records(), branch.parameter))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
+print_result.register(Attractors, lambda attractors, console: print_attractors(console, attractors))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep.to_record()))
 
 

@@ -25,6 +25,8 @@ from gaitopt.verification.step_map import StepMap
 
 ROUNDS = 4
 """Transients that a walk may take until it repeats itself; near a bifurcation it does so slowly."""
+MEAN = 400
+"""Least number of cycles over which the exponent of a motion without a period is the mean, to some hundredths."""
 REPEATS, SAME = 1e-6, 1e-3
 """Largest distances, in natural units, of states that repeat themselves, and of the same states of two walks."""
 
@@ -78,7 +80,11 @@ def settled(
         remaining = list[int]()
         for walk in alive.tolist():
             orbit = path[:, walk] / units
-            period = _period(orbit)
+            period = _period(orbit, REPEATS)
+            if period is not None and _closest(orbit[-period:]) < SAME:  # still on its way into a shorter cycle
+                period = None
+            if attempt == ROUNDS - 1:
+                period = period or _period(orbit, SAME)
             if period is None and attempt < ROUNDS - 1:
                 remaining.append(walk)
                 continue
@@ -87,7 +93,8 @@ def settled(
             if same is not None:
                 found[same] = replace(found[same], starts=found[same].starts + 1)
                 continue
-            rate = lyapunov(dynamics, orbit[-1] * units, (period or keep) * per_cycle, cyclic=period is not None)
+            length = (period or max(keep, MEAN)) * per_cycle
+            rate = lyapunov(dynamics, orbit[-1] * units, length, cyclic=period is not None)
             steps = None if period is None else period * per_cycle
             found.append(LongRun(states=orbit * units, period_steps=steps, lyapunov=rate, starts=1))
         walking = path[-1, remaining]
@@ -127,12 +134,18 @@ def lyapunov(dynamics: Dynamics, xi: Array, steps: int, *, cyclic: bool) -> floa
     return total / len(complete)
 
 
-def _period(orbit: Array) -> int | None:
+def _period(orbit: Array, tolerance: float) -> int | None:
     """Cycles after which an orbit repeats itself, at most half of it; None if it does not."""
     for period in range(1, len(orbit) // 2 + 1):
-        if np.abs(orbit[period:] - orbit[:-period]).max() < REPEATS:
+        if np.abs(orbit[period:] - orbit[:-period]).max() < tolerance:
             return period
     return None
+
+
+def _closest(states: Array) -> float:
+    """Least distance of two states of a cycle; infinite of one state."""
+    apart = np.abs(states[:, None] - states[None]).max(axis=2)
+    return float(apart[~np.eye(len(states), dtype=bool)].min(initial=np.inf))
 
 
 def _same(run: LongRun, states: Array, period: int | None, per_cycle: int, units: Array) -> bool:

@@ -1,0 +1,215 @@
+"""Attractors: what walks settle on at each of many values of a parameter, from random starts and from the neighbour's.
+
+The brute-force diagram that continuation cannot draw: every branch of a continuation is followed, stable or not, while
+this shows what walks come to rest on, chaos included. Values are walked in blocks, in each of which a value starts from
+the attractors of the value before it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gaitopt.callbacks import Stop
+from gaitopt.display import Plotted, counted
+from gaitopt.errors import StorageError
+from gaitopt.gait.frames import data_frame
+from gaitopt.gait.records import AttractorsRecord, SettledRecord
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import state_unit, unit_of
+from gaitopt.runs.grid import Axis, Grid, at_point, check_room
+from gaitopt.runs.jobs import Plan, ResultFile, Stored
+from gaitopt.search.candidates import start_box
+from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.store.formats import json_file, validated
+from gaitopt.store.run import Run
+from gaitopt.threads import cached_property
+from gaitopt.verification.long_run import settled
+from gaitopt.verification.step_map import section_coordinates, step_map
+from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ATTRACTORS_FILE = "attractors.json"
+SETTLED = ResultFile(name="settled.jsonl", key="job", model=SettledRecord)
+BLOCK = 16
+"""Values that are walked one after the other, each from the attractors of the one before."""
+SPREAD = (1e-3, 0.03)
+"""Relative distances of the starts around a known state."""
+STATE_BYTES = 200
+"""A state in the file and in memory."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attractors(Plotted):
+    """What walks settle on over a parameter.
+
+    Attributes
+    ----------
+    problem, axis : of the request.
+    records : of every value in order: ``value``, ``attractors`` (each with ``states``, ``period_steps``, ``lyapunov``
+        and ``starts``) and ``endings`` (numbers of the other walks by name).
+    folder : of its files.
+    """
+
+    problem: Problem
+    axis: Axis
+    records: Sequence[Mapping[str, Any]]
+    folder: Path | None = None
+
+    def __repr__(self) -> str:
+        runs = [run for record in self.records for run in record["attractors"]]
+        chaotic = sum(run["period_steps"] is None and (run["lyapunov"] or 0) > 0 for run in runs)
+        span = f"{self.axis.key} {self.axis.lower:g} to {self.axis.upper:g}"
+        words = f"{counted(len(runs), 'attractor')} at {counted(len(self.records), 'value')}, {chaotic} chaotic"
+        return f"<Attractors {self.problem.name} over {span}: {words}>"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the section coordinates, the columns of ``states``."""
+        return self.problem.walker.section_names(slipping=True)
+
+    def to_records(self) -> list[dict[str, Any]]:
+        """One JSON object per attractor, and one per value and ending of the other walks, as the command prints."""
+        records = list[dict[str, Any]]()
+        for record in self.records:
+            records += [{"value": record["value"], **run} for run in record["attractors"]]
+            others = record["endings"].items()
+            records += [{"value": record["value"], "ending": name, "starts": count} for name, count in others]
+        return records
+
+    def to_frame(self) -> "DataFrame":
+        """One row per state of an attractor: value, number of the attractor, its period and exponent, and the state."""
+        header = (self.axis.key, "attractor", "period_steps", "lyapunov", *self.names)
+        rows = [
+            (r["value"], k, run["period_steps"] or 0, run["lyapunov"], *state)
+            for r in self.records
+            for k, run in enumerate(r["attractors"])
+            for state in run["states"]
+        ]
+        units = {self.axis.key: unit_of(self.axis.key), **{name: state_unit(name) for name in self.names}}
+        return data_frame(header, rows, {name: units.get(name, "") for name in header}, problem=self.problem.name)
+
+
+def read_attractors(place: Path) -> Attractors:
+    """The attractors in a folder, which is a part of the run of its problem."""
+    run = Run.at(place)
+    stated = validated(AttractorsRecord, run.read_object(ATTRACTORS_FILE), place / ATTRACTORS_FILE)
+    problem, axis = run.problem(), validated(Axis, stated["over"], place / ATTRACTORS_FILE)
+    lines = {line["job"]: line for line in run.lines(SETTLED.name)}
+    for number, line in enumerate(lines.values(), start=1):
+        validated(SettledRecord, line, run.path(SETTLED.name), number)
+    missing = [key for key in stated["jobs"] if key not in lines]
+    if missing:
+        raise StorageError(f"{run.path(SETTLED.name)} lacks the value with the key {missing[0]}; it was left alone")
+    return Attractors(problem=problem, axis=axis, records=[lines[key] for key in stated["jobs"]], folder=place)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttractorsPlan(Plan[Attractors]):
+    """Attractors to be computed.
+
+    Attributes
+    ----------
+    axis : of a parameter.
+    starts, transient, keep, seed : see ``gaitopt.attractors``.
+    """
+
+    axis: Axis
+    starts: int
+    transient: int
+    keep: int
+    seed: int = 0
+    engine: str = Engine.AUTO
+
+    @cached_property
+    def run(self) -> Run:
+        """The part of the run with its files."""
+        identity = [str(self.axis), self.starts, self.transient, self.keep, self.seed, str(self.chosen_engine)]
+        return Run(self.folder, f"attractors-{key_of(identity)[:8]}")
+
+    @property
+    def chosen_engine(self) -> Engine:
+        """The engine that ``engine`` means for the number of steps."""
+        return choose_engine(self.engine, steps=self.axis.count * self.starts * (self.transient + self.keep))
+
+    def check(self) -> None:
+        """Refuse an axis over something else than a parameter, an invalid value, or too many states."""
+        self.problem.check_one_foot("attractors")
+        Grid((self.axis,)).check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
+        check_room(self.axis.count * self.keep, self.folder, disk=STATE_BYTES, memory=STATE_BYTES, what="states")
+        _ = self.jobs
+
+    def stored(self) -> AbstractContextManager[Stored]:
+        """Open the file of finished values."""
+        return SETTLED.opened(self.run, self.problem)
+
+    def result(self, jobs: ResumableJobs) -> Attractors:
+        """The attractors at all values."""
+        records = jobs.complete(settle_job, self.jobs, len(self.jobs))
+        failed = next((record for record in records if isinstance(record, FailedJob)), None)
+        if failed is not None:
+            raise StorageError(f"a value was given up: {failed.reason}; the others are kept")
+        summary = {"over": asdict(self.axis), "jobs": [job.key for job in self.jobs]}
+        self.run.write({ATTRACTORS_FILE: json_file(summary)})
+        return Attractors(problem=self.problem, axis=self.axis, records=records, folder=self.run.place)
+
+    @cached_property
+    def jobs(self) -> list[Job]:
+        """One job per value; all but the first of a block start from the one before."""
+        jobs = list[Job]()
+        for number, value in enumerate(self.axis.numbers(self.problem)):
+            problem = at_point(self.problem, {self.axis.key: value})
+            plan = (self.starts, self.transient, self.keep, self.seed, number, value, str(self.chosen_engine))
+            parent = jobs[-1].key if number % BLOCK else None
+            jobs.append(Job(key=key_of([problem.digest, *plan, parent]), argument=(problem, *plan), parent=parent))
+        return jobs
+
+
+def settle_job(
+    argument: tuple[Problem, int, int, int, int, int, float, str],
+    neighbour: Mapping[str, Any] | None = None,
+    should_stop: Stop = None,
+) -> dict[str, Any]:
+    """The record of one value; runs in any process."""
+    problem, starts, transient, keep, seed, number, value, engine = argument
+    mapped = step_map(problem, None, Engine(engine))
+    rng = np.random.default_rng([seed, number])
+    xi = np.array([*islice(_starts(problem, mapped.dynamics, neighbour, rng), starts)])
+    runs, endings = settled(
+        mapped, section_coordinates(problem, xi), transient=transient, keep=keep, should_stop=should_stop
+    )
+    found = [
+        {
+            "states": run.states.tolist(),
+            "period_steps": run.period_steps,
+            "lyapunov": run.lyapunov if np.isfinite(run.lyapunov) else None,
+            "starts": run.starts,
+        }
+        for run in sorted(runs, key=lambda run: -run.starts)
+    ]
+    return {"value": value, "attractors": found, "endings": endings}
+
+
+def _starts(problem: Problem, dynamics: Any, neighbour: Mapping[str, Any] | None, rng: Any) -> Iterator[Any]:
+    """Start states: the attractors of the neighbour, then the guess, each with others around it and random ones."""
+    names = problem.walker.section_names(slipping=True)
+    box = start_box(problem, dynamics, {})
+    known = [np.array(run["states"][-1]) for run in (neighbour or {}).get("attractors", [])]
+    if problem.start is not None:
+        known.append(np.array([problem.start.state[name] for name in names]))
+    yield from known
+    sticks = problem.is_open or problem.cycle.impact.sticks
+    while True:
+        for state in known:
+            for spread in SPREAD:
+                near = state * (1 + spread * rng.uniform(-1, 1, len(names)))
+                yield near
+        anywhere = rng.uniform(box.lower, box.upper)
+        anywhere[-1] *= not sticks
+        yield anywhere

@@ -1,0 +1,96 @@
+"""The bifurcation diagram: what walks settle on over a parameter, over the branches of a continuation.
+
+A point is a state just after an impact, so that a cycle of m steps has m points at a value; chaos fills bands.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gaitopt.problem.scalars import state_unit
+from gaitopt.runs.attractors import Attractors
+from gaitopt.show.branches import UNSTABLE, is_stable
+from gaitopt.show.style import COLOURS, NEUTRAL, Parameter, entry, legend_below, panels, symbol, typeset
+
+Record = Mapping[str, Any]
+
+HEIGHT = 4.6
+"""Height of the figure [inch]."""
+SETTLED, STABLE, LOST = COLOURS[6], COLOURS[0], COLOURS[1]
+"""Colours of what walks settle on, and of stable and unstable gaits of branches."""
+CHAOS = 0.0
+"""Exponent above which neighbouring walks part."""
+
+
+def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Sequence[Record]]) -> Figure:
+    """A section coordinate of all attractors, or their exponents (``lyapunov``), over the parameter.
+
+    Parameters
+    ----------
+    branches : records of branches over the same parameter by their names in the legend.
+
+    Raises
+    ------
+    ValueError
+        If a branch is over another parameter.
+    """
+    figure, (axes,) = panels(height=HEIGHT)
+    parameter = Parameter(key=result.axis.key, in_degrees=result.axis.unit == "deg")
+    records = parameter.shown(result.records)
+    handles, look = list[Line2D](), dict[str, Any](marker=".", markersize=4)
+    for stored in branches.values():
+        _draw_branch(axes, parameter.shown(stored), name)
+    if branches:
+        handles += [entry("stable gaits", color=STABLE, linewidth=2.2)]
+        handles += [entry("unstable gaits", color=LOST, linewidth=1.2, linestyle=UNSTABLE)]
+    if name == "lyapunov":
+        points = [
+            (record["value"], run["lyapunov"])
+            for record in records
+            for run in record["attractors"]
+            if run["lyapunov"] is not None
+        ]
+        axes.axhline(CHAOS, color=NEUTRAL, linewidth=0.8, linestyle="-.")
+        axes.set_ylabel("largest Lyapunov exponent per step")
+    else:
+        column = result.names.index(name)
+        points = [
+            (record["value"], state[column])
+            for record in records
+            for run in record["attractors"]
+            for state in run["states"]
+        ]
+        many = max(len(points) / max(len(records), 1), 1.0)
+        look |= {"markersize": 4 / min(many, 20) ** 0.4, "markeredgewidth": 0}
+        axes.set_ylabel(f"{symbol(name)} after the impact [{typeset(state_unit(name))}]")
+    if points:
+        axes.plot(*np.array(points).T, linestyle="", color=SETTLED, rasterized=True, zorder=3, **look)
+    handles.append(entry("walks settle here", color=SETTLED, marker=".", linestyle=""))
+    axes.set_xlim(min(r["value"] for r in records), max(r["value"] for r in records))
+    axes.set_xlabel(str(parameter.label))
+    legend_below(figure, handles)
+    return figure
+
+
+def _draw_branch(axes: Axes, records: Sequence[Record], name: str) -> None:
+    """Draw a state of every step of the gaits of a branch, or the logarithm of their spectral radius per step."""
+    points = [record for record in records if record["record"] == "point"]
+    for branch in sorted({point["branch"] for point in points}):
+        own = sorted((p for p in points if p["branch"] == branch), key=lambda p: p["index"])
+        values = np.array([point["value"] for point in own])
+        if name == "lyapunov":
+            heights = np.array([[np.log(max(p["spectral_radius"], 1e-300)) / p["n_steps"]] for p in own])
+        else:
+            heights = np.array([[step["state"][name] for step in point.get("steps", [point])] for point in own])
+        stable = np.array([is_stable(point) for point in own])
+        looks: tuple[tuple[bool, dict[str, Any]], ...] = (
+            (True, {"linewidth": 2.2}),
+            (False, {"linewidth": 1.2, "linestyle": UNSTABLE}),
+        )
+        for steady, look in looks:
+            shown = np.where((stable == steady)[:, None], heights, np.nan)
+            axes.plot(values, shown, color=STABLE if steady else LOST, **look)

@@ -1,0 +1,131 @@
+"""What walks settle on: Lyapunov exponents against multipliers and against diverging walks, and folders that resume."""
+
+import json
+
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.cli.main import main
+from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.model.modes import Mode
+from gaitopt.simulation.engine import Engine
+from gaitopt.verification.long_run import settled
+from gaitopt.verification.step_map import step_map
+
+WHEEL = "rimless-wheel-slip"
+FRICTIONS = {"friction": (0.36, 0.44, 3)}
+FEW = {"starts": 4, "transient": 40, "keep": 6, "workers": 1, "progress": False}
+GOSWAMI = """
+name: goswami
+walker: {model: compass_biped, leg_length: 1, leg_mass: 5, leg_com: 0.5, hip_mass: 10, gravity: 9.81, slope: 4.3 deg}
+friction: 0.7
+gait: {phases: [stick], impact: stick, guess: {state: {theta1: -0.29, dtheta1: 1.2, dtheta2: -0.4}}}
+"""
+
+
+def long_runs(gait, keep=20):
+    mapped = step_map(gait.problem, None, Engine.SCIPY)
+    indices = mapped.dynamics.system.section(Mode.SLIP_FORWARD).indices
+    near = gait.state[indices] * (1 + 1e-3 * np.random.default_rng(0).standard_normal((2, 1)))
+    near[:, -1] *= gait.problem.cycle.impact.slips
+    return settled(mapped, near, transient=100, keep=keep)
+
+
+def test_the_exponent_of_a_cycle_is_the_logarithm_of_its_multiplier():
+    gait = named(WHEEL)
+    (run,), endings = long_runs(gait)
+    assert (run.period_steps, run.starts, endings) == (1, 2, {})
+    assert run.lyapunov == pytest.approx(np.log(gait.spectral_radius), abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-two-step", "compass-unequal"])
+def test_exponents_of_slipping_of_two_step_and_of_unequal_cycles(name):
+    gait = named(name)
+    (run,), _ = long_runs(gait)
+    assert run.period_steps == len(gait.steps)
+    assert run.lyapunov == pytest.approx(np.log(gait.spectral_radius) / len(gait.steps), abs=1e-8)
+
+
+def test_attractors_are_kept_read_back_and_drawn(tmp_path, monkeypatch):
+    found = go.attractors(WHEEL, FRICTIONS, output=tmp_path, **FEW)
+    for record in found.to_records():
+        assert {*record} in ({"value", "states", "period_steps", "lyapunov", "starts"}, {"value", "ending", "starts"})
+    assert [r["value"] for r in found.records] == [0.36, 0.4, 0.44]
+    runs = [run for record in found.records for run in record["attractors"]]
+    assert {run["period_steps"] for run in runs} == {1}
+    for record in found.records:
+        gait = go.solve(go.load_problem(WHEEL).replace({"friction": record["value"]}), progress=False)
+        (run,) = record["attractors"]
+        assert run["lyapunov"] == pytest.approx(np.log(gait.spectral_radius), abs=1e-8)
+        assert run["states"][0][0] == pytest.approx(gait.to_record()["state"]["dtheta"], abs=1e-6)
+    monkeypatch.setattr("gaitopt.runs.attractors.settle_job", None)  # nothing is left to do
+    again = go.attractors(WHEEL, FRICTIONS, output=tmp_path, **FEW)
+    assert again.to_records() == found.to_records() == go.load_run(found.folder).to_records()
+    assert found.plot("lyapunov").has_data()
+    assert len(found.to_frame()) == 3
+
+
+def test_the_command_prints_one_object_per_attractor_and_draws_over_a_branch(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["--over", "friction=0.36:0.44:3", "--starts", "2", "--transient", "40", "--keep", "4"]
+    command = ["attractors", WHEEL, *words, "--workers", "1", "-o", "run", "--quiet"]
+    assert main([*command, "--json"]) == 0
+    records = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [record["value"] for record in records if "states" in record] == [0.36, 0.4, 0.44]
+    assert main(command) == 0
+    table = capsys.readouterr().out
+    assert "cycle of 1 step" in table
+    folder = table.split("run: ")[1].strip()
+    assert main(["continue", WHEEL, "--param", "friction", "--to", "0.36", "--to", "0.44", "-o", "b", "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["plot", folder, "--over", "b", "--what", "dtheta", "--format", "svg", "--quiet"]) == 0
+    assert capsys.readouterr().out.strip() == f"{folder}/dtheta.svg"
+    assert main(["plot", "b", "--over", "b", "--quiet"]) == 2
+
+
+def test_wrong_requests_are_named(tmp_path):
+    with pytest.raises(ProblemError, match="over one key"):
+        go.attractors(WHEEL, {**FRICTIONS, "walker.slope": (0.1, 0.2, 2)}, output=tmp_path)
+    with pytest.raises(UnknownNameError, match=r"slop: not a parameter of rimless-wheel-slip; did you mean"):
+        go.attractors(WHEEL, {"walker.slop": (0.1, 0.2, 2)}, output=tmp_path)
+    with pytest.raises(ProblemError, match="keep: 1 is less than 2"):
+        go.attractors(WHEEL, FRICTIONS, keep=1, output=tmp_path)
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.slow
+def test_chaos_parts_neighbouring_walks_as_its_exponent_says():
+    """Goswami's compass on 5.1 deg: the mean growth of small distances of pairs of walks, which share no derivative."""
+    problem = go.parse_problem(GOSWAMI)
+    walked = go.attractors(problem, {"walker.slope": ("5 deg", "5.1 deg", 2)}, starts=6, workers=1, progress=False)
+    (chaos,) = (run for run in walked.records[-1]["attractors"] if run["period_steps"] is None)
+    mapped = step_map(problem.replace({"walker.slope": "5.1 deg"}), None, Engine.SCIPY)
+    units = mapped.dynamics.state_units[mapped.dynamics.system.section(Mode.SLIP_FORWARD).indices]
+    growth, apart, state = list[float](), 1e-7, np.array(chaos["states"][-1])
+    direction = np.random.default_rng(0).standard_normal(3)
+    for _ in range(400):
+        direction /= np.linalg.norm(direction)
+        pair = mapped(np.array([state, state + apart * np.append(direction, 0.0) * units]))
+        assert pair.completed.all()
+        state, direction = pair.states[0], ((pair.states[1] - pair.states[0]) / units)[:3]
+        growth.append(float(np.log(np.linalg.norm(direction) / apart)))
+    assert chaos["lyapunov"] > 0.1
+    assert np.mean(growth) == pytest.approx(chaos["lyapunov"], abs=0.04)
+
+
+@pytest.mark.slow
+def test_periods_double_where_multipliers_of_the_branch_pass_minus_one():
+    """The first doubling of Goswami's compass, bracketed by the lengths of what walks settle on."""
+    gait = go.solve(go.parse_problem(GOSWAMI), progress=False)
+    branch = go.continuation(gait, "walker.slope", to=np.radians(4.6), progress=False)
+    flip = branch.special("period_doubling")[0].value
+    places = np.array([-4e-4, -2e-4, 2e-4, 4e-4]) + flip
+    for value, steps in zip(places, (1, 1, 2, 2), strict=True):
+        at = go.parse_problem(GOSWAMI).replace({"walker.slope": float(value)}).from_guess()
+        near = next(p.gait for p in branch.points if p.value > np.radians(4.35))
+        start = near.state[gait.system.section(Mode.SLIP_FORWARD).indices]
+        runs, _ = settled(step_map(at, None, Engine.SCIPY), start[None], transient=400, keep=8)
+        assert [run.period_steps for run in runs] == [steps]
