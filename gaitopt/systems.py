@@ -16,6 +16,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.trajectory import Arc
+from gaitopt.model.buffered import buffered_map
 from gaitopt.model.control import Control
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
@@ -169,14 +170,22 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
 
     Parameters
     ----------
-    followed : shape coordinate of the gait for each joint that follows one.
+    followed : shape coordinate or motor of the gait for each joint that follows one.
     """
     system, names = gait.system, tuple(followed)
-    tracked = [system.walker.shape.index(name) for name in followed.values()]
+    known = (*system.walker.shape, *system.walker.actuators)
+    tracked = [known.index(name) for name in followed.values()]
 
     def piece(arc: Arc) -> Piece:
-        series, offset = curves.coefficients(arc.states).T, system.n_shape + 1
-        return Piece(start=arc.start, end=arc.end, angles=series[tracked], rates=series[[offset + k for k in tracked]])
+        n, offset, p = len(system.walker.shape), system.n_shape + 1, arc.dynamics.p
+        angles, rates = arc.states[:, :n], arc.states[:, offset : offset + n]
+        if max(tracked, default=0) >= n:  # the angle of a motor
+            turned = buffered_map(system.joint_angles, arc.times.size)(arc.states, p)[0].copy()
+            observe = buffered_map(system.observation(arc.mode), arc.times.size)
+            turning = observe(arc.times[:, None], arc.states, p, system.data(arc.segment))[5].copy()
+            angles, rates = np.hstack([angles, turned]), np.hstack([rates, turning])
+        series = [curves.coefficients(values).T[tracked] for values in (angles, rates)]
+        return Piece(start=arc.start, end=arc.end, angles=series[0], rates=series[1])
 
     pieces = [piece(arc) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:

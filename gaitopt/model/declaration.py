@@ -561,7 +561,7 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
         yield f"{_doubles(names)} would be both a coordinate and the rate of another one: rename it in shape"
     for part in ("section", "section_rates", "posture", "lengths", "tracked"):
         named = _section_of(walker) if part == "section" else getattr(walker, part)
-        foreign = {*(named or ())} - {*walker.shape}
+        foreign = {*(named or ())} - {*walker.shape, *(walker.actuators if part == "tracked" else ())}
         if foreign:
             yield f"{', '.join(sorted(foreign))} is no shape coordinate, but {part} names it"
     if {*walker.open_in_impact} - {*walker.stops}:

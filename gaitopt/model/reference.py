@@ -853,7 +853,7 @@ class TableReference(TableCurves, GivenCurves):
             yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
         for name, column in angles:
             largest = float(np.abs(column).max())
-            if name in walker.tracked and name not in walker.lengths and largest > walker.largest_angle:
+            if name in {*walker.tracked} & {*walker.shape} - {*walker.lengths} and largest > walker.largest_angle:
                 words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
                 yield ("table",), f"{self.table.file}: {name} reaches {largest:g}, which is impossible: {words}"
 
@@ -888,8 +888,8 @@ class GaitReference(BaseModel, Target):
         dict[str, Name] | None,
         Field(
             min_length=1,
-            description="shape coordinate of that gait for each joint that tracks one; by default each tracked joint "
-            "follows its own",
+            description="shape coordinate or motor of that gait for each joint that tracks one; by default each "
+            "tracked joint follows its own",
         ),
     ] = None
     beyond_end: Annotated[
@@ -1050,7 +1050,7 @@ class ConstantReference(BaseModel, Target):
                 yield ("constant", joint), untracked(walker)
                 continue
             for value in values:
-                if joint not in walker.lengths and abs(value) > walker.largest_angle:
+                if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
                     words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
                     yield ("constant", joint), f"{value:g} is impossible: {words}"
 

@@ -3,7 +3,7 @@
 u = -kp (theta - theta_r(t)) - kd (dtheta - dtheta_r(t))              Gamus & Or (2013), section V, gait III
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, ClassVar
 
 from casadi import SX, vertcat, vertsplit
@@ -73,7 +73,18 @@ class ProportionalDerivative(Control):
         """Feedback on the error of each tracked joint."""
         kp, kd, walker = now.p.kp, now.p.kd, now.robot.walker
         joints, motor = self.reference.followers(walker), dict(zip(walker.tracked, walker.actuators, strict=True))
-        angles, rates = (vertcat(*(getattr(names, joint) for joint in joints)) for names in (now.q, now.dq))
+        angles, rates = _angles(now, joints)
         target, active = self.reference.weighted(now, now.p.reference, joints, (kp, kd))
         u = -active * (kp * angles + kd * rates - target)
         return {motor[joint]: torque for joint, torque in zip(joints, vertsplit(u), strict=True)}
+
+
+def _angles(now: Instant, joints: Sequence[str]) -> tuple[SX, SX]:
+    """Angles and rates of shape coordinates, or of motors by their names; shape (n,) each."""
+    robot = now.robot
+    motors = dict(zip(robot.walker.actuators, robot.mechanism.motors, strict=False))
+    rates = dict(zip(robot.walker.actuators, vertsplit(robot.E.T @ robot.dq), strict=False))
+    return (
+        vertcat(*(getattr(now.q, joint) if joint in robot.walker.shape else motors[joint] for joint in joints)),
+        vertcat(*(getattr(now.dq, joint) if joint in robot.walker.shape else rates[joint] for joint in joints)),
+    )

@@ -226,7 +226,7 @@ class _Reader:
             "shape": tuple(link.name for link in links),
             "posture": posture,
             "actuators": tuple(link.joint for link in moving),
-            "tracked": tuple(link.name for link in moving),
+            "tracked": tuple(link.joint for link in moving),
             "file": self.file,
             "text": self.text,
             "feet": self.feet,

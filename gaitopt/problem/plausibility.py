@@ -252,7 +252,9 @@ def _section_spans(path: Key, section: type[BaseModel], values: Mapping[str, Any
 
 
 def _numbers(value: object) -> list[tuple[Key, float]]:
-    """A number, or the numbers of a mapping by key."""
+    """A number, or the numbers of a mapping or a tuple by key."""
+    if isinstance(value, tuple):
+        return [((k,), entry) for k, entry in enumerate(value) if isinstance(entry, int | float)]
     if not isinstance(value, Mapping):
         return [((), value)] if isinstance(value, int | float) else []
     return [((str(key),), entry) for key, entry in value.items() if isinstance(entry, int | float)]

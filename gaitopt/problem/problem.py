@@ -433,11 +433,11 @@ def _build(
         subject = f"the reference {shown(name)}"
         target = next(target for target in control.targets.values() if target.source[0])
         followed = target.followed(type(walker))
-        unknown = ", ".join(angle for angle in followed.values() if angle not in reference.walker.shape)
+        unknown = ", ".join(angle for angle in followed.values() if angle not in _angles(reference.walker))
         theirs = reference.walker
         if unknown:
             words = f"is a {theirs.model}, which has no {unknown} to track"
-            faults.append(Fault(key, f"{subject} {words}; its shape is {', '.join(theirs.shape)}"))
+            faults.append(Fault(key, f"{subject} {words}; its angles are {', '.join(_angles(theirs))}"))
         elif theirs.shape != walker.shape and getattr(target, "joints", None) is None:
             words = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
             remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
@@ -514,3 +514,8 @@ def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
                 f"{argument}: {both} are both called {name!r}: give each {kind.attribute} a name of its own"
             )
     return named
+
+
+def _angles(walker: Walker) -> tuple[str, ...]:
+    """Names of the angles that a reference can give: coordinates, and motors' angles."""
+    return tuple(dict.fromkeys((*walker.shape, *walker.actuators)))

@@ -148,8 +148,9 @@ def numbers_of_walkers():
         problem = go.load_problem(path)
         for key in problem.parameters:
             group = problem.walker.model if key.startswith("walker") else ""
-            if key not in problem.free and (group, key) not in seen:
-                seen.add((group, key))
+            kind = re.sub(r"\.[a-z_]+\.[1-9]\d*$", ".N", key)  # one value of a torque or curve stands for the others
+            if key not in problem.free and (group, kind) not in seen:
+                seen.add((group, kind))
                 yield path.stem, key
 
 

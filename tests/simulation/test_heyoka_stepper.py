@@ -27,6 +27,7 @@ GAITS = [name for name in problem_names() if name not in DESIGNS]
 INTRICATE = (
     *("compass-passive-a", "compass-pd-impact-slip", "compass-torque-impact-slip", "compass-torque-slip"),
     *("kneed-passive", "slip-run-foot", "telescopic-passive", "torso-passive"),
+    *("rabbit-hzd", "rabbit-hzd-slip", "rabbit-tracked"),
 )
 """Gaits whose integrators take long to compile in extended precision."""
 

@@ -18,7 +18,14 @@ Array = NDArray[np.float64]
 
 DESIGNS = {"compass-pd-designed": 4, "compass-pd-slippery": 2, "rabbit-optimal": 2}
 """Curves are designed anew for each gait, which takes long; farther away their constraints cannot be met."""
-LONG = ("compass-passive-static-kinetic", "compass-pd-impact-slip", "compass-torque-stable-slip")
+LONG = (
+    "rabbit-hzd",
+    "rabbit-hzd-slip",
+    "rabbit-tracked",
+    "compass-passive-static-kinetic",
+    "compass-pd-impact-slip",
+    "compass-torque-stable-slip",
+)
 COUNTS = dict.fromkeys(go.problem_names(), 20) | dict.fromkeys(LONG, 10) | DESIGNS
 """Gaits of each named problem that are judged."""
 PROBLEMS = tuple(COUNTS)

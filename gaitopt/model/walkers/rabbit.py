@@ -6,6 +6,7 @@ parameters are those of FROST's model, which names Westervelt et al. (2007); Wes
 a torso of 20 kg. The rotors, 0.83 kg m^2 in every joint, are left out unless ``rotor_inertia`` states them.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated
 
@@ -13,8 +14,8 @@ from casadi import pi
 from pydantic import Field
 
 from gaitopt.model.links import Link
-from gaitopt.model.units import Inertia, NonNegative, Positive, Slope
-from gaitopt.model.walker import Walker
+from gaitopt.model.units import Inertia, NonNegative, Positive, Slope, Within
+from gaitopt.model.walker import Mechanism, Walker
 
 
 class Rabbit(Walker):
@@ -30,9 +31,12 @@ class Rabbit(Walker):
         "swing_shin": 0.4,
     }
     actuators = ("stance_hip", "stance_knee", "swing_hip", "swing_knee")
-    tracked = ("stance_thigh", "stance_shin", "swing_thigh", "swing_shin")
+    phases = ("stance_leg",)
+    tracked = actuators
 
-    torso_length: Annotated[Positive, Field(description="length of the torso [m]")] = 0.63
+    torso_length: Annotated[
+        Positive, Field(description="length of the torso [m]"), Within(unit="length", possible=(0, 100))
+    ] = 0.63
     torso_mass: Annotated[Positive, Field(description="mass of the torso [kg]")] = 12.0
     torso_com: Annotated[NonNegative, Field(description="height of its centre of mass above the hip [m]")] = 0.24
     torso_inertia: Annotated[Inertia, Field(description="moment of inertia about its centre of mass [kg m^2]")] = 1.33
@@ -49,6 +53,11 @@ class Rabbit(Walker):
     ] = 0.0
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")] = 9.81
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")] = 0.0
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the links; the phase is the lean of the line from the stance foot to the hip, for equal lengths."""
+        return replace(super().mechanism(q, p), phases={"stance_leg": (q.stance_thigh + q.stance_shin) / 2})
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
