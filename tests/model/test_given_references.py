@@ -372,7 +372,11 @@ CURVE = {"bezier": {"theta2": [0, 0.1]}}
         ),
         ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),
         ({"gait": "compass-passive-b", "joints": {"hip": "theta1"}, "beyond_end": "hold"}, ".joints.hip", "no tracked"),
-        ({"gait": "torso-passive", "joints": {"theta2": "hip"}, "beyond_end": "hold"}, ".gait", "which has no hip to"),
+        (
+            {"gait": "torso-passive", "joints": {"theta2": "knee"}, "beyond_end": "hold"},
+            ".gait",
+            "which has no knee to",
+        ),
     ],
 )
 def test_a_wrong_reference_is_one_sentence_that_shows_the_right_form(reference: Any, key: str, words: str) -> None:

@@ -10,8 +10,8 @@ from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.solver.newton import Solution
 
-NAMES = [name for name in go.problem_names() if name != "rabbit-optimal"]
-"""Open-loop torques are unknowns of another program."""
+NAMES = [name for name in go.problem_names() if name not in ("rabbit-optimal", "rabbit-tracked")]
+"""Open-loop torques are unknowns of another program, which a law that tracks them needs first."""
 FEW = ("compass-passive-a", "compass-pd-impact-slip", "compass-torque-efficient", "kneed-passive", "slip-run-foot")
 QUIET = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"}
 MUTE_SQP = {
