@@ -18,7 +18,15 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import check_class
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.registry import CONTROLS, WALKERS, Kind, registered_controls, registered_walkers
+from gaitopt.model.registry import (
+    CONTROLS,
+    WALKERS,
+    Kind,
+    refused_controls,
+    refused_walkers,
+    registered_controls,
+    registered_walkers,
+)
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
@@ -357,6 +365,26 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), control
             known, section[key] = {reference.name: reference}, reference.name
     problem = _build(data, place, [], passed_classes(walkers, controls), (), known=known)
     return problem if before is None else replace(problem, file=problem.replace(before).from_guess())
+
+
+def check_installed(record: Mapping[str, Any]) -> None:
+    """Check that the walker and the control law of a record that ``Problem.resolved`` wrote are registered.
+
+    Raises
+    ------
+    ProblemError
+        If one of them is not.
+    """
+    kinds = {
+        ("walker", "model"): ("walker", {**registered_walkers(), **refused_walkers()}),
+        ("control", "type"): ("control law", {**registered_controls(), **refused_controls()}),
+    }
+    for (section, key), (kind, known) in kinds.items():
+        stated = record.get(section)
+        name = stated.get(key) if isinstance(stated, Mapping) else None
+        if isinstance(name, str) and name not in known:
+            words = f"no {kind} is called {shown(name)} here; the run needs the package that registers it"
+            raise ProblemError(f"{words}, because classes that are passed to a function are not stored")
 
 
 def _load(name_or_path: str | Path, classes: Known, files: Sequence[Path]) -> Problem:

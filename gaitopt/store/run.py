@@ -18,8 +18,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
-from gaitopt.errors import GaitoptError, StorageError
-from gaitopt.problem.problem import RESOLVED_FILE, Problem, restore_problem
+from gaitopt.errors import GaitoptError, ProblemError, StorageError
+from gaitopt.problem.problem import RESOLVED_FILE, Problem, check_installed, restore_problem
 from gaitopt.problem.statement import digest_of
 from gaitopt.store.files import (
     TEMPORARY_SUFFIX,
@@ -334,7 +334,8 @@ class Run:
         Raises
         ------
         StorageError
-            If what it resolves to is no problem, or not that of the manifest.
+            If what it resolves to is no problem, or not that of the manifest; or if its walker or its control law is
+            not installed.
         """
         run = Run(self.folder)
         resolved, path = run.read_object(RESOLVED_FILE), run.path(RESOLVED_FILE)
@@ -342,6 +343,10 @@ class Run:
         digest = self.manifest().hash
         if digest_of(resolved) != digest:
             raise StorageError(f"{path} does not have the hash of the manifest; the run is broken")
+        try:
+            check_installed(resolved)
+        except ProblemError as error:
+            raise StorageError(f"{self.folder}: {error}") from error
         try:
             problem = replace(restore_problem(resolved), text=text)
         except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:
