@@ -4,6 +4,7 @@ A point is a state just after an impact, so that a cycle of m steps has m points
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from gaitopt.gait.branch import TERMINAL
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.attractors import Attractors
-from gaitopt.show.branches import UNSTABLE, is_stable
+from gaitopt.show.branches import UNSTABLE, is_stable, joined
 from gaitopt.show.style import COLOURS, NEUTRAL, Parameter, entry, legend_below, panels, symbol, typeset
 
 Record = Mapping[str, Any]
@@ -22,6 +24,8 @@ HEIGHT = 4.6
 """Height of the figure [inch]."""
 SETTLED, STABLE, LOST = COLOURS[6], COLOURS[0], COLOURS[1]
 """Colours of what walks settle on, and of stable and unstable gaits of branches."""
+SMALLEST = 1e-300
+"""Spectral radius below which its logarithm is that of this number: all deviations vanish."""
 CHAOS = 0.0
 """Exponent above which neighbouring walks part."""
 
@@ -64,8 +68,7 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
             for run in record["attractors"]
             for state in run["states"]
         ]
-        many = max(len(points) / max(len(records), 1), 1.0)
-        look |= {"markersize": 4 / min(many, 20) ** 0.4, "markeredgewidth": 0}
+        look |= {"markersize": 2.5, "markeredgewidth": 0}
         axes.set_ylabel(f"{symbol(name)} after the impact [{typeset(state_unit(name))}]")
     if points:
         axes.plot(*np.array(points).T, linestyle="", color=SETTLED, rasterized=True, zorder=3, **look)
@@ -79,18 +82,20 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
 def _draw_branch(axes: Axes, records: Sequence[Record], name: str) -> None:
     """Draw a state of every step of the gaits of a branch, or the logarithm of their spectral radius per step."""
     points = [record for record in records if record["record"] == "point"]
-    for branch in sorted({point["branch"] for point in points}):
-        own = sorted((p for p in points if p["branch"] == branch), key=lambda p: p["index"])
-        values = np.array([point["value"] for point in own])
+    specials = [record for record in records if record["record"] == "special" and record["type"] not in TERMINAL]
+
+    def heights(gait: Record) -> list[float]:
         if name == "lyapunov":
-            heights = np.array([[np.log(max(p["spectral_radius"], 1e-300)) / p["n_steps"]] for p in own])
-        else:
-            heights = np.array([[step["state"][name] for step in point.get("steps", [point])] for point in own])
-        stable = np.array([is_stable(point) for point in own])
-        looks: tuple[tuple[bool, dict[str, Any]], ...] = (
-            (True, {"linewidth": 2.2}),
-            (False, {"linewidth": 1.2, "linestyle": UNSTABLE}),
-        )
-        for steady, look in looks:
-            shown = np.where((stable == steady)[:, None], heights, np.nan)
-            axes.plot(values, shown, color=STABLE if steady else LOST, **look)
+            return [float(np.log(max(gait["spectral_radius"], SMALLEST)) / gait["n_steps"])]
+        return [step["state"][name] for step in gait.get("steps", [gait])]
+
+    for branch in sorted({point["branch"] for point in points}):
+        own = sorted((point for point in points if point["branch"] == branch), key=lambda point: point["index"])
+        line = joined(own, specials, "spectral_radius")
+        values, rows = np.array([gait["value"] for gait in line]), [heights(gait) for gait in line]
+        most = max(map(len, rows))  # where a doubled family begins, the cycle of its origin counts twice
+        columns, stable = np.array([row * (most // len(row)) for row in rows]), np.array([is_stable(g) for g in line])
+        for first, last in pairwise([0, *(np.flatnonzero(np.diff(stable)) + 1), len(line)]):
+            run = slice(max(first - 1, 0), last)
+            look: dict[str, Any] = {"linewidth": 1.8} if stable[first] else {"linewidth": 1.2, "linestyle": UNSTABLE}
+            axes.plot(values[run], columns[run], color=STABLE if stable[first] else LOST, **look)
