@@ -56,7 +56,7 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     violated = violations(refined)
     if violated:
         return tuple(violated)
-    cause = _early_event(refined) or _turning_phase(refined)
+    cause = _early_event(refined) or _law_ends(refined) or _turning_phase(refined)
     return () if cause is None else (cause,)
 
 
@@ -142,6 +142,20 @@ def _early_event(at: Solution) -> Cause | None:
                 time = float(max(roots[roots < end], default=end))
                 words = f"{margin(name).lost}, about {time:.4f} s after the impact"
                 return Cause(what=name, words=words, phase=phase, step=step, time=time)
+    return None
+
+
+def _law_ends(at: Solution) -> Cause | None:
+    """A step that takes longer than its control law is defined; None if there is none."""
+    cycle, horizon = at.equations.mesh.cycle, at.equations.system.control.horizon
+    for phase in range(len(cycle.phases)):
+        step = cycle.step_of(phase)
+        time = float(at.durations[cycle.first_phases[step] : phase + 1].sum())
+        if time > horizon:
+            words = f"the control law ends {horizon:.4g} s after the impact, but the step takes at least {time:.4g} s"
+            return Cause(
+                what="control", words=words, phase=phase, step=step, time=horizon, needed=time, available=horizon
+            )
     return None
 
 

@@ -3,13 +3,14 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from math import comb, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from casadi import SX, log
+from casadi import SX, log, sin
 from named import named
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
@@ -19,6 +20,8 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait.curves import coefficients
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import Followed
+from gaitopt.model.walker import Mechanism
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import restore_problem
 from gaitopt.store.run import Run
 from gaitopt.systems import problem_dynamics
@@ -209,6 +212,52 @@ def test_a_law_with_a_gait_is_checked_once_that_is_solved(mistake: str, words: s
     problem = go.parse_problem(text, controls=[Faulty])
     with pytest.raises(ProblemError, match=rf"control: {words}"):
         problem_dynamics(problem)
+
+
+class Short(go.Control):
+    """Turns the swing leg for 0.3 s."""
+
+    type = "short"
+
+    @property
+    def horizon(self) -> float:
+        return 0.3
+
+    def torques(self, now: go.Instant) -> dict[str, SX]:
+        return {"hip": 30 * (0.14 - now.q.theta2) - 5 * now.dq.theta2}
+
+
+def test_a_law_that_ends_before_the_step_does_is_named() -> None:
+    text = go.load_problem(NAME).text
+    control = text[text.index("control:") : text.index("gait:")]
+    gait = go.solve(go.parse_problem(text.replace(control, "control: {type: short}\n"), controls=[Short]))
+    assert [cause.what for cause in gait.causes] == ["control"]
+    assert "the control law ends 0.3 s after the impact, but the step takes at least 0.68" in gait.message
+
+
+class HipCompass(CompassBiped):
+    """A compass that names the position of its hip along the ground."""
+
+    model = "hip_compass"
+    phases = ("hip_x",)
+
+    @classmethod
+    def mechanism(cls, q: Any, p: Any) -> Mechanism:
+        return replace(CompassBiped.mechanism(q, p), phases={"hip_x": p.leg_length * sin(q.theta1)})
+
+
+def test_a_phase_that_the_walker_names() -> None:
+    """The position of the hip: its rate is that of the angle times l cos(theta1)."""
+    text = go.load_problem(NAME).text.replace("compass_biped", "hip_compass")
+    base = go.parse_problem(text.replace("table: compass-table.csv, beyond_end: hold", "constant: {theta2: 0}"),
+                            walkers=[HipCompass])  # fmt: skip
+    curve = {"bezier": {"theta2": POINTS}, "phase": "hip_x", "span": [-0.15, 0.2]}
+    problem = base.replace({"control.reference": curve})
+    s = (1.6 * np.sin(STATE[0]) + 0.15) / 0.35
+    rate = 1.6 * np.cos(STATE[0]) * STATE[3] / 0.35
+    assert torque(problem, 1.0) == pytest.approx(pd(bezier(s), bezier(s, 1) * rate), abs=1e-12)
+    with pytest.raises(ProblemError, match="no phase variable 'hip'; it has theta1, theta2, hip_x; clock is the time"):
+        base.replace({"control.reference": {**curve, "phase": "hip"}})
 
 
 # files
