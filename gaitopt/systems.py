@@ -23,6 +23,7 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import (
     BeyondEnd,
     BezierCurve,
+    BezierMotion,
     CurveReference,
     GaitReference,
     Piece,
@@ -239,8 +240,10 @@ def _control(problem: Problem, should_stop: Stop) -> Control:
 
 def _bound(target: Target, gait: Gait, walker: WalkerType) -> Target:
     """A target of a walker that is ready for use, from the gait that it names."""
+    if isinstance(target, GaitReference) and target.phase is not None:
+        return _over_phase(target, gait, walker)
     if isinstance(target, GaitReference):
-        return gait_reference(gait, target.beyond_end, target.followed(walker))
+        return gait_reference(gait, BeyondEnd(target.beyond_end or BeyondEnd.HOLD), target.followed(walker))
     if not isinstance(target, CurveReference):
         return target
     curve, tracked = target.curve, walker.tracked
@@ -256,6 +259,31 @@ def _bound(target: Target, gait: Gait, walker: WalkerType) -> Target:
         duration=curve.duration or gait.scalar("period"),
         beyond_end=BeyondEnd(target.beyond_end),
         within=curve.within,
+    )
+
+
+def _over_phase(target: GaitReference, gait: Gait, walker: WalkerType) -> BezierMotion:
+    """The Bezier curves over a phase variable that are closest to the angles of a gait.
+
+    Raises
+    ------
+    SolveError
+        If the phase variable turns back along the gait.
+    """
+    phase, followed = target.phase_variable, target.followed(walker)
+    times = np.linspace(0, gait.scalar("period"), FITTED_POINTS)
+    motion = gait_reference(gait, BeyondEnd.HOLD, {**followed, phase: phase})
+    *angles, along = motion(times)[0]
+    rates = np.diff(along)
+    if not ((rates > 0).all() or (rates < 0).all()):
+        time = float(times[1:][rates * rates[0] <= 0][0])
+        words = f"the phase variable {phase} is not monotone along {gait.problem.name}: it turns back"
+        raise SolveError(f"control.reference.phase: {words} {time:.4f} s after the impact")
+    rows = control_points((along - along[0]) / (along[-1] - along[0]), np.array(angles), target.degree or 1)
+    return BezierMotion(
+        bezier={name: tuple(map(float, row)) for name, row in zip(followed, rows, strict=True)},
+        phase=phase,
+        span=(float(along[0]), float(along[-1])),
     )
 
 

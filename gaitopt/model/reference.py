@@ -874,7 +874,7 @@ def _spline(table: Table, beyond_end: BeyondEnd) -> Reference:
 
 
 class GaitReference(BaseModel, Target):
-    """The angles of another gait, over the time since the impact."""
+    """The angles of another gait, over the time since the impact or over a phase variable."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -892,13 +892,31 @@ class GaitReference(BaseModel, Target):
             "tracked joint follows its own",
         ),
     ] = None
-    beyond_end: Annotated[
-        BeyondEnd,
+    phase: Annotated[
+        Name | None,
+        Field(description="shape coordinate of both walkers over which the angles run; the clock if left out"),
+    ] = None
+    degree: Annotated[
+        int | None,
         Field(
-            description="after the reference's end: its motion flows on (flow), its last rate is kept (linear), "
-            "its last angle is held (hold), or there is no torque (off)"
+            ge=1,
+            le=20,
+            strict=True,
+            description="over a phase: of the polynomials that are closest to the gait's angles",
         ),
-    ]
+    ] = None
+    beyond_end: Annotated[
+        BeyondEnd | None,
+        Field(
+            description="over the clock, after the reference's end: its motion flows on (flow), its last rate is kept "
+            "(linear), its last angle is held (hold), or there is no torque (off)"
+        ),
+    ] = None
+
+    @property
+    def phase_variable(self) -> str:
+        """The phase, unless it is the clock."""
+        return self.phase or ""
 
     @property
     def source(self) -> tuple[str, Path]:
@@ -914,10 +932,28 @@ class GaitReference(BaseModel, Target):
         return super().followed(walker) if self.joints is None else self.joints
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Joints that the walker does not track."""
+        """Joints that the walker does not track, and keys that do not suit the phase, or the clock."""
         for joint in self.joints or ():
             if joint not in walker.tracked:
                 yield ("joints", joint), untracked(walker)
+        if self.phase is None:
+            if self.beyond_end is None:
+                words = "give flow, linear, hold or off, because a step may last longer than the reference"
+                yield ("beyond_end",), f"is missing: {words}"
+            if self.degree is not None:
+                yield ("degree",), "does not apply: over the clock the motion of the gait itself is followed"
+            return
+        if self.phase not in walker.shape:
+            words = "the motion of a gait runs over a shape coordinate"
+            yield ("phase",), f"{walker.model} has no coordinate {self.phase!r}: {words}, {', '.join(walker.shape)}"
+        elif self.phase in self.followers(walker):
+            words = f"name those that do, joints: {{JOINT: {self.phase}}}"
+            yield ("phase",), f"{self.phase} cannot follow a curve over itself: {words}"
+        if self.degree is None:
+            yield ("degree",), "is missing: curves over a phase variable are polynomials, for example degree: 8"
+        if self.beyond_end is not None:
+            words = "curves over a phase variable go on as polynomials: leave it out"
+            yield ("beyond_end",), f"is for references over the clock; {words}"
 
 
 class CurveSpec(BaseModel):

@@ -461,7 +461,8 @@ def _build(
         subject = f"the reference {shown(name)}"
         target = next(target for target in control.targets.values() if target.source[0])
         followed = target.followed(type(walker))
-        unknown = ", ".join(angle for angle in followed.values() if angle not in _angles(reference.walker))
+        needed = (*followed.values(), *filter(None, (target.phase_variable,)))
+        unknown = ", ".join(angle for angle in needed if angle not in _angles(reference.walker))
         theirs = reference.walker
         if unknown:
             words = f"is a {theirs.model}, which has no {unknown} to track"

@@ -251,6 +251,8 @@ def _certified_target(problem: Problem, target: Target, reference: MotionRecord 
         )
     if not isinstance(target, GaitReference):
         return target
+    if target.beyond_end is None:
+        raise ValueError("its problem follows another gait over a phase variable, which no certificate covers")
     if not isinstance(reference, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, but it does not hold one")
     motion = _tracked_motion(reference, len(target.followers(type(problem.walker))), target.beyond_end)

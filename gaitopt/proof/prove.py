@@ -21,7 +21,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
 from gaitopt.model.control import Control
-from gaitopt.model.reference import BezierCurve, Reference
+from gaitopt.model.reference import BezierCurve, GaitReference, Reference
 from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.problem.problem import Problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
@@ -133,6 +133,10 @@ def _prove(
     header = certificate_header(gait, texts, varied, special)
     try:
         refuse_uncovered_walkers(gait.problem, gait.system)
+        targets = gait.problem.control.targets
+        if any(isinstance(target, GaitReference) and target.phase_variable for target in targets.values()):
+            words = "the control law follows another gait over a phase variable: not covered"
+            raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
         if gait.timed:
             place = gait.cycle.phase_words(gait.timed[0])
             raise NotProved(f"{place} ends at a breakpoint of the control law, where the torques jump: not covered")

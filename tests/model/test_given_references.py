@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 import gaitopt as go
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.curves import coefficients
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import Followed
@@ -121,6 +121,21 @@ def test_joints_may_follow_those_of_another_walker() -> None:
     s = 2 * 0.2 / arc.duration - 1
     angle, rate = np.polynomial.chebyshev.chebval(s, coefficients(arc.states))[[k, other.system.n_shape + 1 + k]]
     assert torque(problem, 0.2) == pytest.approx(pd(angle, rate), abs=1e-9)
+
+
+def test_the_motion_of_a_gait_over_a_phase_is_that_of_its_curve() -> None:
+    """The gait of virtual constraints follows a Bezier curve over theta1 exactly; its fit gives the curve back."""
+    source = go.load_problem("compass-virtual-constraint")
+    rows = {"theta2": [*source.control.reference.bezier["theta2"]]}  # type: ignore[attr-defined]
+    given = with_reference({"bezier": rows, "phase": "theta1", "span": [-0.1, 0.1]})
+    followed = with_reference({"gait": source.name, "phase": "theta1", "joints": {"theta2": "theta2"}, "degree": 6})
+    for theta1 in (-0.07, 0.04, 0.12):
+        z = np.array([theta1, *STATE[1:]])
+        assert torque(followed, 0.5, z) == pytest.approx(torque(given, 0.5, z), abs=1e-6)
+    turning = {"gait": "compass-passive-b", "phase": "theta2", "joints": {"theta1": "theta1"}, "degree": 6}
+    with pytest.raises(SolveError, match="the phase variable theta2 is not monotone along compass-passive-b: it t"):
+        problem_dynamics(given.replace({"control.reference": turning}))
+    assert restore_problem(followed.resolved()).digest == followed.digest
 
 
 def test_control_points_are_parameters() -> None:
@@ -361,6 +376,7 @@ def test_a_wrong_table_is_one_sentence_with_file_and_line(file: Path, content: A
 
 
 CURVE = {"bezier": {"theta2": [0, 0.1]}}
+OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2": "theta2"}}
 
 
 @pytest.mark.parametrize(
@@ -419,6 +435,15 @@ CURVE = {"bezier": {"theta2": [0, 0.1]}}
             ".degree",
             "is missing: a spline through 80 rows divides the motion at each",
         ),
+        (
+            {"gait": "compass-passive-b"},
+            ".beyond_end",
+            "is missing: give flow, linear, hold or off, because a step may",
+        ),
+        ({"gait": "compass-passive-b", "beyond_end": "off", "degree": 6}, ".degree", "does not apply: over the clock"),
+        ({"gait": "compass-passive-b", "phase": "theta1", "degree": 6}, ".phase", "theta1 cannot follow a curve over"),
+        ({**OVER_PHASE}, ".degree", "is missing: curves over a phase variable are polynomials"),
+        ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "is for references over the clock"),
         ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),
         ({"gait": "compass-passive-b", "joints": {"hip": "theta1"}, "beyond_end": "hold"}, ".joints.hip", "no tracked"),
         (
