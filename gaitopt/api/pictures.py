@@ -7,7 +7,6 @@ import sys
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -208,8 +207,7 @@ def html(result: Any) -> str:
         picture = f'<img alt="" src="data:image/png;base64,{code}">'
     except (TypeError, ValueError):  # has none
         picture = ""
-    title = escape(repr(result).strip("<>"))
-    return f"<p><strong>{title}</strong></p>{picture}{printed(result)}"
+    return f"{picture}{printed(result)}"
 
 
 def write_page(page: Page, path: Path) -> Path:

@@ -61,7 +61,7 @@ LONGEST_BOUND = 15
 """Most digits of a bound in a table."""
 WIDTH = 110
 """Characters of a line in a notebook."""
-BLOCK = '<pre style="line-height: 1.25; overflow-x: auto">{code}</pre>'
+BLOCK = '<pre style="font-family: monospace; line-height: 1.25; overflow-x: auto">{code}</pre>'
 
 
 def table(
