@@ -187,9 +187,10 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
     """The mechanism of a walker that defines its links alone.
 
     Gravity is ``p.gravity``, on a slope ``p.slope`` if there is one. Every actuator is the motor of the joint of its
-    name. Legs of one link each land where their leans are opposite, as those of a compass; any other swing foot lands
-    where it comes down to the ground. The walker is upright while the middle of the way between the feet is above the
-    ground, and the link there has an angle below 90 deg.
+    name; a class that refines this mechanism may add motors that act elsewhere. Legs of one link each land where their
+    leans are opposite, as those of a compass; any other swing foot lands where it comes down to the ground. The walker
+    is upright while the middle of the way between the feet is above the ground, and the link there has an angle below
+    90 deg.
 
     Raises
     ------
@@ -200,7 +201,7 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
     if not hasattr(p, "gravity"):
         raise ProblemError(f"{name}: has links but no parameter gravity; define it, or define mechanism")
     lost = [actuator for actuator in walker.actuators if actuator not in tree.joints]
-    if lost:
+    if lost and walker.mechanism.__func__ is Walker.mechanism.__func__:  # type: ignore[attr-defined]
         words = f"{', '.join(lost)}, which is no joint of its links ({', '.join(tree.joints) or 'none'})"
         raise ProblemError(f"{name}: actuators names {words}; define mechanism if it is another motor")
     shape = vertcat(*(getattr(q, coordinate) for coordinate in walker.shape))
@@ -223,7 +224,7 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
         touchdown=touchdown,
         upright=high * tilt,
         relabel=_relabelled(walker, tree, shape),
-        motors=tuple(tree.joints[actuator] for actuator in walker.actuators),
+        motors=tuple(tree.joints[actuator] for actuator in walker.actuators if actuator not in lost),
         dampers=tuple(Damper(coefficient=link.damping, across=tree.joints[link.joint]) for link in damped),
     )
 
