@@ -22,6 +22,7 @@ from gaitopt.model.units import DURATION, Duration, Finite, Within
 from gaitopt.model.walker import WalkerType
 
 Values = dict[str, Finite]
+Angles = dict[str, Annotated[Finite, Field(ge=-100, le=100)]]
 GAIN = Within(unit="torque", possible=(0, 1000), usual=(0, 100))
 Period = Annotated[Duration, Fixed, Field(description="period T of the clock [s]"), DURATION]
 
@@ -77,8 +78,8 @@ class Oscillating(Control):
     cycle: Period
     kp: Annotated[Finite, Field(ge=0, description="gain on the angle [N m/rad]"), GAIN]
     kd: Annotated[Finite, Field(ge=0, description="gain on the rate [N m s/rad]"), GAIN]
-    mean: Annotated[Values, Field(description="middle of the sine by actuator [rad]")]
-    amplitude: Annotated[Values, Field(description="amplitude of the sine by actuator [rad]")]
+    mean: Annotated[Angles, Field(description="middle of the sine by actuator [rad]")]
+    amplitude: Annotated[Angles, Field(description="amplitude of the sine by actuator [rad]")]
 
     @property
     def period(self) -> float:

@@ -169,7 +169,6 @@ class Mode(str):
             "properties": {IMPACT: touching},
             "additionalProperties": {"type": "string", "enum": list(NAMED)},
             "not": {"required": ["mode"]},
-            "minProperties": 1,
         }
         state = {"type": "string", "enum": list(STATES)}
         stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}

@@ -252,7 +252,10 @@ def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
     """Friction and scalars of a record by their keys; a friction law with several numbers has dotted keys."""
     friction = record.get("friction")
     if isinstance(friction, Mapping):
-        numbers = {f"friction.{name}": value for name, value in friction.items()}
+        numbers = dict[str, float | None]()
+        for name, value in friction.items():
+            several = {f".{kind}": v for kind, v in value.items()} if isinstance(value, Mapping) else {"": value}
+            numbers |= {f"friction.{name}{kind}": v for kind, v in several.items()}
     else:
         numbers = {"friction": friction}
     return numbers | {key: record[key] for key in SCALARS if key in record}
@@ -267,8 +270,11 @@ def relevant_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 def label_of(key: str) -> str:
-    """Label of a scalar or of a number of the friction law by its key."""
-    return FRICTION_LABELS[key] if key in FRICTION_LABELS else SCALARS[key].label
+    """Label of a scalar or of a number of the friction law by its key; that of a contact has the contact's name."""
+    if key in FRICTION_LABELS or not key.startswith("friction."):
+        return FRICTION_LABELS[key] if key in FRICTION_LABELS else SCALARS[key].label
+    _, contact, *kind = key.split(".")
+    return f"{FRICTION_LABELS['.'.join(('friction', *kind))]}, {contact.replace('_', ' ')}"
 
 
 def state_unit(name: str) -> str:

@@ -363,6 +363,13 @@ def _gait(walkers: Any) -> dict[str, Any]:
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
     gaits = [_section(GaitSection), _section(CycleSection), _section(OpenGaitSection)]
     for gait in gaits:
+        steps = gait["properties"].get("steps", {}).get("items", gait)
+        if "impact" in steps.get("required", ()) and "section" in gait["properties"]:
+            steps["required"] = [key for key in steps["required"] if key != "impact"]  # of a landing alone
+            needed: dict[str, Any] = {"required": ["impact"]}
+            if steps is not gait:
+                needed = {"properties": {"steps": {"items": needed}}}
+            gait["anyOf"] = [needed, {"required": ["section"]}]
         gait["properties"]["guess"] = {"description": guess["description"], "oneOf": [guess, first]}
     return {"description": "phases and impact of one step, of several steps, or to be found", "oneOf": gaits}
 

@@ -21,7 +21,15 @@ from gaitopt.runs.results import kind_of, restore_walk
 from gaitopt.runs.sweep import Sweep, read_sweep
 from gaitopt.show.attractors import bifurcation_diagram
 from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
-from gaitopt.show.gaits import foot_slip, force_ratio, method_comparison, phase_portrait, section_states, torques
+from gaitopt.show.gaits import (
+    contact_diagram,
+    foot_slip,
+    force_ratio,
+    method_comparison,
+    phase_portrait,
+    section_states,
+    torques,
+)
 from gaitopt.show.grids import basin, front_figure, sweep
 from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
 from gaitopt.show.movie import movie
@@ -64,6 +72,7 @@ MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
     "force": force_ratio,
     "slip": foot_slip,
     "torques": torques,
+    "contacts": contact_diagram,
 }
 """Figures of gaits and walks."""
 GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "roads")
@@ -206,6 +215,7 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
 
     empty = set() if alone else {"roads"}
     empty |= {"torques"} if not any(gait.measures["peak_torque"] for gait in gaits) else set()
+    empty |= {"contacts"} if not any(gait.system.walker.contacts for gait in gaits) else set()
     empty |= {"slip"} if not any(gait.measures["slip_distance"] for gait in gaits) else set()
     shapes = [gait.system.walker.shape for gait in gaits]
     common = [name for name in shapes[0] if all(name in shape for shape in shapes)]

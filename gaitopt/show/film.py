@@ -29,10 +29,12 @@ from gaitopt.gait.trajectory import Arc
 from gaitopt.model.declaration import state_mechanism, state_picture
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.show.motion import Motion, with_start_times
+from gaitopt.show.style import MODE_WORDS
 
 FRAMES = 72
 """Maximum number of frames of a cycle; a page draws smooth curves through them."""
@@ -65,37 +67,46 @@ class Skeleton:
     legs : pairs of indices into the points, stance leg first.
     ties : pairs that are not rigid.
     discs : index and mass fraction of every mass.
-    contact : index of the point at which the ground acts.
+    contacts : index of the point of every contact, in the order of ``Walker.contact_names``.
     """
 
     points: Array
     legs: tuple[tuple[int, int], ...]
     ties: tuple[tuple[int, int], ...] = ()
     discs: tuple[tuple[int, float], ...] = ()
-    contact: int = 0
+    contacts: tuple[int, ...] = (0,)
 
 
 def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     """The drawing of a walker at all times of its arcs."""
     dynamics = arcs[0].dynamics
-    walker, n_q = dynamics.system.walker, dynamics.system.n_shape + 1
-    positions, masses, _, lines = _mechanism(walker)
+    walker = dynamics.system.walker
+    positions, masses, _, lines, held = _mechanism(walker)
     n_p = len(walker.model_fields)
-    places = [np.asarray(positions(arc.states[:, :n_q].T, arc.dynamics.p[:n_p])) for arc in arcs]
+    places = []
+    for arc in arcs:
+        q = arc.states[:, : len(walker.coordinates())].T
+        for name in set(walker.massless_contacts) - {*arc.mode.touching}:  # drawn where it is going to land
+            q = np.asarray(held[name](q, arc.dynamics.p[:n_p]))
+        places.append(np.asarray(positions(q, arc.dynamics.p[:n_p])))
     points = np.hstack(places).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
     mass = np.asarray(masses(dynamics.p[:n_p])).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
+    touching, n_points = len(walker.contact_names()), points.shape[1]
+    contacts = tuple(range(n_points - touching, n_points))
     if lines:  # neighbours on each line of the outline, whose points follow those of the bodies
         starts = accumulate(lines[:-1], initial=2 + mass.size)
         legs = [(k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1)]
-        return Skeleton(points=points, legs=tuple(legs), discs=discs, contact=points.shape[1] - 1)
+        return Skeleton(points=points, legs=tuple(legs), discs=discs, contacts=contacts)
     draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
+    if walker.contacts:
+        return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts), dynamics)
     return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), dynamics)
 
 
 def slope(motion: Motion) -> float:
     """Slope of the ground [rad], downhill along x, from the direction of gravity."""
-    _, _, gravity, _ = _mechanism(motion.walker)
+    _, _, gravity, *_ = _mechanism(motion.walker)
     along, normal = np.asarray(gravity(motion.dynamics.p[: len(motion.walker.model_fields)])).ravel()
     return float(np.arctan2(along, -normal))
 
@@ -135,10 +146,13 @@ def _rigid_parts(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
 
 
 @built_once(maxsize=8)
-def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tuple[int, ...]]:
-    """(coordinates, p) -> stance foot, swing foot, bodies, outline, contact in columns; p -> masses; p -> gravity.
+def _mechanism(
+    walker: type[Walker],
+) -> tuple[Function, Function, Function, tuple[int, ...], Mapping[str, Function]]:
+    """(coordinates, p) -> stance foot, swing foot, bodies, outline, contacts in columns; p -> masses; p -> gravity.
 
-    Last come the numbers of points of the lines of the outline.
+    Then come the numbers of points of the lines of the outline, and by the name of each massless contact
+    (coordinates, p) -> coordinates where it is in the place at which it will land.
     """
     p = SX.sym("p", len(walker.model_fields))
     names = walker.coordinates()
@@ -148,13 +162,20 @@ def _mechanism(walker: type[Walker]) -> tuple[Function, Function, Function, tupl
     mechanism, (lines, contact) = state_mechanism(walker, *named), state_picture(walker, *named)
     drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
     foot = vertcat(coordinates["x"], coordinates["y"])
-    places = horzcat(foot, mechanism.swing_foot, *drawn, contact)
+    contacts = [mechanism.contacts[name].position for name in walker.contacts] or [contact]
+    places = horzcat(foot, mechanism.swing_foot, *drawn, *contacts)
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
         Function("positions", [q, p], [places]),
         Function("masses", [p], [masses]),
         Function("gravity", [p], [mechanism.gravity]),
         tuple(map(len, lines)),
+        {
+            name: Function(
+                name, [q, p], [vertcat(*(mechanism.contacts[name].places.get(k, q[n]) for n, k in enumerate(names)))]
+            )
+            for name in walker.massless_contacts
+        },
     )
 
 
@@ -162,11 +183,13 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     """A cycle or a walk as a JSON object in SI units, which ``walker.js`` and the report read.
 
     Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot; the ground
-    acts at point ``contact``. All x count from the stance foot at the start of its step, which is ``origin`` in the
-    cycle. The picture follows the walker between the times and places of ``path``.
+    acts at the point of each of the ``contacts``, with the forces ``f_t`` and ``f_n`` and their number. All x count
+    from the stance foot at the start of its step, which is ``origin`` in the cycle. The picture follows the walker
+    between the times and places of ``path``.
     """
     frames = frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))
     arcs, phases, path, first = list[Arc](), list[dict[str, Any]](), [(0.0, 0.0)], 0
+    names = motion.walker.contact_names()
     for index, (began, step) in enumerate(with_start_times(motion.steps)):
         time, place = path[-1]
         for whole in step.arcs:
@@ -174,7 +197,9 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
             arcs.append(arc)
             phases.append(
                 {
-                    "mode": str(arc.mode.contact),
+                    "mode": _overall(arc.mode),
+                    "words": _words(arc.mode),
+                    "contacts": [arc.mode.contacts[name] if name in arc.mode.touching else None for name in names],
                     "start": _short(began + arc.start),
                     "end": _short(began + arc.end),
                     "step": index,
@@ -190,25 +215,29 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
     drawing = skeleton(arcs)
     observed, states = [observe(arc) for arc in arcs], np.vstack([arc.states for arc in arcs])
     force, torque = np.vstack([o.force for o in observed]), np.vstack([o.torque for o in observed])
-    columns = {"f_t": force[:, 0], "f_n": force[:, 1]}
+    columns = {f"f_{kind}{k}": force[:, 2 * k + row] for k in range(len(names)) for row, kind in enumerate("tn")}
     for name in motion.walker.shape:
         columns |= {key: states[:, motion.state_index(key)] for key in (name, f"d{name}")}
     columns |= {f"torque {name}": torque[:, k] for k, name in enumerate(motion.walker.actuators)}
     for k in range(drawing.points.shape[1]):
         columns |= {f"x{k}": drawing.points[:, k, 0], f"y{k}": drawing.points[:, k, 1]}
     impacts = [step.impact for step in motion.steps if step.impact is not None]
+    coefficients = motion.dynamics.system.contact_coefficients(motion.dynamics.p)
     impulses = [impact.stick_impulse.tolist() for impact in impacts]
     return {
         "name": motion.name,
         "slope": slope(motion),
-        "friction": motion.dynamics.static_friction,
+        "contacts": [
+            {"name": name, "point": point, "mark": point if motion.walker.contacts else 0, "friction": float(static)}
+            for (name, (static, *_)), point in zip(coefficients.items(), drawing.contacts, strict=True)
+        ],
         "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
         "period": _short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
         "step_length": _short(path[-1][1]),
         "path": [[_short(time), _short(place)] for time, place in path],
-        "impacts": [str(impact.mode) for impact in impacts],
+        "impacts": [_words(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.walker.shape),
         "lengths": bool(motion.walker.lengths),
@@ -217,9 +246,20 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "legs": drawing.legs,
         "ties": drawing.ties,
         "discs": drawing.discs,
-        "contact": drawing.contact,
         "frames": pack(columns),
     }
+
+
+def _overall(mode: Mode) -> str:
+    """One word for all contacts, by which a phase has its colour."""
+    words = [word for word in mode.contacts.values() if word in MODE_WORDS]
+    return next((word for word in words if word != Mode.STICK), words[0] if words else str(Mode.FLIGHT))
+
+
+def _words(mode: Mode) -> str:
+    """What the contacts on the ground do: ``heel slip forward, toe stick``."""
+    text = mode.brief if mode.is_named else mode.contact
+    return text.replace("_", " ").replace(" + ", ", ")
 
 
 def _at_frames(arc: Arc, most: int) -> Arc:

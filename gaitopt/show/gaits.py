@@ -6,7 +6,7 @@ Figs 2, 3, 6, 7 and 8 of Gamus & Or (2013). Only stored quantities are drawn, so
 folder has the same figure.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle, pairwise
 from typing import Any
 
@@ -16,18 +16,22 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from scipy.integrate import cumulative_trapezoid
 
 from gaitopt.arrays import Array
-from gaitopt.gait.measures import friction_ratio, observe
+from gaitopt.gait.measures import ContactObservation, friction_ratio, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
+from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
 from gaitopt.show.motion import (
+    SMOOTH,
     Motion,
     differences,
     points_of,
     position_label,
     positions_of,
+    resampled,
     smooth,
     thinned,
     time_label,
@@ -39,6 +43,7 @@ from gaitopt.show.style import (
     MODE_COLOURS,
     MODE_WORDS,
     NEUTRAL,
+    SLIP_DASHES,
     dashes,
     entry,
     legend_below,
@@ -65,24 +70,25 @@ ROUNDING = 1e-17
 def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     """Force ratio versus time or a shape coordinate, with the impulse ratio of eq. (9) as a cross at its end.
 
-    For walkers that fly, a second panel shows the normal force.
+    For walkers that fly, or have several contacts, a second panel shows the normal force. Every contact has its curve.
 
     Parameters
     ----------
     against : ``time``, or the name of a shape coordinate.
     """
-    flying = against == "time" and any(motion.walker.flies for motion in motions)
-    figure, (axes, *normal) = panels(2, heights=[3, 2], height=5.4) if flying else panels()
-    handles: list[Line2D | Patch] = []
-    for motion, colour in zip(motions, cycle(COLOURS), strict=False):
-        handles.append(entry(motion.name, color=colour))
-        _draw_ratio(axes, motion, against, colour)
+    loaded = against == "time" and any(motion.walker.flies or motion.walker.contacts for motion in motions)
+    figure, (axes, *normal) = panels(2, heights=[3, 2], height=5.4) if loaded else panels()
+    colours = _contact_colours(motions)
+    for motion in motions:
+        _draw_ratio(axes, motion, against, colours)
         weight = float(motion.dynamics.system.weight(motion.dynamics.p))
         for panel in normal:
             for began, arc in smooth(motion.steps):
-                force = observe(arc).force[:, 1] / weight
-                panel.plot(began + arc.times, force, color=colour, linestyle=dashes(arc.mode))
+                for contact in touching_contacts(arc, observe(arc)):
+                    style = {"color": colours[motion.name, contact.names], "linestyle": _line(contact)}
+                    panel.plot(began + arc.times, contact.force[:, 1] / weight, **style)
             panel.set_ylabel("normal force / weight\n$f_n/(m g)$")
+    handles: list[Line2D | Patch] = [*_contact_entries(motions, colours)]
     [axes, *normal][-1].set_xlabel(time_label(motions) if against == "time" else f"angle {symbol(against)} [rad]")
     axes.set_ylabel("force ratio σ = $f_t/f_n$")
     handles.extend(_cones(axes, motions))
@@ -96,24 +102,70 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
 def foot_slip(motions: Sequence[Motion]) -> Figure:
     """Position of the stance foot over one cycle, downhill positive [mm]."""
     figure, (axes,) = panels(height=3.4)
-    handles = []
-    for motion, colour in zip(motions, cycle(COLOURS), strict=False):
-        handles.append(entry(motion.name, color=colour))
-        x = motion.state_index("x")
-        for began, arc in smooth(motion.steps):
-            if arc.mode.touching:
-                axes.plot(began + arc.times, 1000 * arc.states[:, x], color=colour, linestyle=dashes(arc.mode))
+    colours = _contact_colours(motions)
+    for motion in motions:
+        for began, step in with_start_times(motion.steps):
+            slipped = dict[str, float]()  # of the contacts on the ground, since they landed
+            for arc in (resampled(arc, SMOOTH) for arc in step.arcs):
+                slipped = {name: slipped.get(name, 0.0) for name in arc.mode.touching}
+                for contact in touching_contacts(arc, observe(arc)):
+                    x = arc.states[:, motion.state_index("x")]
+                    if motion.walker.contacts:
+                        x = slipped[contact.names[0]] + cumulative_trapezoid(contact.slip, arc.times, initial=0)
+                    slipped |= dict.fromkeys(contact.names, float(x[-1]))
+                    style = {"color": colours[motion.name, contact.names], "linestyle": _line(contact)}
+                    axes.plot(began + arc.times, 1000 * x, **style)
     axes.axhline(0, color="#808080", linewidth=0.8)
     axes.set_xlabel(time_label(motions))
-    axes.set_ylabel("slip of the stance foot x [mm]")
+    several = any(motion.walker.contacts for motion in motions)
+    axes.set_ylabel("slip since touchdown [mm]" if several else "slip of the stance foot x [mm]")
     modes = [mode for motion in motions for mode in motion.modes]
-    legend_below(figure, [*handles, *mode_legend(modes)])
+    legend_below(figure, [*_contact_entries(motions, colours), *mode_legend(modes)])
     return figure
+
+
+def contact_diagram(motions: Sequence[Motion]) -> Figure:
+    """What every contact does versus time, a row each: a gait diagram."""
+    figure, (axes,) = panels(height=1.4 + 0.32 * len(contact_rows(motions)))
+    handles = mode_strip(axes, motions)
+    axes.tick_params(labelbottom=True)
+    axes.set_xlim(0, max(motion.period for motion in motions))
+    axes.set_xlabel(time_label(motions))
+    legend_below(figure, handles)
+    return figure
+
+
+def _contact_colours(motions: Sequence[Motion]) -> dict[tuple[str, tuple[str, ...]], str]:
+    """A colour for every contact, or group of contacts that share their forces, of every motion."""
+    pairs = dict.fromkeys(
+        (motion.name, contact.names)
+        for motion in motions
+        for step in motion.steps
+        for arc in step.arcs
+        for contact in touching_contacts(arc, observe(arc))
+    )
+    return dict(zip(pairs, cycle(COLOURS), strict=False))
+
+
+def _contact_entries(motions: Sequence[Motion], colours: Mapping[tuple[str, tuple[str, ...]], str]) -> list[Line2D]:
+    """Entries of the legend: the motions, or their contacts."""
+    named = {motion.name: bool(motion.walker.contacts) for motion in motions}
+
+    def words(motion: str, contacts: tuple[str, ...]) -> str:
+        own = " + ".join(contacts).replace("_", " ")
+        return motion if not named[motion] else f"{motion}: {own}" if len(motions) > 1 else own
+
+    return [entry(words(*key), color=colour) for key, colour in colours.items()]
+
+
+def _line(contact: ContactObservation) -> Any:
+    """Line style of a contact: solid where it sticks, dashed where it slips."""
+    return SLIP_DASHES if contact.direction else "-"
 
 
 def torques(motions: Sequence[Motion]) -> Figure:
     """Torque of every actuator over one cycle [N m]; the strip on top shows the modes."""
-    figure, (strip, axes) = panels(2, heights=[len(motions), 14])
+    figure, (strip, axes) = panels(2, heights=[len(contact_rows(motions)), 14])
     colours = cycle(COLOURS)
     handles: list[Line2D | Patch] = []
     for motion in motions:
@@ -129,32 +181,48 @@ def torques(motions: Sequence[Motion]) -> Figure:
     return figure
 
 
+def contact_rows(motions: Sequence[Motion]) -> list[tuple[Motion, str]]:
+    """Every contact of every motion: the rows of a gait diagram."""
+    return [(motion, name) for motion in motions for name in motion.walker.contact_names()]
+
+
 def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
-    """Draw the modes versus time as coloured bars, one row per motion; returns the legend's entries."""
-    for row, motion in enumerate(motions):
+    """Draw what every contact does versus time as coloured bars, a row each; returns the legend's entries.
+
+    A foot without a name is shown in flight too; a named contact that is off leaves its row empty.
+    """
+    rows, present = contact_rows(motions), set[Mode]()
+    for row, (motion, name) in enumerate(rows):
         for began, step in with_start_times(motion.steps):
             for arc in step.arcs:
-                axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=MODE_COLOURS[arc.mode.contact])
-    named = len(motions) > 1
-    axes.set_yticks(range(len(motions)) if named else [], [motion.name for motion in motions] if named else [])
+                word = arc.mode.contacts.get(name, arc.mode.contact)
+                if word != OFF:
+                    colour = MODE_COLOURS[Mode(word)]
+                    axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=colour)
+                    present.add(Mode(word))
+    labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
+    if any(motion.walker.contacts for motion in motions):
+        names = [f"{label}: {name}" if label else name for label, (_, name) in zip(labels, rows, strict=True)]
+        labels = [name.replace("_", " ") for name in names]
+    axes.set_yticks(range(len(rows)) if any(labels) else [], labels if any(labels) else [])
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.tick_params(length=0, labelbottom=False)
     axes.grid(visible=False)
     for spine in axes.spines.values():
         spine.set_visible(False)
-    axes.invert_yaxis()
-    present = {mode.contact for motion in motions for mode in motion.modes}
     return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in MODE_COLOURS if mode in present]
 
 
-def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
+def _draw_ratio(axes: Axes, motion: Motion, against: str, colours: Mapping[tuple[str, tuple[str, ...]], str]) -> None:
     ends = []
     for began, arc in smooth(motion.steps):
-        force = observe(arc).force
         where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
-        if arc.mode.touching:
-            axes.plot(where, friction_ratio(force), color=colour, linestyle=dashes(arc.mode))
+        for contact in touching_contacts(arc, observe(arc)):
+            style = {"color": colours[motion.name, contact.names], "linestyle": _line(contact)}
+            axes.plot(where, friction_ratio(contact.force), **style)
         ends.append(float(where[-1]))
     last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1
+    colour = NEUTRAL if motion.walker.contacts else next(c for (name, _), c in colours.items() if name == motion.name)
     for step, last in zip(motion.steps, last_arcs, strict=True):
         if step.impact is None or step.impact.impulse_ratio is None:
             continue
@@ -164,7 +232,11 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colour: str) -> None:
 
 def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
     """Edges of the friction cone, shaded beyond where there is just one; returns the legend's entries."""
-    own = [round(motion.dynamics.static_friction, 12) for motion in motions]
+    own = [
+        round(float(static), 12)
+        for motion in motions
+        for static, *_ in motion.dynamics.system.contact_coefficients(motion.dynamics.p).values()
+    ]
     frictions = sorted(set(own))
     reach = max(float(np.abs(axes.dataLim.intervaly).max()) * 1.1, min(frictions) * CONE_ROOM)
     entries: list[Line2D | Patch] = []
@@ -173,7 +245,8 @@ def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
             continue  # the curve would be squeezed into a line
         reach = max(reach, 1.1 * friction)
         colours = [colour for colour, value in zip(cycle(COLOURS), own, strict=False) if value == friction]
-        colour = colours[0] if len(frictions) > 1 else NEUTRAL
+        several = len(frictions) > 1 and len(own) == len(motions)
+        colour = colours[0] if several else NEUTRAL
         for side in (-friction, friction):
             axes.axhline(side, color=colour, linewidth=0.9, zorder=1.5, linestyle="-.")
         entries.append(entry(f"cone ±μ = ±{friction:g}", color=colour, linewidth=0.9, linestyle="-."))

@@ -18,6 +18,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.walker import Walker
 from gaitopt.show.style import Label, label
 from gaitopt.simulation.simulator import Simulator
@@ -121,8 +122,9 @@ def with_start_times(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
 
 
 def time_label(motions: Sequence[Motion]) -> str:
-    """Label of the time axis, which counts from the impact, or from the start of several steps."""
-    single = all(len(motion.steps) == 1 for motion in motions)
+    """Label of the time axis, which counts from the impact, or from the start of several steps or of a cycle."""
+    landing = all(motion.dynamics.system.cycle_end == TOUCHDOWN for motion in motions)
+    single = landing and all(len(motion.steps) == 1 for motion in motions)
     return str(label("time") if single else Label(words="time since the start", unit="s"))
 
 

@@ -138,7 +138,7 @@ def test_every_range_is_in_the_schema():
 NO_NUMBERS = [math.nan, math.inf, -math.inf, 10**400, 1e300, -1e300, True, False, "abc", "", None, [], [1.0], {}, 1j]
 YAML_NO_NUMBERS = [".nan", ".inf", "-.inf", "1e400", "1e300", "true", "abc", "''", "null", "[]", "[1]", "{}", "9" * 400]
 HUGE_IS_A_UNIT = ("mass", "gravity")
-SIGNED = ("slope", "hip_rest")
+SIGNED = ("slope", "hip_rest", "front_angle", "back_angle")
 
 
 def numbers_of_walkers():

@@ -28,17 +28,17 @@ def test_knees_bend_between_straight_bodies():
 
 def test_arcs_touch_the_ground_where_it_acts():
     states, drawn = drawing("round-feet-passive")
-    contact = drawn.points[:, drawn.contact]
+    contact = drawn.points[:, drawn.contacts[0]]
     assert contact[:, 1] == pytest.approx(0, abs=1e-12)
     assert contact[:, 0] == pytest.approx(states[:, 2] + 0.2 * states[:, 0], abs=1e-12)
     arcs = drawn.points[:, [b for _, b in drawn.legs[2:]]]
     assert -1e-9 < arcs[0, :, 1].min() < 1e-3
-    assert film(motion_of(named("round-feet-passive")))["contact"] == drawn.contact
+    assert film(motion_of(named("round-feet-passive")))["contacts"][0]["point"] == drawn.contacts[0]
 
 
 def test_the_foot_of_any_other_walker_is_where_the_ground_acts():
     _, drawn = drawing("torso-passive")
-    assert drawn.points[:, drawn.contact] == pytest.approx(drawn.points[:, 0])
+    assert drawn.points[:, drawn.contacts[0]] == pytest.approx(drawn.points[:, 0])
 
 
 def test_springs_of_telescopic_legs_are_zigzags_whose_length_changes():

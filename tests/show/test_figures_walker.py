@@ -104,9 +104,10 @@ def test_columns_come_back_to_a_part_of_their_range_and_constants_exactly():
 @pytest.mark.parametrize("name", WALKERS)
 def test_the_force_in_the_film_stays_within_the_cone(name):
     shown = film(motion_of(gait(name)))
-    tangential, normal = (unpack(shown["frames"], name) for name in ("f_t", "f_n"))
-    rounding = np.ptp(tangential) / CODES + shown["friction"] * np.ptp(normal) / CODES
-    assert (np.abs(tangential) <= shown["friction"] * normal + rounding).all()
+    for k, contact in enumerate(shown["contacts"]):
+        tangential, normal = (unpack(shown["frames"], f"{name}{k}") for name in ("f_t", "f_n"))
+        rounding = np.ptp(tangential) / CODES + contact["friction"] * np.ptp(normal) / CODES
+        assert (np.abs(tangential) <= contact["friction"] * normal + rounding).all()
 
 
 def test_phases_of_the_film_cover_the_step():

@@ -93,7 +93,7 @@ def test_every_point_and_special_point_of_a_branch_is_on_its_page(written):
 
 def test_films_of_a_branch_move_with_their_own_parameter(written):
     films = [shown["film"] for shown in data_of(written["branch"])["gaits"]]
-    assert [film["friction"] for film in films] == [0.15, 0.145, 0.14, 0.135, 0.16, 0.15, 0.14]
+    assert [film["contacts"][0]["friction"] for film in films] == [0.15, 0.145, 0.14, 0.135, 0.16, 0.15, 0.14]
 
 
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-two-step"])

@@ -12,4 +12,12 @@ telescopic         the compass with a swing leg that a spring shortens
 slip_runner        the spring-loaded inverted pendulum
 slip_runner_foot   the same with an unsprung foot that may slide
 hopper             a body on a springy leg, driven by a thrust
+
+With several contacts:
+
+heel_toe           the compass on flat feet, which rolls over heel and toe
+slip_walker        a point mass that walks on the legs of slip_runner
+bounder            a trunk that bounds on two springy legs
+crawler            two masses on a line, with a motor between them
+inchworm           two links with a hinge, both ends on the ground
 """

@@ -6,16 +6,27 @@ const CARRIES = 0.01; // smallest normal force with a force ratio, relative to t
 const LEAP = 1e-3; // smallest jump of a state, relative to its range
 const REACH = 2; // half width of the plane of multipliers; larger ones are at its edge with their value
 
-// Times, columns and phases of an unrolled film, and the slip of the stance foot since its own step began.
+// Times, columns and phases of an unrolled film, and the slip of every contact.
 function motion(film) {
   const t = new Float64Array(film.columns.x0.length);
-  const slipped = new Float64Array(t.length);
-  for (const { mode, start, end, first, last, origin } of film.phases)
-    for (let k = first; k <= last; k += 1) {
-      t[k] = start + ((end - start) * (k - first)) / (last - first);
-      slipped[k] = mode === "flight" ? NaN : 1000 * (film.columns.x0[k] - origin);
-    }
+  for (const { start, end, first, last } of film.phases)
+    for (let k = first; k <= last; k += 1) t[k] = start + ((end - start) * (k - first)) / (last - first);
+  const slipped = film.contacts.map(({ mark }, n) => slipSince(film, film.columns[`x${mark}`], n));
   return { film, t, slipped, ...film.columns };
+}
+
+// Slip of a contact [mm] since it landed, and of a single foot since its step began; NaN where it is off the ground.
+function slipSince({ phases, contacts }, x, n) {
+  const slipped = new Float64Array(x.length).fill(NaN);
+  let landed, step;
+  for (const phase of phases) {
+    if (phase.step !== step || !phase.contacts[n]) landed = contacts.length === 1 ? phase.origin : undefined;
+    step = phase.step;
+    if (!phase.contacts[n]) continue;
+    landed ??= x[phase.first];
+    for (let k = phase.first; k <= phase.last; k += 1) slipped[k] = 1000 * (x[k] - landed);
+  }
+  return slipped;
 }
 
 // First and last point of every step.
@@ -32,9 +43,11 @@ function timeAxis(film) {
 
 const STROKES = { stick: "", flight: "flying" };
 
-// Draw y versus x, phase by phase, where y is a number: there is no force in flight.
-function stroke(chart, moving, x, y, colour) {
-  for (const { mode, first, last } of moving.film.phases) {
+// Draw y versus x, phase by phase, where y is a number: there is no force in flight. A line is dashed where the contact
+// with number n slips; without a number, where any does.
+function stroke(chart, moving, x, y, colour, n) {
+  for (const { mode: overall, contacts, first, last } of moving.film.phases) {
+    const mode = n === undefined ? overall : contacts[n] ?? "flight";
     const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]).filter((point) => point.every(Number.isFinite));
     if (points.length) chart.line(points, `curve ${colour} ${STROKES[mode] ?? "slipping"}`);
   }
@@ -81,9 +94,26 @@ function portrait(host, moving, fellows, labels) {
   legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}Dotted: the impact${locks ? ", or a stop that locks" : ""}. Dot: just after the impact.`);
 }
 
-// There is no ratio while the foot carries nothing.
-function ratios({ film, f_t, f_n }) {
-  return f_t.map((force, k) => (f_n[k] > CARRIES * film.weight ? force / f_n[k] : NaN));
+// Force ratios of all contacts; there is none while a contact carries nothing.
+function ratios(moving) {
+  return moving.film.contacts.map((contact, n) => {
+    const [f_t, f_n] = [moving[`f_t${n}`], moving[`f_n${n}`]];
+    return f_t.map((force, k) => (f_n[k] > CARRIES * moving.film.weight ? force / f_n[k] : NaN));
+  });
+}
+
+// The contacts by their colours, if there are several.
+function contactKey({ contacts, phases }) {
+  if (contacts.length === 1) return [["first", "stance foot"]];
+  const key = contacts.map(({ name }, n) => [COLOURS[n % COLOURS.length], name.replaceAll("_", " ")]);
+  return key.filter((entry, n) => phases.some((phase) => phase.contacts[n]));
+}
+
+// Values while a contact touches the ground, NaN elsewhere.
+function masked({ phases }, values, n) {
+  const kept = values.map(() => NaN);
+  for (const { contacts, first, last } of phases) if (contacts[n]) for (let k = first; k <= last; k += 1) kept[k] = values[k];
+  return kept;
 }
 
 function longest(fellows) {
@@ -92,35 +122,38 @@ function longest(fellows) {
 
 function forceRatio(host, moving, fellows) {
   const { film } = moving;
-  const ratio = ratios(moving);
-  const highest = Math.max(...extent(fellows.flatMap((fellow) => [...ratios(fellow), ...fellow.film.impulse_ratios])).map(Math.abs));
-  const reach = film.friction < 1.6 * highest ? Math.max(highest, 1.12 * film.friction) : highest;
+  const highest = Math.max(...extent(fellows.flatMap((fellow) => [...ratios(fellow).flat(), ...fellow.film.impulse_ratios])).map(Math.abs));
+  const friction = Math.max(...film.contacts.map((contact) => contact.friction));
+  const reach = friction < 1.6 * highest ? Math.max(highest, 1.12 * friction) : highest;
   const options = { title: "Force ratio fₜ / fₙ", x: timeAxis(film), y: "force ratio σ", xRange: [0, longest(fellows)], yRange: [-reach, reach] };
   new Chart(host, options, (chart) => {
-    chart.band(film.friction, Infinity, "beyond");
-    chart.band(-Infinity, -film.friction, "beyond");
-    stroke(chart, moving, moving.t, ratio, "first");
+    chart.band(friction, Infinity, "beyond");
+    chart.band(-Infinity, -friction, "beyond");
+    ratios(moving).forEach((ratio, n) => stroke(chart, moving, moving.t, ratio, COLOURS[n % COLOURS.length], n));
     stepEnds(film).forEach(([, last], step) => {
       if (Number.isFinite(film.impulse_ratios[step])) chart.cross(moving.t[last], film.impulse_ratios[step], "curve second");
     });
   });
-  const cone = `Shaded: beyond the friction cone ±μ = ±${Number(film.friction.toPrecision(4))}.`;
+  const cone = `Shaded: beyond the friction cone ±μ = ±${Number(friction.toPrecision(4))}.`;
   const cross = film.impulse_ratios.some(Number.isFinite) ? [["second", "impulse ratio that a sticking impact needs (cross)"]] : [];
-  legend(host, [["first", "stance foot"], ...cross], film.friction < reach * 1.05 ? cone : `The cone ±${film.friction} is wider than the picture.`);
+  legend(host, [...contactKey(film), ...cross], friction < reach * 1.05 ? cone : `The cone ±${friction} is wider than the picture.`);
 }
 
 function normalForce(host, moving, fellows) {
-  if (!fellows.some(({ film }) => film.phases.some(({ mode }) => mode === "flight"))) return;
-  const loads = ({ film, f_n }) => f_n.map((force) => force / film.weight);
-  const options = { title: "Normal force fₙ over the weight", x: timeAxis(moving.film), y: "fₙ / (m g)", xRange: [0, longest(fellows)], yRange: extent(fellows.flatMap(loads)) };
-  new Chart(host, options, (chart) => stroke(chart, moving, moving.t, loads(moving), "first"));
+  const { film } = moving;
+  if (film.contacts.length === 1 && !fellows.some((fellow) => fellow.film.phases.some(({ mode }) => mode === "flight"))) return;
+  const loads = (fellow) => fellow.film.contacts.map((contact, n) => fellow[`f_n${n}`].map((force) => force / fellow.film.weight));
+  const options = { title: "Normal force fₙ over the weight", x: timeAxis(moving.film), y: "fₙ / (m g)", xRange: [0, longest(fellows)], yRange: extent(fellows.flatMap((fellow) => loads(fellow).flat())) };
+  new Chart(host, options, (chart) => loads(moving).forEach((load, n) => stroke(chart, moving, moving.t, film.contacts.length > 1 ? masked(film, load, n) : load, COLOURS[n % COLOURS.length], n)));
+  if (film.contacts.length > 1) legend(host, contactKey(film));
 }
 
 function slip(host, moving, fellows) {
-  const range = extent(fellows.flatMap((fellow) => [...fellow.slipped]));
+  const range = extent(fellows.flatMap((fellow) => fellow.slipped.flatMap((x) => [...x])));
   if (range.every((value) => Math.abs(value) < 0.05)) return;
-  const options = { title: "Slip of the stance foot", x: timeAxis(moving.film), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
-  new Chart(host, options, (chart) => stroke(chart, moving, moving.t, moving.slipped, "first"));
+  const options = { title: moving.slipped.length > 1 ? "Slip of each contact" : "Slip of the stance foot", x: timeAxis(moving.film), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
+  new Chart(host, options, (chart) => moving.slipped.forEach((x, n) => stroke(chart, moving, moving.t, x, COLOURS[n % COLOURS.length], n)));
+  if (moving.slipped.length > 1) legend(host, contactKey(moving.film));
 }
 
 function torques(host, moving, fellows) {

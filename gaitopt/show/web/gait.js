@@ -11,8 +11,8 @@ function badge(gait) {
 
 // The modes of every step and the impact that ends it.
 function sequence(film) {
-  const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ mode }) => mode));
-  const words = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).map((mode) => MODE_WORDS[mode]).join(", ")}; impact: ${MODE_WORDS[film.impacts[step]]}`);
+  const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ words }) => words));
+  const words = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).join(film.contacts.length > 1 ? " → " : ", ")}; impact: ${film.impacts[step]}`);
   return words.length > 1 && new Set(words).size === 1 ? `${words.length} times ${words[0]}` : words.join(" | ");
 }
 
@@ -53,7 +53,7 @@ function numbersTable(host, gaits, labels) {
   const names = gaits.map((gait) => gait.film.name);
   const head = ["", "unit", ...(gaits.length > 1 ? names : ["value"]), ...(gaits.length === 2 ? ["difference"] : [])];
   const row = (words, unit, values) => {
-    if (values.every((value) => value === undefined)) return;
+    if (values.every((value) => value === undefined || value === null)) return;
     const cells = values.map(shown);
     if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
     body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));

@@ -32,16 +32,17 @@ class Walker {
     this.world = svg(svg(picture, "g", { transform: place }), "g");
     this.ground = svg(this.world, "path", { class: "ground" });
     this.marks = this.slips().map((slip) => ({ ...slip, line: svg(this.world, "line", { class: `mark ${slip.mode}` }) }));
-    this.cone = svg(this.world, "path", { class: "cone" });
+    this.cones = this.film.contacts.map(() => svg(this.world, "path", { class: "cone" }));
     this.ties = this.film.ties.map(() => svg(this.world, "line", { class: "tie" }));
     this.legs = this.film.legs.map(() => svg(this.world, "line", { class: "leg" }));
     this.discs = this.film.discs.map(([, share]) => svg(this.world, "circle", { class: "disc", r: this.height * (0.012 + 0.035 * Math.sqrt(share)) }));
-    this.force = svg(this.world, "path", { class: "force" });
+    this.forces = this.film.contacts.map(() => svg(this.world, "path", { class: "force" }));
   }
 
-  // Every slip of every cycle: its start time, and its first and last frame.
+  // Every slip of a contact in every cycle: its start time, its first and last frame, and its point.
   slips() {
-    const slipping = this.film.phases.filter((phase) => phase.mode in MARK_DEPTH);
+    const slipping = this.film.phases.flatMap((phase) =>
+      phase.contacts.flatMap((mode, n) => (mode in MARK_DEPTH ? [{ ...phase, mode, point: this.film.contacts[n].mark }] : [])));
     return Array.from({ length: this.repeats }, (_, cycle) => slipping.map((phase) => ({ ...phase, cycle }))).flat();
   }
 
@@ -74,11 +75,13 @@ class Walker {
     this.join(this.legs, this.film.legs, points, step);
     this.join(this.ties, this.film.ties, points, 0);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
-    for (const part of [this.cone, this.force]) part.style.display = phase.mode === "flight" ? "none" : "";
-    if (phase.mode !== "flight") this.drawForce(points[this.film.contact], frame);
+    this.film.contacts.forEach(({ point }, n) => {
+      for (const part of [this.cones[n], this.forces[n]]) part.style.display = phase.contacts[n] ? "" : "none";
+      if (phase.contacts[n]) this.drawForce(n, points[point], frame);
+    });
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
-    const about = phase.mode === "flight" || Math.abs(slipped) < 0.05 ? "" : `, slid by ${slipped.toFixed(1)} mm`;
-    this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${MODE_WORDS[phase.mode]}${about}`;
+    const known = this.film.contacts.length === 1 && phase.mode !== "flight" && Math.abs(slipped) >= 0.05;
+    this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${phase.words}${known ? `, slid by ${slipped.toFixed(1)} mm` : ""}`;
   }
 
   // Position of the picture at a time of the cycle, interpolated between the starts of the steps.
@@ -108,27 +111,27 @@ class Walker {
   }
 
   drawMarks(cycle, t, frame) {
-    for (const { line, cycle: own, start, first, last, mode } of this.marks) {
+    for (const { line, cycle: own, start, first, last, mode, point } of this.marks) {
       const begun = own < cycle || (own === cycle && t >= start);
       line.style.display = begun ? "" : "none";
       if (!begun) continue;
       const offset = own * this.film.step_length;
       const end = own < cycle ? last : Math.min(frame, last);
       const y = -MARK_DEPTH[mode] * this.height;
-      set(line, { x1: this.frames.x0[first] + offset, x2: this.at("x0", end) + offset, y1: y, y2: y });
+      set(line, { x1: this.frames[`x${point}`][first] + offset, x2: this.at(`x${point}`, end) + offset, y1: y, y2: y });
     }
   }
 
-  drawForce([x, y], frame) {
-    const mu = this.film.friction;
+  drawForce(n, [x, y], frame) {
+    const mu = this.film.contacts[n].friction;
     const top = CONE * this.height;
     const cone = Math.min(1, 0.5 / mu) * top; // a wide cone is cut off so that it stays in the picture
-    this.cone.setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
+    this.cones[n].setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
     const unit = (FORCE_PER_WEIGHT * this.height) / this.film.weight;
-    const tip = [x + unit * this.at("f_t", frame), y + unit * this.at("f_n", frame)];
+    const tip = [x + unit * this.at(`f_t${n}`, frame), y + unit * this.at(`f_n${n}`, frame)];
     const length = Math.max(Math.hypot(tip[0] - x, tip[1] - y), 1e-9);
     const [a, b] = [(tip[0] - x) / length, (tip[1] - y) / length].map((part) => 0.05 * this.height * part);
     const head = `M${tip[0] - a - b / 2} ${tip[1] - b + a / 2}L${tip[0]} ${tip[1]}L${tip[0] - a + b / 2} ${tip[1] - b - a / 2}`;
-    this.force.setAttribute("d", `M${x} ${y}L${tip[0]} ${tip[1]}${head}`);
+    this.forces[n].setAttribute("d", `M${x} ${y}L${tip[0]} ${tip[1]}${head}`);
   }
 }
