@@ -67,6 +67,8 @@ SLIDING = 0.1
 """Guessed velocity of a foot that slips just after the impact, relative to the speed of the walker."""
 SAME_STATE = 1e-5
 """Relative; a state written with six digits may be off by half of this."""
+SOLVED_STATE = 1e-12
+"""Relative, or in rad and SI units: rounding of the solved coordinates."""
 CLOSE_STATE = 0.5
 """In rad and SI units, or relative: with several contacts, values of solved coordinates only select a solution. One leg
 in place of the other, or a knee bent to the other side, is farther away."""
@@ -414,7 +416,7 @@ class _StatementReader:
                 elif word not in words:
                     self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
             known = {name: entry.get(name, OFF) for name in model.contacts}
-            return Mode.of_contacts({name: word if word in NAMED else OFF for name, word in known.items()})
+            return Mode.of_contacts({n: w if isinstance(w, str) and w in NAMED else OFF for n, w in known.items()})
 
         steps = []
         for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
@@ -495,6 +497,8 @@ class _StatementReader:
             return None
         state = dict(zip(names, z.tolist(), strict=True))
         for name, value in given.items():
+            if math.isclose(value, state[name], rel_tol=SOLVED_STATE, abs_tol=SOLVED_STATE):
+                state[name] = value  # so that a problem and its record are the same to the last bit
             is_place = name in model.coordinates()
             if is_place and not math.isclose(value, state[name], rel_tol=CLOSE_STATE, abs_tol=CLOSE_STATE):
                 words = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"

@@ -6,7 +6,7 @@ that depend on the walker (its state, its torques) are made from the walker's ow
 
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, create_model, model_validator
 from pydantic.fields import FieldInfo
@@ -369,7 +369,8 @@ def _gait(walkers: Any) -> dict[str, Any]:
             needed: dict[str, Any] = {"required": ["impact"]}
             if steps is not gait:
                 needed = {"properties": {"steps": {"items": needed}}}
-            gait["anyOf"] = [needed, {"required": ["section"]}]
+            choices: list[dict[str, Any]] = [needed, {"required": ["section"]}]
+            gait["anyOf"] = choices
         gait["properties"]["guess"] = {"description": guess["description"], "oneOf": [guess, first]}
     return {"description": "phases and impact of one step, of several steps, or to be found", "oneOf": gaits}
 
@@ -385,6 +386,8 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         if ranges:
             entry["description"] = "; ".join([entry.get("description", ""), *ranges])
         stated = any(isinstance(part, WithJsonSchema) for part in entry_field.metadata)
+        literals = [part for part in get_args(entry_field.annotation) if get_origin(part) is Literal]
+        stated = stated or bool(literals)  # words, or a section
         if (nested := nested_models(entry_field)) and not stated:
             sections = [_section(part) for part in nested]
             words = {"description": entry["description"]} if "description" in entry else {}

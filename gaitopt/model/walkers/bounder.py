@@ -32,9 +32,7 @@ class Bounder(Walker):
     largest_angle = pi / 2
 
     mass: Annotated[Positive, Field(description="mass of the trunk [kg]")]
-    inertia: Annotated[
-        Inertia, Field(ge=SMALLEST, description="moment of inertia about the centre of mass [kg m^2]")
-    ]
+    inertia: Annotated[Inertia, Field(ge=SMALLEST, description="moment of inertia about the centre of mass [kg m^2]")]
     hip: Annotated[
         Positive,
         Field(description="distance of each hip from the centre of mass [m]"),
