@@ -311,7 +311,7 @@ def load_problem(name_or_path: str | Path, *, walkers: Walkers = (), controls: C
 
 
 def parse_problem(
-    text: str = "", path: str | Path | None = None, *, walkers: Walkers = (), controls: Controls = ()
+    text: str | None = None, path: str | Path | None = None, *, walkers: Walkers = (), controls: Controls = ()
 ) -> Problem:
     """The problem stated by a YAML text; ``path`` names it in messages, and references are relative to it.
 
@@ -320,9 +320,9 @@ def parse_problem(
     ProblemError
         As ``load_problem``; or if there is no text.
     """
-    if not text:
+    if text is None:
         remedy = "" if path is None else f": load_problem({str(path)!r}) reads a file"
-        raise ProblemError(f"parse_problem reads a YAML text, which is empty{remedy}")
+        raise ProblemError(f"parse_problem reads a YAML text, which is missing{remedy}")
     return _parse(text, passed_classes(walkers, controls), () if path is None else (Path(path),))
 
 
