@@ -72,6 +72,7 @@ def test_its_law_can_be_followed_to_another_friction(compass):
     assert branch.points[-1].gait.problem.control == compass.problem.control
 
 
+@pytest.mark.slow
 def test_more_intervals_are_never_worse():
     costs = []
     for intervals in (1, 2, 4):
@@ -121,6 +122,7 @@ def test_derivatives_of_the_program_are_those_of_central_differences():
     )
 
 
+@pytest.mark.slow
 def test_a_problem_with_every_kind_of_constraint_meets_them():
     gait = go.solve(go.parse_problem(RICH), progress=False)
     assert gait.converged, gait.message
@@ -144,6 +146,7 @@ def test_a_speed_beyond_the_torque_limits_says_how_far_one_gets():
     assert "best reached" in gait.message
 
 
+@pytest.mark.slow
 def test_rabbit_walks_from_nothing_at_the_cost_of_plain_collocation():
     gait = named("rabbit-optimal")
     assert go.verify(gait).passed

@@ -13,7 +13,14 @@ SAME = 1e-9
 """In natural units, and of freed parameters."""
 FLAT = {"compass-pd-slippery": 1e-7}
 """A design whose optimum is so flat that the optimality conditions, met to 1e-7, fix its parameters no better."""
-LONG = ("compass-pd-designed", "compass-pd-slippery", "rabbit-hzd", "rabbit-hzd-slip", "rabbit-tracked")
+LONG = (
+    "compass-pd-designed",
+    "compass-pd-slippery",
+    "rabbit-optimal",
+    "rabbit-hzd",
+    "rabbit-hzd-slip",
+    "rabbit-tracked",
+)
 """Designs, and gaits of walkers with many links, that take seconds."""
 FOR_IPOPT = ("compass-passive-static-kinetic", "compass-push-off", "compass-torque-efficient", "hopper")
 """Gaits, one the start of a design, whose guess is too far away for Newton's method."""
