@@ -18,6 +18,7 @@ from gaitopt.display import Page
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.trajectory import Trajectory
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.results import kind_of, restore_walk
 from gaitopt.show.catalogue import PAGE, Figures, figures_of
@@ -26,6 +27,7 @@ from gaitopt.show.pages import branch_report, comparison_report, walk_report
 from gaitopt.show.style import STILL, drawing_into, encoded
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
+from gaitopt.solver.program import NonlinearProgram
 from gaitopt.store.files import clear_leftovers, make_folder, write_whole
 from gaitopt.store.run import MANIFEST_FILE, Run
 from gaitopt.verification.walk import Walk
@@ -34,6 +36,8 @@ __all__ = ["animate", "draw", "html", "page_in", "plot", "report", "save", "save
 
 ANIMATION = "animation"
 """Name of the page of the moving walker, beside the names of figures."""
+UNTITLED = (Branch, Trajectory, NonlinearProgram)
+"""Results whose tables do not begin with what they are."""
 SMALL = 60
 """Resolution of the picture beside a table [dots per inch]; figures are six inches wide."""
 
@@ -207,7 +211,7 @@ def html(result: Any) -> str:
         picture = f'<img alt="" src="data:image/png;base64,{code}">'
     except (TypeError, ValueError):  # has none
         picture = ""
-    return f"{picture}{printed(result)}"
+    return f"{picture}{printed(result, titled=isinstance(result, UNTITLED))}"
 
 
 def write_page(page: Page, path: Path) -> Path:

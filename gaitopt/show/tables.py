@@ -542,9 +542,11 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def printed(result: Any) -> str:
-    """The printed table of a result as a block of HTML."""
+def printed(result: Any, *, titled: bool = False) -> str:
+    """The printed table of a result as a block of HTML, after what it is if ``titled``."""
     console = Console(record=True, file=StringIO(), width=WIDTH, markup=False, highlight=False, emoji=False)
+    if titled:
+        console.print(repr(result).strip("<>"), style="bold")
     print_result(result, console)
     return console.export_html(inline_styles=True, code_format=BLOCK)
 
