@@ -61,7 +61,8 @@ def _class_faults(law: type[Control]) -> Iterator[str]:
         if not isinstance(getattr(law, name), bool):
             yield f"{name} is {shown(getattr(law, name))}, but must be True or False"
     if not law.restarts:
-        yield "restarts is False, but gaitopt computes gaits only of laws whose clock restarts at every impact"
+        words = "only of laws whose clock restarts at every impact: leave it out; with several contacts a cycle may end"
+        yield f"restarts is False, but gaitopt computes gaits {words} with the law's period, gait: {{section: clock}}"
     for name, field in law.model_fields.items():
         if name not in Control.model_fields:
             yield from (f"the key {name} {why}" for why in _field_faults(name, field))
