@@ -1,12 +1,23 @@
-"""Sphinx: ``sphinx-build -W docs site``. Equations become MathML, so that the pages need no network."""
+"""Sphinx: ``sphinx-build -W docs site``. Equations become MathML, so that the pages need no network.
 
+The build runs the commands of the tutorial, shows what they print and draw, and computes the branch of the start page.
+"""
+
+import contextlib
+import io
+import os
 import re
+import shlex
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from docutils.nodes import SkipNode
+from docutils.nodes import Element, SkipNode, image, literal_block
 from latex2mathml.converter import convert
 
+import gaitopt as go
 from gaitopt import __version__
+from gaitopt.cli.main import main
 
 project = "gaitopt"
 author = "The gaitopt developers"
@@ -20,6 +31,7 @@ html_show_copyright = False
 html_title = "gaitopt"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = [("copy.js", {"defer": "defer"})]
 html_math_renderer = "mathml"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
@@ -55,7 +67,70 @@ def visit_block(writer: Any, node: Any) -> None:
     raise SkipNode
 
 
+def printed(command: str) -> str:
+    """What a command of a page prints, on 88 columns."""
+    words, _, code = command.partition("  # exit code ")
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        ended = main(shlex.split(words)[1:])
+    if ended != int(code or 0):
+        raise RuntimeError(f"{command}: exit code {ended}\n{err.getvalue()}")
+    return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines())
+
+
+def run_tutorial(app: Any, doctree: Any) -> None:
+    """Show below each command of the tutorial what it prints, and the figures that it draws."""
+    if app.env.docname != "tutorial":
+        return
+    pictures = Path(app.srcdir) / "built"  # ignored by git
+    pictures.mkdir(exist_ok=True)
+    home, columns = Path.cwd(), os.environ.get("COLUMNS")
+    blocks = list(doctree.findall(literal_block))
+    with TemporaryDirectory() as folder:
+        os.chdir(folder)
+        os.environ["COLUMNS"] = "88"
+        try:
+            for block in blocks:
+                text = block.astext()
+                if block["language"] == "yaml" and (named := re.match(r"name: (\S+)", text)):
+                    Path(f"{named[1]}.yaml").write_text(text)
+                if block["language"] == "console":
+                    shown: list[Element] = []
+                    for command in re.findall(r"^\$ (.*)$", text, re.MULTILINE):
+                        output = printed(command)
+                        shown.append(literal_block(prompt := f"$ {command}", prompt, language="console"))
+                        shown.append(literal_block(output, output, language="text", classes=["output"]))
+                        for line in output.splitlines():
+                            if line.endswith(".svg"):
+                                name = Path(line.strip()).name
+                                (pictures / name).write_bytes(Path(line.strip()).read_bytes())
+                                shown.append(image(uri=f"built/{name}", alt=name, candidates={}))
+                    block.replace_self(shown)
+        finally:
+            os.chdir(home)
+            if columns is None:
+                del os.environ["COLUMNS"]
+            else:
+                os.environ["COLUMNS"] = columns
+
+
+BRIEF = """<style>header, .scroll, .specials, #gait .charts, main > section:last-of-type { display: none; }</style>
+</head>"""
+"""Of the page of a branch the start page shows the diagram, the slider and the walker."""
+
+
+def draw_start_page(app: Any, failed: Exception | None) -> None:
+    """Compute the branch of the start page and write its page, whole and in brief."""
+    if failed is None and app.builder.format == "html":
+        gait = go.solve(go.load_problem("compass-passive-stick"))
+        page = Path(app.outdir) / "friction.html"
+        go.report(go.continuation(gait, "friction", 0.1, progress=False)).save(page)
+        page.with_name("friction-brief.html").write_text(page.read_text().replace("</head>", BRIEF, 1))
+
+
 def setup(app: Any) -> None:
-    """Register both."""
+    """Register them."""
     app.connect("autodoc-process-docstring", split_fields, priority=1)
+    app.connect("doctree-read", run_tutorial, priority=1)
+    app.connect("build-finished", draw_start_page)
     app.add_html_math_renderer("mathml", (visit_inline, None), (visit_block, None))
