@@ -22,11 +22,17 @@ LONG = (
     "rabbit-hzd",
     "rabbit-hzd-slip",
     "rabbit-tracked",
+    "crawler",
+    "heel-toe",
+    "heel-toe-slip",
+    "heel-toe-impact-slip",
     "compass-passive-static-kinetic",
     "compass-pd-impact-slip",
     "compass-torque-stable-slip",
 )
-COUNTS = dict.fromkeys(go.problem_names(), 20) | dict.fromkeys(LONG, 10) | DESIGNS
+RARE = {"compass-virtual-constraint-slip": 5, "inchworm": 3, "bounding-overlap": 3}
+"""Most variants of these have another mode sequence."""
+COUNTS = dict.fromkeys(go.problem_names(), 20) | dict.fromkeys(LONG, 10) | DESIGNS | RARE
 """Gaits of each named problem that are judged."""
 PROBLEMS = tuple(COUNTS)
 SLIPPERY = {
