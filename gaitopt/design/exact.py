@@ -28,7 +28,7 @@ from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.threads import cached_property
 
 RADIUS = "spectral_radius"
-EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum}
+EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum and scalar.of_designs}
 """Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
 SOLVED = 1e-10
 """Largest residual of the equations of the step at a gait."""

@@ -13,7 +13,8 @@ from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.slip_runner import SlipRunner
 
-WALKERS = sorted(registered_walkers().values(), key=lambda walker: walker.model)
+REGISTERED = sorted(registered_walkers().values(), key=lambda walker: walker.model)
+WALKERS = [walker for walker in REGISTERED if not walker.contacts]
 TABLES = [transitions(walker) for walker in WALKERS]
 IDS = [walker.model for walker in WALKERS]
 

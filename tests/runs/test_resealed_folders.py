@@ -145,8 +145,16 @@ def quick(folder, file):
     )
 
 
-NULLABLE = {"required_friction", "impulse_ratio", "min_normal_force", "foot_clearance", "cost_of_transport"} | {
-    "absolute_cost_of_transport"
+NULLABLE = {
+    "apex_height",
+    "gravity_cost",
+    "required_friction",
+    "impulse_ratio",
+    "min_normal_force",
+    "foot_clearance",
+} | {
+    "cost_of_transport",
+    "absolute_cost_of_transport",
 }
 """Scalars that some gaits do not have; that one is missing cannot be seen in a record alone."""
 

@@ -55,7 +55,7 @@ def test_unknown_key_and_parent_folder_are_answered_with_what_to_give(tmp_path, 
     sweep.complete(HERE)
     code, _, err = run("plot", str(tmp_path))
     assert code == 6
-    assert f"give the folder of its basin or sweep: {sweep.run.place}" in err
+    assert f"give the folder of its basin, sweep or attractors: {sweep.run.place}" in err
     with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
         wheel_sweep(tmp_path, Axis(key="slope", lower=0.1, upper=0.2, count=2)).check()
 

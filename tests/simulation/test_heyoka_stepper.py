@@ -27,12 +27,15 @@ GAITS = [name for name in problem_names() if name not in DESIGNS]
 INTRICATE = (
     *("compass-passive-a", "compass-pd-impact-slip", "compass-torque-impact-slip", "compass-torque-slip"),
     *("kneed-passive", "slip-run-foot", "telescopic-passive", "torso-passive"),
-    *("rabbit-hzd", "rabbit-hzd-slip", "rabbit-tracked"),
+    *("rabbit-hzd", "rabbit-hzd-slip", "rabbit-tracked", "inchworm"),
+    *("heel-toe", "heel-toe-slip", "heel-toe-impact-slip", "bounding-overlap"),
 )
 """Gaits whose integrators take long to compile in extended precision."""
 
 
-@pytest.fixture(scope="module", params=GAITS)
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=pytest.mark.slow if name == "inchworm" else ()) for name in GAITS]
+)
 def gait(request):
     return named(request.param)
 
@@ -87,12 +90,11 @@ def test_extended_precision_confirms_thirteen_digits_of_heyoka(name):
 
 
 def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
-    mode = gait.problem.cycle.impact
-    jacobians = []
+    section, jacobians = gait.system.section(gait.problem.cycle), []
     for kind in (HeyokaStepper, ScipyStepper):
         simulator = Simulator(gait.dynamics, kind)
         steps = simulator.run(gait.state).steps
-        jacobians.append(ReturnMap(simulator, mode).jacobian(steps))
+        jacobians.append(ReturnMap(simulator, section, 1, gait.state).jacobian(steps))
     np.testing.assert_allclose(*jacobians, rtol=1e-8, atol=1e-9)
 
 

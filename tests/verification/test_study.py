@@ -62,7 +62,7 @@ def test_record_of_a_walk_has_the_same_keys_and_figures() -> None:
     assert record["status"] == "completed"
     assert record["steps"] == 3
     for name in MEASURES:
-        assert record[name] == pytest.approx(ours[name], rel=1e-8, abs=1e-9), name
+        assert record[name] == (None if ours[name] is None else pytest.approx(ours[name], rel=1e-8, abs=1e-9)), name
     assert [phase["mode"] for phase in record["phases"]] == ["slip_forward", "stick", "slip_backward"]
 
 
@@ -134,11 +134,13 @@ def test_long_walk_keeps_only_the_ends_of_its_arcs() -> None:
 
 # references
 
+SAME_JOINTS = {"theta1": "theta1", "theta2": "theta2"}
+
 
 @pytest.mark.parametrize("beyond_end", list(BeyondEnd))
 def test_reference_is_the_gait_up_to_its_end(beyond_end: BeyondEnd) -> None:
     source = gait("compass-passive-b")
-    reference = gait_reference(source, beyond_end)
+    reference = gait_reference(source, beyond_end, SAME_JOINTS)
     for arc in source.arcs:
         inside = arc.times[1:-1]
         angles, rates = reference(inside)
@@ -150,7 +152,7 @@ def test_reference_is_the_gait_up_to_its_end(beyond_end: BeyondEnd) -> None:
 def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
     """Its rates are those of its angles, and they obey the equations of motion."""
     source = gait("compass-passive-b")
-    reference, end = gait_reference(source, BeyondEnd.FLOW), source.period
+    reference, end = gait_reference(source, BeyondEnd.FLOW, SAME_JOINTS), source.period
     t, h = end + 0.3, 1e-5
     (angles, rates), (before, rates_before), (after, rates_after) = (reference([s]) for s in (t, t - h, t + h))
     z = np.concatenate([angles[:, 0], [0.0], rates[:, 0], [0.0]])
@@ -164,7 +166,7 @@ def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
 def test_reference_continues_straight_or_stands_still(beyond_end: BeyondEnd, kept: float) -> None:
     source = gait("compass-passive-b")
     last = source.arcs[-1].states[-1]
-    angles, rates = gait_reference(source, beyond_end)([source.period + 0.2])
+    angles, rates = gait_reference(source, beyond_end, SAME_JOINTS)([source.period + 0.2])
     assert rates[:, 0] == pytest.approx(kept * last[3:5], abs=1e-12)
     assert angles[:, 0] == pytest.approx(last[:2] + 0.2 * kept * last[3:5], abs=1e-12)
 
