@@ -9,7 +9,7 @@ from gaitopt.errors import GaitoptError, StorageError, UnknownNameError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.problem.faults import shown
-from gaitopt.problem.problem import Problem
+from gaitopt.problem.problem import Controls, Problem, Walkers, passing
 from gaitopt.store.formats import json_file
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, PROBLEM_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
@@ -102,7 +102,9 @@ def compared(walk: Walk) -> Walk:
     return replace(walk, gait_states=states_after_impacts(restore_gait(run.folder)))
 
 
-def load_run(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attractor":
+def load_run(
+    path: str | Path, *, walkers: Walkers = (), controls: Controls = ()
+) -> "Result | BranchPoint | SpecialPoint | Attractor":
     """Load the result in a run folder: a branch, gait, walk or front, or the sweep or basin in a folder of its own.
 
     Parameters
@@ -110,6 +112,7 @@ def load_run(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attract
     path : the folder. Or a part of the result in it: ``RUN@BRANCH.INDEX`` is a point of a branch, ``RUN@special.K`` its
         K-th special point and ``RUN@attractor.K`` the K-th attractor of a basin, both from 0; the rest of the branch is
         not restored.
+    walkers, controls : classes of the run's walker and control law, if they are not registered.
 
     Raises
     ------
@@ -117,7 +120,14 @@ def load_run(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attract
         If the folder is not a run, or is broken, unfinished or newer.
     UnknownNameError
         If the result has no such part.
+    ProblemError
+        If a class is not well formed.
     """
+    with passing(walkers, controls):
+        return _loaded(path)
+
+
+def _loaded(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attractor":
     from gaitopt.runs.results import read_result
 
     try:

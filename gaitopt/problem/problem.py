@@ -4,7 +4,9 @@ A problem that tracks another gait contains the problem of that gait, which over
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -50,6 +52,9 @@ RESOLVED_FILE = "resolved.json"
 """File of a stored run with the resolved problem."""
 FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem: the file's values of the parameters that were changed."""
+_NONE = Known(walkers={}, controls={})
+_PASSED = ContextVar("passed", default=_NONE)
+"""Classes with which records are restored besides the registered ones, see ``passing``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -356,6 +361,7 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), control
         If the record is wrong.
     """
     data = deepcopy(dict(record))
+    classes = passed_classes(walkers, controls) if walkers or controls else _PASSED.get()
     before = data.pop(FOLLOWED_FROM, None)
     place = FilePlace(f"record of {shown(data.get('name'))}", {(): (1, 1)})
     known: dict[str, Problem] = {}
@@ -363,28 +369,30 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), control
         if isinstance(section, dict) and isinstance(section[key], Mapping):
             reference = restore_problem(section[key], walkers=walkers, controls=controls)
             known, section[key] = {reference.name: reference}, reference.name
-    problem = _build(data, place, [], passed_classes(walkers, controls), (), known=known)
+    problem = _build(data, place, [], classes, (), known=known)
     return problem if before is None else replace(problem, file=problem.replace(before).from_guess())
 
 
 def check_installed(record: Mapping[str, Any]) -> None:
-    """Check that the walker and the control law of a record that ``Problem.resolved`` wrote are registered.
+    """Check that the walker and the control law of a record that ``Problem.resolved`` wrote are registered or passed.
 
     Raises
     ------
     ProblemError
         If one of them is not.
     """
+    passed = _PASSED.get()
     kinds = {
-        ("walker", "model"): ("walker", {**registered_walkers(), **refused_walkers()}),
-        ("control", "type"): ("control law", {**registered_controls(), **refused_controls()}),
+        ("walker", "model"): ("walker", {**registered_walkers(), **refused_walkers(), **passed.walkers}),
+        ("control", "type"): ("control law", {**registered_controls(), **refused_controls(), **passed.controls}),
     }
     for (section, key), (kind, known) in kinds.items():
         stated = record.get(section)
         name = stated.get(key) if isinstance(stated, Mapping) else None
         if isinstance(name, str) and name not in known:
             words = f"no {kind} is called {shown(name)} here; the run needs the package that registers it"
-            raise ProblemError(f"{words}, because classes that are passed to a function are not stored")
+            remedy = f"load_run(..., {'walkers' if section == 'walker' else 'controls'}=[...]) takes its class"
+            raise ProblemError(f"{words}, because classes that are passed to a function are not stored; {remedy}")
 
 
 def _load(name_or_path: str | Path, classes: Known, files: Sequence[Path]) -> Problem:
@@ -513,6 +521,22 @@ def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], plac
             section = section[part]
         section[key] = content
     return data
+
+
+@contextmanager
+def passing(walkers: Walkers, controls: Controls) -> Iterator[None]:
+    """Within the block, records are restored with these classes too.
+
+    Raises
+    ------
+    ProblemError
+        As ``passed_classes``.
+    """
+    token = _PASSED.set(passed_classes(walkers, controls))
+    try:
+        yield
+    finally:
+        _PASSED.reset(token)
 
 
 def passed_classes(walkers: Walkers, controls: Controls) -> Known:

@@ -105,6 +105,15 @@ def test_a_run_of_a_law_that_is_not_installed_is_refused_by_name(gait: go.Gait, 
         go.load_run(tmp_path / "run")
 
 
+def test_a_run_of_a_passed_law_is_loaded_with_its_class(gait: go.Gait, tmp_path: Path) -> None:
+    gait.save(tmp_path / "run")
+    again = go.load_run(tmp_path / "run", controls=[HipDamper])
+    assert again.problem == gait.problem
+    assert again.multipliers == pytest.approx(gait.multipliers)
+    with pytest.raises(StorageError):  # the class was that of one call
+        go.load_run(tmp_path / "run")
+
+
 def test_figures_and_pages_show_the_gait(gait: go.Gait) -> None:
     drawn = [np.abs(np.asarray(line.get_ydata())).max() for line in go.plot(gait, "torques").lines]
     frame = gait.to_frame()
