@@ -30,7 +30,9 @@ COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines
 FILES = {matched[1]: text for text in blocks("yaml") if (matched := re.match(r"name: (\S+)", text))}
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [pytest.param(line, marks=pytest.mark.slow if "--starts" in line else ()) for line in COMMANDS]
+)
 def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():
@@ -117,6 +119,7 @@ def test_the_reference_of_the_problem_file_is_that_of_the_schema():
     assert script["PAGE"].read_text() == script["page"]()
 
 
+@pytest.mark.slow
 def test_the_pages_build_without_a_warning(tmp_path):
     sphinx = pytest.importorskip("sphinx.cmd.build", reason="needs pip install '.[docs]'")
     with warnings.catch_warnings():

@@ -190,6 +190,7 @@ def test_events_cannot_be_kept():
         go.continuation(named(WHEEL), "friction", TARGET, events={"x": lambda gait: 1.0}, output="branch")
 
 
+@pytest.mark.slow
 def test_parts_of_a_search_are_kept():
     problem = go.load_problem(WHEEL).replace({"gait.phases": "auto"})
     counts = []

@@ -48,6 +48,7 @@ def test_a_wrong_box_is_a_usage_error(run, wheel, within):
     assert "within" in err
 
 
+@pytest.mark.slow
 def test_find_takes_a_named_gait_without_its_sequence(run, empty_folder):
     arguments = ("--within", "dtheta=0.5:1", "--starts", "1", "--workers", "1", "--json", "--quiet")
     code, out, _ = run("find", "rimless-wheel-stick", *arguments)
@@ -65,6 +66,7 @@ def test_what_needs_a_guess_says_that_the_sequence_is_open(run, wheel):
     assert "gaitopt find" in err
 
 
+@pytest.mark.slow
 def test_solve_stores_the_gait_under_the_hash_of_the_open_problem(run, wheel, monkeypatch):
     monkeypatch.setattr(sys.modules["gaitopt.search.find"], "STARTS", 1)
     code, out, _ = run("solve", wheel, "--json", "--quiet")

@@ -274,6 +274,7 @@ def test_a_motion_that_fails_beyond_the_end_that_is_a_gait_is_named():
     assert [claim.name for claim in result.claims if not claim.proved] == [MOTION]
 
 
+@pytest.mark.slow
 def test_a_bracket_that_leaves_a_gap_is_refused():
     for gap in ([0, 2], [0, 1], [1, 2], [0, 0, 2]):
         certificate = bracket()
@@ -521,6 +522,7 @@ def test_no_field_can_be_forged():
     assert lies(proved("rimless-wheel-stick"), proved("rimless-wheel-slip")) == []
 
 
+@pytest.mark.slow
 def test_no_field_of_a_bracket_can_be_forged():
     fields = ("varied", "special", "parameters", "interval", "order")
     assert lies(bracket(), spoiled(bracket("0.95", "0.96")), fields=fields) == []

@@ -33,7 +33,7 @@ def digits(record: dict) -> dict:
     return json.loads(json.dumps(kept | {"solver": record["solver"].get("iterations")}))
 
 
-SLOW = ("another mass", "two steps", "the end of the family", "not enough energy")
+SLOW = ("a wheel", "a slope of 3 deg", "another mass", "two steps", "the end of the family", "not enough energy")
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in CHANGED])

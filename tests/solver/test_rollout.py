@@ -153,7 +153,7 @@ def test_a_guess_that_stands_still_is_a_failure_and_no_error(name):
             },
             marks=pytest.mark.slow,
         ),
-        ("rimless-wheel-slip", {"gait.guess.state.dtheta": 0.01}),
+        pytest.param("rimless-wheel-slip", {"gait.guess.state.dtheta": 0.01}, marks=pytest.mark.slow),
         pytest.param(
             "compass-passive-a",
             {"gait.guess.state": {"theta1": -1.5, "dtheta1": 33.8, "dtheta2": -45.5}},

@@ -164,6 +164,7 @@ def test_the_gait_is_proved(gait: go.Gait, tmp_path: Path) -> None:
     assert go.check_proof(tmp_path / "proof.json", controls=[HipDamper]).proved
 
 
+@pytest.mark.slow
 def test_a_registered_law_goes_through_the_command_line(gait: go.Gait, tmp_path: Path) -> None:
     package = tmp_path / "own_laws-1.0.dist-info"
     package.mkdir()
