@@ -239,13 +239,17 @@ def test_a_bracket_of_a_change_of_modes_is_proved():
     assert "arc 1, stick: cone_forward" in words  # at the end where it is a gait
 
 
-@pytest.mark.parametrize("kind", [kind for kind in BRACKETED if kind != "mode_change"])
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(k, marks=() if k == "painleve" else pytest.mark.slow) for k in BRACKETED if k != "mode_change"],
+)
 def test_another_type_of_special_point_is_refused(kind):
     assert refusals(spoiled(bracket(), special=kind)).keys() >= {
         "sign change" if kind in MARGIN_CHANGES else "arc 1, stick: cone_forward"
     }
 
 
+@pytest.mark.slow
 def test_a_bracket_without_a_change_is_refused():
     assert refusals(bracket("0.95", "0.96")).keys() == {"sign change"}
     assert "sign change" in refusals(bracket("0.90", "0.91"))

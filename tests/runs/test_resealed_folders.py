@@ -237,7 +237,7 @@ def check_commands(copy, run, name, share):
     assert wrong == []
 
 
-@pytest.mark.parametrize("name", DOORS)
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if "branch" in n else ()) for n in DOORS])
 def test_no_command_ends_in_an_internal_error_or_another_result(copy, run, name):
     check_commands(copy, run, name, 0.005)
 
