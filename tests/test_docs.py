@@ -26,12 +26,13 @@ def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
     return [block for page in pages for block in re.findall(pattern, page.read_text(), re.MULTILINE | re.DOTALL)]
 
 
+LONG = re.compile("--starts|reproduce")
 COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
 FILES = {matched[1]: text for text in blocks("yaml") if (matched := re.match(r"name: (\S+)", text))}
 
 
 @pytest.mark.parametrize(
-    "command", [pytest.param(line, marks=pytest.mark.slow if "--starts" in line else ()) for line in COMMANDS]
+    "command", [pytest.param(line, marks=pytest.mark.slow if LONG.search(line) else ()) for line in COMMANDS]
 )
 def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -133,7 +133,7 @@ def test_gaits_side_by_side_share_their_axes_and_show_the_difference(visit):
     assert ticks[0] == ticks[1]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("width", [360, 768, 1400])
 def test_nothing_is_wider_than_the_screen(visit, branch_page, width, scheme):
     for text in (comparison_report([gait("compass-pd-impact-slip")]), branch_page):

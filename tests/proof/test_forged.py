@@ -107,6 +107,7 @@ def words_of_statement(certificate):
 # the control law
 
 
+@pytest.mark.slow
 def test_a_right_statement_is_rebuilt_from_its_problem():
     for name in ("compass-torque-stick", "compass-pd-impact-slip", "compass-pd-designed"):
         assert words_of_statement(unproved(name))["mode_sequence"] == str(load_problem(name).cycle)
@@ -545,6 +546,7 @@ def test_no_field_of_a_compass_can_be_forged(name):
     assert lies(proved(name), other) == []
 
 
+@pytest.mark.slow
 def test_no_hostile_value_hangs_or_crashes_the_checker():
     certificate = spoiled(proved("rimless-wheel-stick"))
     assert lies(certificate, {}, lambda value: HOSTILE) == []

@@ -89,6 +89,7 @@ def test_extended_precision_confirms_thirteen_digits_of_heyoka(name):
     assert np.abs(double.impact.state - extended.impact.state).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_derivative_of_the_return_map_is_that_of_the_other_engine(gait):
     section, jacobians = gait.system.section(gait.problem.cycle), []
     for kind in (HeyokaStepper, ScipyStepper):

@@ -47,6 +47,7 @@ def test_ipopt_finds_the_gait_of_every_named_problem(name):
     assert_same(gait, named(name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [p for p in PROBLEMS if p.values[0] not in (*FOR_IPOPT, *OPEN_LOOP, "compass-pd-slippery")]
 )
