@@ -186,7 +186,7 @@ def test_wrong_set_points_are_named(constant: str, message: str) -> None:
 
 
 def test_set_points_are_parameters_of_one_system() -> None:
-    gait = named("torso-upright")
+    gait = go.solve(go.load_problem("torso-upright"))  # now: the cache holds the latest systems
     assert gait.problem.parameters["control.reference.constant.theta2"] == radians(10)
     longer = go.solve(gait.problem.replace({"control.reference.constant.theta2": "12 deg"}))
     assert longer.converged
