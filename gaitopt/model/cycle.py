@@ -110,9 +110,12 @@ class Cycle:
         for step in record.get("steps", (record,)):
             phases = [phase if isinstance(phase, Mapping) else {"mode": phase} for phase in step["phases"]]
             timed = (k for k, phase in enumerate(phases) if UNTIL in phase)
-            landings = ((k, Mode.from_record(phase[IMPACT])) for k, phase in enumerate(phases) if IMPACT in phase)
-            modes = tuple(map(Mode.from_record, step["phases"]))
-            steps.append(ModeSequence(modes, Mode.from_record(step["impact"]), tuple(timed), tuple(landings)))
+            modes = [Mode.from_record({key: v for key, v in phase.items() if key != IMPACT}) for phase in phases]
+            struck = ((k, phase[IMPACT]) for k, phase in enumerate(phases) if IMPACT in phase)
+            landings = [
+                (k, Mode.of_contacts({name: after.get(name, OFF) for name in modes[k].contacts})) for k, after in struck
+            ]
+            steps.append(ModeSequence(tuple(modes), Mode.from_record(step["impact"]), tuple(timed), tuple(landings)))
         return cls(tuple(steps))
 
     @cached_property

@@ -8,9 +8,11 @@ from contact_walkers import HeelToe, SpringMassWalker
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.contact_transitions import contact_transitions
+from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import contact_section
 from gaitopt.problem.problem import Problem, parse_problem, restore_problem
+from gaitopt.problem.statement import cycle_data
 from gaitopt.verification.walk import simulate
 
 PHASES = "{heel: slip_forward}, {heel: stick}, {toe: stick}, {toe: slip_backward}"
@@ -142,3 +144,9 @@ def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
 def test_the_event_between_two_modes_follows_from_what_changes(before: dict, after: dict, guard: str) -> None:
     table = contact_transitions(HeelToe)
     assert table.between(contacts(HeelToe, **before), contacts(HeelToe, **after)).guard == guard
+
+
+def test_a_cycle_with_an_impact_within_the_step_is_read_from_its_record() -> None:
+    cycle = heel_toe().cycle
+    assert cycle.steps[0].landings
+    assert Cycle.from_record(json.loads(json.dumps(cycle_data(cycle)))) == cycle
