@@ -71,7 +71,8 @@ def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> Asse
     n_g, n_x = linear.shape
     x, p, weight, multipliers = MX.sym("x", n_x), MX.sym("p", n_p), MX.sym("w"), MX.sym("l", n_g)
     f, g = MX(0), mtimes(DM(linear), x)
-    gradients, entries, bent = MX(n_x, 1), list[MX](), list[MX]()
+    gradients = MX.zeros(n_x)  # dense: IPOPT reads n_x entries, whatever the sparsity
+    entries, bent = list[MX](), list[MX]()
     known = linear.tocoo()
     places, bent_places = [(known.row, known.col)], [(np.zeros(0, int), np.zeros(0, int))]
     entries.append(MX(DM(known.data)))
