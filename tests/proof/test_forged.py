@@ -10,6 +10,7 @@ from copy import deepcopy
 from dataclasses import replace
 from functools import cache, reduce
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -159,6 +160,7 @@ def test_a_tracked_curve_is_part_of_the_printed_statement():
     assert words_of_statement(certificate)["sha256"] != words["sha256"]
 
 
+@pytest.mark.slow
 def test_designed_values_are_part_of_the_printed_statement():
     original = unproved("compass-pd-designed")
     words = words_of_statement(original)
@@ -511,20 +513,21 @@ def lie(original, forged, path):
     return None if all(a.overlaps(b) for a, b in bounds) else "it is another orbit"
 
 
-def lies(certificate, other, values=replacements, fields=()):
-    """What is proved that is wrong, of forgeries in some fields, or in all."""
+def lies(certificate, other, values=replacements, fields=(), every=1):
+    """What is proved that is wrong, of every n-th forgery in some fields, or in all."""
     original = check(certificate)
     assert original.proved
     return [
         (path, action, wrong)
-        for path, action, forged in forgeries(certificate, other, values)
+        for path, action, forged in islice(forgeries(certificate, other, values), 0, None, every)
         if (not fields or path[0] in fields or path[-1] in fields)
         and (wrong := lie(original, forged, path)) is not None
     ]
 
 
-def test_no_field_can_be_forged():
-    assert lies(proved("rimless-wheel-stick"), proved("rimless-wheel-slip")) == []
+@pytest.mark.parametrize("every", [8, pytest.param(1, marks=pytest.mark.slow)])
+def test_no_field_can_be_forged(every):
+    assert lies(proved("rimless-wheel-stick"), proved("rimless-wheel-slip"), every=every) == []
 
 
 @pytest.mark.slow

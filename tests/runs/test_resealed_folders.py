@@ -45,22 +45,36 @@ DOORS = {
     "find/find.jsonl": ("", FIND),
 }
 """Files with the folder that `load_run` takes, and the commands that read them."""
+MAKERS = {
+    "walk": WALK, "branch": BRANCH, "front": FRONT, "starts": STARTS, "find": FIND,
+    "SWEEP": SWEEP, "BASIN": BASIN, "jobs.jsonl": SWEEP,
+}  # fmt: skip
+"""Commands that make a folder or a file; the gait of `run` is made first."""
+QUICK = ("run/gait.json", "walk/walk.json", "branch/branch.jsonl", "run/jobs.jsonl")
+SAMPLE = [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in DOORS]
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """One run folder of each kind."""
-    place = tmp_path_factory.mktemp("whole")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(place)
-        for command in (("solve", WHEEL, "-o", "run"), SWEEP, BASIN, BRANCH, WALK, FRONT, STARTS, FIND):
-            assert main([*command, "--quiet"]) == 0, command
-    return place
+def made(tmp_path_factory):
+    """The folders that a file needs, each made once."""
+    place, done = tmp_path_factory.mktemp("whole"), set()
+
+    def make(name):
+        maker = next((MAKERS[part] for part in name.split("/") if part in MAKERS), None)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(place)
+            for command in (("solve", WHEEL, "-o", "run"), maker):
+                if command and command not in done:
+                    assert main([*command, "--quiet"]) == 0, command
+                    done.add(command)
+        return place
+
+    return make
 
 
 @pytest.fixture
-def copy(whole, tmp_path, monkeypatch):
-    shutil.copytree(whole, tmp_path / "copy")
+def copy(made, name, tmp_path, monkeypatch):
+    shutil.copytree(made(name), tmp_path / "copy")
     monkeypatch.chdir(tmp_path / "copy")
     return tmp_path / "copy"
 
@@ -68,7 +82,8 @@ def copy(whole, tmp_path, monkeypatch):
 def placed(word):
     """A word with the names of the folders of sweep and basin."""
     for kind in ("sweep", "basin"):
-        word = word.replace(kind.upper(), next(Path("run").glob(f"{kind}-*")).name)
+        if kind.upper() in word:
+            word = word.replace(kind.upper(), next(Path("run").glob(f"{kind}-*")).name)
     return word
 
 
@@ -188,7 +203,7 @@ def outcome(read):
         return None, str(error)
 
 
-@pytest.mark.parametrize("name", [name for name, (folder, *_) in DOORS.items() if folder])
+@pytest.mark.parametrize("name", [param for param in SAMPLE if DOORS[param.values[0]][0]])
 def test_what_is_read_is_refused_with_its_file_or_as_before(copy, name):
     file, folder = Path(placed(name)), Path(placed(DOORS[name][0]))
     read = quick(folder, name)
@@ -237,7 +252,7 @@ def check_commands(copy, run, name, share):
     assert wrong == []
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if "branch" in n else ()) for n in DOORS])
+@pytest.mark.parametrize("name", SAMPLE)
 def test_no_command_ends_in_an_internal_error_or_another_result(copy, run, name):
     check_commands(copy, run, name, 0.005)
 
