@@ -1,6 +1,6 @@
 """Commands about many gaits or many walks: ``continue``, ``front``, ``sweep``, ``basin``, ``attractors``.
 
-Results are stored as soon as they are computed; the same command resumes where it stopped.
+Results are stored as soon as they are computed; a repeated command resumes.
 """
 
 import time
@@ -49,14 +49,14 @@ def continue_(
         typer.Argument(
             metavar="PROBLEM",
             help="A name, a .yaml file, the run folder of a gait, or RUN@special.K for the other branches through the "
-            "K-th special point in the table of a branch.",
+            "K-th special point of a branch.",
         ),
     ],
     param: Annotated[str, typer.Option("--param", metavar="KEY", help="Parameter: friction, walker.slope, ...")],
     to: Annotated[
         list[str],
         typer.Option(
-            "--to", metavar="VALUE", help="Value at which to stop; with a second --to the branch is followed both ways."
+            "--to", metavar="VALUE", help="Target value; give two targets to continue in both directions."
         ),
     ],
     lower: Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Lower bound of the parameter.")] = None,
@@ -82,9 +82,9 @@ def continue_(
 ) -> int:
     """Continue a gait in a parameter, through folds and changes of the mode sequence.
 
-    RUN@special.K continues the other branches of a special point: at a period doubling the cycles of twice as many
-    steps, at a branch point the crossing curve, at a change of modes the sequences that were not followed.
-    Every point is stored as soon as it is found; the same command resumes an interrupted branch.
+    RUN@special.K continues the other branches through a special point: at a period doubling the cycles with twice as
+    many steps, at a branch point the crossing curve, at a change of modes the other mode sequences.
+    Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_branch, sequence
@@ -99,7 +99,7 @@ def continue_(
             raise typer.BadParameter(f"--set changes a problem, but {problem} is a point of a finished run")
         start, _ = stored.load_special_point(problem)
         if start.gait is not None and start.gait.problem.free:  # whose values a point of the branch does not hold
-            words = "has free parameters: fix them at the values of the design, and continue that"
+            words = "has free parameters: fix them at the values of the design, then continue"
             raise ProblemError(f"{start.gait.problem.name} {words}")
     else:
         start, *_ = gait_of(problem, changes, None, terminal, keep=False)
@@ -164,9 +164,9 @@ def front(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Design along one number of the problem, in both directions, and mark the Pareto front.
+    """Solve a chain of designs over one key, in both directions, and mark the Pareto front.
 
-    Every design is stored as soon as it is found; the same command resumes where it stopped.
+    Every design is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.api.pictures import save_figures
@@ -175,7 +175,7 @@ def front(
 
     ranges, loaded = grid(over), load(problem, changes, terminal)
     if len(ranges) != 1:
-        raise typer.BadParameter("--over: a front runs along one key; give one --over KEY=LO:HI:N")
+        raise typer.BadParameter("--over: a front has one key; give one --over KEY=LO:HI:N")
     with terminal.working("designs") as (progress, interrupted):
         designs = verbs.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
     figures = save_figures(designs, designs.file.parent) if designs.file is not None else []
@@ -204,10 +204,9 @@ def sweep(
     from_guess: GuessOption = False,
     output: OutOption = None,
 ) -> int:
-    """Solve and verify a problem over a grid of its parameters; each point as `solve` does with --set.
+    """Solve and verify a problem on a grid of parameter values, each as `solve --set` does.
 
-    Every result is stored as soon as it is found; the same command resumes where it stopped. A point without a gait is
-    a result.
+    A point without a gait is a result. Every result is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.problem.scalars import SCALARS
@@ -233,9 +232,9 @@ def attractors(
     over: OverOption,
     starts: Annotated[int, typer.Option("--starts", min=1, max=1_000_000, help="Number of walks at each value.")] = 20,
     transient: Annotated[
-        int, typer.Option("--transient", min=1, help="Cycles that are walked before; more near bifurcations.")
+        int, typer.Option("--transient", min=1, help="Number of cycles to discard first; increase it near bifurcations.")
     ] = 200,
-    keep: Annotated[int, typer.Option("--keep", min=2, help="Cycles that are kept then.")] = 64,
+    keep: Annotated[int, typer.Option("--keep", min=2, help="Number of cycles to record after them.")] = 64,
     seed: SeedOption = 0,
     engine: EngineOption = "auto",
     workers: WorkersOption = None,
@@ -243,10 +242,10 @@ def attractors(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Walk on at many values of a parameter, and list what the walks settle on: cycles of any length, and chaos.
+    """Find what walks settle on at each value of a parameter: cycles of any length, or chaos.
 
-    Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Finished values are kept;
-    the same command resumes where it stopped. `gaitopt plot FOLDER --over RUN` draws the diagram over a branch.
+    Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Finished values are stored;
+    repeat the command to resume. `gaitopt plot FOLDER --over RUN` draws the diagram over a branch.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_attractors
@@ -281,10 +280,10 @@ def basin(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Walk from every state of a grid until it settles on a gait or fails.
+    """Simulate a walk from every state of a grid until it settles on a gait or fails.
 
-    The other coordinates are those of RUN's gait. Finished tiles are kept; the same command resumes where it stopped.
-    `gaitopt solve RUN@attractor.K` solves the gait of the K-th attractor, where RUN is the folder that is printed.
+    The other coordinates are those of RUN's gait. Finished tiles are stored; repeat the command to resume.
+    `gaitopt solve RUN@attractor.K` solves the gait of the K-th attractor; RUN is the folder that basin prints.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_basin
@@ -294,9 +293,9 @@ def basin(
     choose_engine(engine)
     gait, folder, fresh = gait_of(run, changes, output, terminal)
     if fresh and not gait.converged:
-        terminal.say(f"{gait.problem.name} is {gait.status}; the grid lies around its guess")
+        terminal.say(f"{gait.problem.name} is {gait.status}; the grid is centred on its guess")
     if engine == Engine.AUTO and not is_installed():
-        terminal.say(f"walking on scipy; heyoka walks several times as fast: {INSTALL}")
+        terminal.say(f"simulating on scipy; heyoka is several times as fast: {INSTALL}")
     with terminal.working("tiles") as (progress, interrupted):
         result = verbs.basin(
             gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, workers=workers,

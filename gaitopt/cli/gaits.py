@@ -49,17 +49,17 @@ def solve(
         typer.Option(
             "--start",
             metavar="RUN[@BRANCH.INDEX]",
-            help="Guess the gait of a run, or of a point of its branch (columns branch and index of branch.csv).",
+            help="Use the gait of a run, or a point of its branch (columns branch and index of branch.csv), as the guess.",
             show_default=False,
         ),
     ] = None,
     starts: Annotated[
-        int, typer.Option("--starts", min=1, help="Number of guesses, sampled around the first; the best gait is kept.")
+        int, typer.Option("--starts", min=1, help="Number of sampled guesses around the first; the best gait is stored.")
     ] = 1,
     seed: SeedOption = 0,
     spread: Annotated[
         float,
-        typer.Option("--spread", min=0.0, max=LARGEST_SPREAD, help="Size of the samples relative to the first guess."),
+        typer.Option("--spread", min=0.0, max=LARGEST_SPREAD, help="Spread of the samples, relative to the guess."),
     ] = 0.3,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -71,10 +71,10 @@ def solve(
     """Solve for a gait, verify it and store it.
 
     With --set KEY=VALUE the gait of the file is followed to the new values; if its family ends on the way, the message
-    says where and why. --from-guess searches near the guess of the file instead.
+    says where and why. --from-guess starts from the guess of the file instead.
 
-    With --starts the distinct solutions are listed and the best one is stored. The run folder keeps the result of each
-    start, so that the same command resumes where it stopped.
+    With --starts the distinct solutions are listed and the best one is stored. The result of each start is stored in
+    the run folder. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.gait.gait import Method, method_of
@@ -82,11 +82,11 @@ def solve(
     from gaitopt.store.run import Run
 
     if starts > 1 and method_of(method) is not Method.AUTO:
-        raise typer.BadParameter("--method belongs to one start; leave out --method or --starts")
+        raise typer.BadParameter("--method and --starts exclude each other; leave out one of them")
     if stored.ATTRACTOR in problem:
         if changes or start or starts > 1 or from_guess:
             raise typer.BadParameter(
-                f"{problem} is a gait as it is: --set, --start, --starts and --from-guess change a problem"
+                f"{problem} is a finished gait; leave out --set, --start, --starts and --from-guess"
             )
         attractor = stored.load_attractor(problem)
         folder = Run.of(attractor.problem, output).folder
@@ -139,7 +139,7 @@ def simulate(
         typer.Option(
             "--state",
             metavar="NAME=VALUE,...",
-            help="Start state just after an impact; by default that of the problem's guess or of the run's gait.",
+            help="Start state just after an impact. Default: the guess of the problem, or the gait of the run.",
         ),
     ] = None,
     steps: Annotated[int, typer.Option("--steps", min=1, help="Number of steps.")] = 1,
@@ -149,8 +149,8 @@ def simulate(
 ) -> int:
     """Simulate steps from a state.
 
-    Contact modes and impacts follow from the forces; every ending has a name. With -o the walk is kept, and `plot` and
-    `report` compare it with the gait of RUN, or of PROBLEM if that has been solved.
+    Contact modes and impacts follow from the forces; every ending has a name. With -o the walk is stored; `plot` and
+    `report` then compare it with the gait of RUN, or of PROBLEM if that has been solved.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_walk
@@ -182,7 +182,7 @@ def verify(
 ) -> int:
     """Verify a gait by forward simulation.
 
-    The simulation does not know the mode sequence and must find it.
+    The simulation does not know the mode sequence; it has to find it.
     """
     from gaitopt.api import verbs
     from gaitopt.simulation.engine import choose_engine
@@ -218,7 +218,7 @@ def find(
     within: Annotated[
         list[str] | None,
         typer.Option(
-            "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, for instance dtheta1=0:1deg; repeat it."
+            "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, such as dtheta1=0:1; may be repeated."
         ),
     ] = None,
     workers: WorkersOption = None,
@@ -226,10 +226,10 @@ def find(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Search for all gaits at a problem's parameters, of any mode sequence.
+    """Find all gaits at the parameters of a problem, with any mode sequence.
 
-    Simulations from many start states and a nonlinear program with open modes propose gaits. Each gait is solved,
-    verified and listed once, stable ones first. The same command resumes where it stopped.
+    Candidates come from simulations of many start states, from a nonlinear program without a mode sequence, and from
+    families. Each gait is solved, verified and listed once, stable ones first. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_gaits
@@ -277,7 +277,7 @@ def prove(
         str,
         typer.Argument(
             metavar="RUN[@special.K]",
-            help="A run folder, or a PROBLEM; the K-th special point of a branch, from 0; with --check a certificate.",
+            help="A run folder, a PROBLEM, or the K-th special point of a branch (from 0); with --check a certificate.",
         ),
     ],
     check: Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")] = False,
@@ -285,7 +285,7 @@ def prove(
         float | None,
         typer.Option(
             "--width",
-            help="Width of the bracket of a special point, from 1e-14 to 1; by default the narrowest provable one.",
+            help="Width of the bracket of a special point, from 1e-14 to 1. Default: the narrowest provable one.",
         ),
     ] = None,
     changes: SetOption = None,
@@ -293,9 +293,9 @@ def prove(
 ) -> int:
     """Prove that a gait exists, with its mode sequence and its stability.
 
-    Ball arithmetic encloses the orbit, its mode sequence and its multipliers; the certificate is kept with the run.
-    For a special point of a branch, prove that the family exists around it, and that the function that defines it
-    changes its sign. --set KEY=LO..HI proves the gait for all values of an interval.
+    Ball arithmetic encloses the orbit, its mode sequence and its multipliers. The certificate is stored in the run
+    folder. --set KEY=LO..HI proves the gait for all values of an interval. RUN@special.K proves a special point of a
+    branch: the family exists around it, and the function that defines it changes its sign.
     """
     from gaitopt.api import stored, verbs
 
@@ -307,15 +307,15 @@ def prove(
         raise typer.BadParameter(f"--width {width:g} is not between {NARROWEST:g} and {WIDEST:g}")
     if stored.SPECIAL in run:
         if changes:
-            raise typer.BadParameter("--set changes a problem, but this is the branch of a finished run; leave it out")
+            raise typer.BadParameter("--set changes a problem, but this branch is finished; leave it out")
         return _prove_special(run, width, output, terminal)
     if width is not None:
-        raise typer.BadParameter("--width is that of the bracket of a special point, RUN@special.K")
+        raise typer.BadParameter("--width applies to special points only, RUN@special.K")
     values, intervals = _intervals(changes)
     gait, folder, _ = gait_of(run, values, output, terminal)
     if not gait.converged:
         return report(gait, None, terminal)
-    terminal.say(f"proving {gait.problem.name}: ten seconds to some minutes")
+    terminal.say(f"proving {gait.problem.name}; this takes ten seconds to some minutes")
     file = folder / verbs.CERTIFICATE_FILE
     return _report_proof(verbs.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
 
@@ -359,21 +359,21 @@ def replay(
     run: RunArgument,
     engine: Annotated[str, typer.Option("--engine", help="mujoco, drake or pybullet.")],
     setting: Annotated[
-        str | None, typer.Option("--setting", help="default or best; both by default.", show_default=False)
+        str | None, typer.Option("--setting", help="default or best. Default: both.", show_default=False)
     ] = None,
     time_steps: Annotated[
         list[float] | None,
         typer.Option(
-            "--dt", help="Time step [s]; repeat it. By default 0.004 and its halves to 0.00025.", show_default=False
+            "--dt", help="Time step [s]; may be repeated. Default: 0.004, 0.002, ..., 0.00025.", show_default=False
         ),
     ] = None,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Replay a gait in another physics engine, and measure its errors over the time step.
+    """Replay a gait in another physics engine, and measure its errors versus time step.
 
-    The engine starts from the gait's state and walks one cycle at every time step; the result is kept with the run, and
-    `report` draws its motion over that of the gait.
+    The engine starts from the gait's state and walks one cycle at each time step. The result is stored in the run
+    folder; `report` draws the motion of the engine over that of the gait.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.engines.replay import adapter

@@ -49,7 +49,7 @@ JSON_LINES: Shared = (
     "json",
     Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is computed.")],
 )
-QUIET: Shared = ("quiet", Annotated[bool, typer.Option("--quiet", help="Suppress narration and progress on stderr.")])
+QUIET: Shared = ("quiet", Annotated[bool, typer.Option("--quiet", help="Suppress messages and progress on stderr.")])
 DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Print the traceback of an error.")])
 
 
@@ -99,7 +99,7 @@ app = typer.Typer(
 
 @app.callback()
 def options(version: VersionOption = False) -> None:
-    """Periodic gaits of legged walkers that slip: solved, simulated, verified."""
+    """Find periodic gaits of planar legged walkers whose feet may slip, and verify them by simulation."""
 
 
 for _name, _command, *_shared in (

@@ -137,10 +137,10 @@ GuessOption = Annotated[
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option("-o", "--output", metavar="DIR", help="Run folder; by default results/NAME-HASH.", show_default=False),
+    typer.Option("-o", "--output", metavar="DIR", help="Run folder. Default: results/NAME-HASH.", show_default=False),
 ]
 EngineOption = Annotated[
-    str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation; auto chooses.")
+    str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation.")
 ]
 MethodOption = Annotated[
     str,
@@ -152,17 +152,17 @@ MethodOption = Annotated[
 ]
 OverOption = Annotated[
     list[str],
-    typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat it for a grid."),
+    typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat the option for a grid."),
 ]
 WorkersOption = Annotated[
     int | None,
     typer.Option(
-        "--workers", min=1, max=1024, help="Number of processes; by default one per core.", show_default=False
+        "--workers", min=1, max=1024, help="Number of processes. Default: one per core.", show_default=False
     ),
 ]
 SchedulerOption = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="Run on an existing Dask scheduler, tcp://host:8786."),
+    typer.Option("--scheduler", metavar="ADDRESS", help="Use an existing Dask scheduler, such as tls://host:8786."),
 ]
 SamplesOption = Annotated[
     int, typer.Option("--starts", min=1, max=1_000_000, help="Number of start states of the search by simulation.")

@@ -18,7 +18,7 @@ REPORT, COMPARISON_REPORT = "report.html", "comparison.html"
 
 
 def list_problems(terminal: Terminal) -> int:
-    """List the named problems by walker, with period, radius and stability if their run is in results/."""
+    """List the included problems, with period, radius and stability if their run is in results/."""
     from gaitopt.problem.problem import load_problem
     from gaitopt.problem.source import problem_names
 
@@ -34,9 +34,10 @@ def list_problems(terminal: Terminal) -> int:
     return 0
 
 
-class RobotFormat(StrEnum):
-    """Formats of a robot for other programs."""
+class TextFormat(StrEnum):
+    """The problem file as it is, and formats of the walker for other programs."""
 
+    YAML = "yaml"
     URDF = "urdf"
     MJCF = "mjcf"
 
@@ -45,21 +46,23 @@ def show(
     terminal: Terminal,
     problem: ProblemArgument,
     changes: SetOption = None,
-    robot: Annotated[
-        RobotFormat | None,
-        typer.Option("--format", help="Print the walker's links as a file for other programs instead."),
+    form: Annotated[
+        TextFormat | None,
+        typer.Option("--format", help="Print the problem file as it is, or the walker's links for other programs."),
     ] = None,
 ) -> int:
-    """Print a problem in SI units, with all defaults; or its walker as URDF or MJCF (MuJoCo)."""
+    """Print a problem in SI units, with all defaults; or its YAML file; or its walker as URDF or MJCF (MuJoCo)."""
     from gaitopt.show.tables import print_problem
 
     loaded = load(problem, changes)
-    if robot is not None:
+    if form is not None:
         from gaitopt.show.robots import robot_description
 
-        text = robot_description(loaded.walker, robot.value)
+        if form is TextFormat.YAML and changes:
+            raise typer.BadParameter("--format yaml prints the file as it is; leave out --set")
+        text = loaded.text if form is TextFormat.YAML else robot_description(loaded.walker, form.value)
         terminal.show(
-            {"format": robot.value, "text": text},
+            {"format": form.value, "text": text},
             lambda console, _: console.print(text, markup=False, highlight=False, soft_wrap=True, end=""),
         )
         return 0
@@ -105,19 +108,19 @@ def plot(
         typer.Option(
             "--what",
             metavar="NAME",
-            help="Name of a figure; repeat it for several. By default all that show something.",
+            help="Name of a figure; may be repeated. Default: all figures that apply.",
         ),
     ] = None,
     formats: Annotated[
         list[Format] | None,
         typer.Option(
             "--format",
-            help="By default svg and png, and html for the animation; gif and mp4 show the animation alone.",
+            help="Default: svg and png for figures, html for the animation. gif and mp4 apply to the animation only.",
         ),
     ] = None,
     over: Annotated[
         list[str] | None,
-        typer.Option("--over", metavar="RUN", help="Draw attractors over the branches in this run; repeat it."),
+        typer.Option("--over", metavar="RUN", help="Draw attractors over the branches in this run; may be repeated."),
     ] = None,
     changes: SetOption = None,
     output: Annotated[
@@ -126,18 +129,18 @@ def plot(
             "-o",
             "--output",
             metavar="DIR",
-            help="Folder of the figures; by default RUN/figures, ./comparison for several runs, and the own folder of "
-            "a basin or a sweep.",
+            help="Folder of the figures. Default: RUN/figures; ./comparison for several runs; the folder of a basin "
+            "or a sweep itself.",
             show_default=False,
         ),
     ] = None,
 ) -> int:
-    """Draw figures of a gait, walk, branch, basin, sweep, front, attractors, or of several gaits or branches together.
+    """Draw figures of a gait, walk, branch, basin, sweep, front or attractors; several gaits or branches are compared.
 
     Gait: portrait, force, slip, torques, force_over_COORDINATE, multipliers, roads (NLP and simulation), animation (an
     HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force, slip, torques, animation.
-    Branch: multipliers, or any scalar of the result, for instance spectral_radius. Sweep, given by its own folder: any
-    scalar of the result. Front: front.
+    Branch: multipliers, or any scalar of the result, such as spectral_radius. Sweep: any scalar of the result; give
+    the folder of the sweep. Front: front.
     """
     from gaitopt.api.pictures import ANIMATION, save_figures
     from gaitopt.runs.results import PARTS, kind_of
@@ -170,14 +173,14 @@ def report(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="The page; by default RUN/report.html.", show_default=False
+            "-o", "--output", metavar="FILE", help="The page. Default: RUN/report.html.", show_default=False
         ),
     ] = None,
 ) -> int:
     """Write a page about a gait, a walk or a branch, or about several gaits side by side.
 
-    The page is one file that needs no network. Several gaits go to comparison.html in this folder unless -o says
-    otherwise.
+    The page is one file that needs no network. Several gaits are written to comparison.html in the working folder,
+    or to the file given by -o.
     """
     from gaitopt.api import pictures
     from gaitopt.api.stored import stored_replays
@@ -204,15 +207,15 @@ def reproduce(
     paper: Annotated[str, typer.Argument(metavar="PAPER", help="gamus-or-2013.")],
     only: Annotated[
         list[str] | None,
-        typer.Option("--only", metavar="NAME", help="A figure, for instance fig9, or table; repeat it for several."),
+        typer.Option("--only", metavar="NAME", help="A figure, such as fig9, or table; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="By default results/PAPER.", show_default=False)
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Output folder. Default: results/PAPER.", show_default=False)
     ] = None,
 ) -> int:
-    """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
+    """Draw the figures of a paper, and compare its printed numbers with computed ones in a table.
 
-    Gaits and families are taken from the run folders in results/, or computed on all cores and kept there.
+    Gaits and families are read from the run folders in results/, or computed on all cores and stored there.
     """
     from gaitopt.paper.reproduction import reproduce as write
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from named import named, verification
 
-from gaitopt import __version__, load_problem, problem_names
+from gaitopt import __version__, load_problem, parse_problem, problem_names
 from gaitopt.cli.main import main
 from gaitopt.cli.terminal import console
 from gaitopt.errors import printable
@@ -97,6 +97,14 @@ def test_the_list_says_what_is_known_of_gaits_in_the_store(run, empty_folder):
     out = run("list")[1]
     assert "0.755124" in out
     assert " stable " in out
+
+
+def test_show_prints_the_file_as_it_is(run):
+    code, text, _ = run("show", "compass-passive-a", "--format", "yaml")
+    assert code == 0
+    assert parse_problem(text).digest == load_problem("compass-passive-a").digest
+    assert "# m, from the foot" in text
+    assert run("show", "compass-passive-a", "--format", "yaml", "--set", "friction=0.2")[0] == 2
 
 
 def test_a_gait_is_printed_whole_on_fifty_columns(run, monkeypatch, empty_folder):
