@@ -55,9 +55,7 @@ def continue_(
     param: Annotated[str, typer.Option("--param", metavar="KEY", help="Parameter: friction, walker.slope, ...")],
     to: Annotated[
         list[str],
-        typer.Option(
-            "--to", metavar="VALUE", help="Target value; give two targets to continue in both directions."
-        ),
+        typer.Option("--to", metavar="VALUE", help="Target value; give two targets to continue in both directions."),
     ],
     lower: Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Lower bound of the parameter.")] = None,
     upper: Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Upper bound of the parameter.")] = None,
@@ -232,7 +230,7 @@ def attractors(
     over: OverOption,
     starts: Annotated[int, typer.Option("--starts", min=1, max=1_000_000, help="Number of walks at each value.")] = 20,
     transient: Annotated[
-        int, typer.Option("--transient", min=1, help="Number of cycles to discard first; increase it near bifurcations.")
+        int, typer.Option("--transient", min=1, help="Number of cycles to discard first; more near bifurcations.")
     ] = 200,
     keep: Annotated[int, typer.Option("--keep", min=2, help="Number of cycles to record after them.")] = 64,
     seed: SeedOption = 0,

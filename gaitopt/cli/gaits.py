@@ -49,12 +49,12 @@ def solve(
         typer.Option(
             "--start",
             metavar="RUN[@BRANCH.INDEX]",
-            help="Use the gait of a run, or a point of its branch (columns branch and index of branch.csv), as the guess.",
+            help="Use the gait of a run, or a point of its branch (see branch.csv), as the guess.",
             show_default=False,
         ),
     ] = None,
     starts: Annotated[
-        int, typer.Option("--starts", min=1, help="Number of sampled guesses around the first; the best gait is stored.")
+        int, typer.Option("--starts", min=1, help="Number of sampled guesses; the best gait is stored.")
     ] = 1,
     seed: SeedOption = 0,
     spread: Annotated[

@@ -152,13 +152,11 @@ MethodOption = Annotated[
 ]
 OverOption = Annotated[
     list[str],
-    typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat the option for a grid."),
+    typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat for a grid."),
 ]
 WorkersOption = Annotated[
     int | None,
-    typer.Option(
-        "--workers", min=1, max=1024, help="Number of processes. Default: one per core.", show_default=False
-    ),
+    typer.Option("--workers", min=1, max=1024, help="Number of processes. Default: one per core.", show_default=False),
 ]
 SchedulerOption = Annotated[
     str | None,

@@ -172,9 +172,7 @@ def report(
     changes: SetOption = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--output", metavar="FILE", help="The page. Default: RUN/report.html.", show_default=False
-        ),
+        typer.Option("-o", "--output", metavar="FILE", help="The page. Default: RUN/report.html.", show_default=False),
     ] = None,
 ) -> int:
     """Write a page about a gait, a walk or a branch, or about several gaits side by side.
@@ -210,7 +208,10 @@ def reproduce(
         typer.Option("--only", metavar="NAME", help="A figure, such as fig9, or table; may be repeated."),
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Output folder. Default: results/PAPER.", show_default=False)
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Output folder. Default: results/PAPER.", show_default=False
+        ),
     ] = None,
 ) -> int:
     """Draw the figures of a paper, and compare its printed numbers with computed ones in a table.
