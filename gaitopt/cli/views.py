@@ -58,9 +58,12 @@ def show(
     if form is not None:
         from gaitopt.show.robots import robot_description
 
-        if form is TextFormat.YAML and changes:
+        if form is not TextFormat.YAML:
+            text = robot_description(loaded.walker, "urdf" if form is TextFormat.URDF else "mjcf")
+        elif changes:
             raise typer.BadParameter("--format yaml prints the file as it is; leave out --set")
-        text = loaded.text if form is TextFormat.YAML else robot_description(loaded.walker, form.value)
+        else:
+            text = loaded.text
         terminal.show(
             {"format": form.value, "text": text},
             lambda console, _: console.print(text, markup=False, highlight=False, soft_wrap=True, end=""),
