@@ -119,7 +119,7 @@ def gaits_of(
     candidates = [candidate for result in finished for candidate in result["candidates"]]
     tolerance = np.inf if problem.free or problem.objective else SAME  # a design ends at the same optimum
     listed: list[tuple[Gait, list[str]]] = []
-    rejected = []
+    rejected = dict[tuple[str, str], list[str]]()
     most, impact = longest_cycle(problem), getattr(problem.modes, "impact", None)
     fitting = [
         candidate
@@ -135,7 +135,7 @@ def gaits_of(
         refuted = [claim.words for claim in claims if not claim.passed]
         if not gait.converged or refuted:
             reason = f"the simulator does not confirm it: {'; '.join(refuted)}" if gait.converged else gait.message
-            rejected.append({"sequence": str(gait.problem.cycle), "reason": reason, "starts": starts})
+            rejected.setdefault((str(gait.problem.cycle), reason), []).extend(starts)
             continue
         record = gait.to_record()
         known_starts = next((s for other, s in listed if _same(other.to_record(), record, SAME_GAIT)), None)
@@ -155,7 +155,7 @@ def gaits_of(
     searched = {
         "starts": dict(searched_starts),
         "candidates": len(candidates),
-        "rejected": rejected,
+        "rejected": [{"sequence": cycle, "reason": why, "starts": own} for (cycle, why), own in rejected.items()],
         "failed": [result.reason for result in results if isinstance(result, FailedJob)],
         "n_steps": most,
         "boxes": [],

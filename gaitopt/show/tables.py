@@ -465,7 +465,8 @@ def print_proof(console: Console, record: Record) -> None:
     verdict = "proved" if record["proved"] else "NOT PROVED"
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
     console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
-    section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
+    if record["statement"]:  # none of a gait that proofs do not cover
+        section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
     claims = (
         (c["claim"], "yes" if c["proved"] else "NO", f"{float(c['margin']):.3g}" if c["margin"] else "")
         for c in record["claims"]
@@ -481,7 +482,8 @@ def print_proof(console: Console, record: Record) -> None:
     for k, m in enumerate(record["multipliers"], start=1):
         re, im = enclosure(*m["re"]), enclosure(*m["im"])
         rows.append((f"multiplier {k}", re if im == "0" else f"{re}, im {im}"))
-    section(console, "bounds, rounded; --json prints all digits", ("quantity", "value"), rows)
+    if rows:
+        section(console, "bounds, rounded; --json prints all digits", ("quantity", "value"), rows)
 
 
 def enclosure(lower: str, upper: str) -> str:

@@ -33,6 +33,15 @@ def certificate(proved, tmp_path, monkeypatch):
     return json.loads(Path("printed.json").read_text())
 
 
+def test_what_proofs_do_not_cover_is_said_without_empty_tables(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run("prove", "heel-toe", "--quiet")
+    assert code == 4
+    assert "a heel_toe has several contacts; proofs do not cover that" in out
+    assert "hypothesis" not in out
+    assert "bounds" not in out
+
+
 def test_a_proof_is_printed_kept_and_checked_again(run, certificate):
     assert certificate.keys() >= KEYS
     assert certificate["proved"]

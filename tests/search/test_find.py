@@ -172,9 +172,13 @@ def test_a_candidate_that_is_no_gait_is_rejected_with_its_reason():
     gait = solve(load_problem("rimless-wheel-slip"))
     wrong = {**gait.to_record(), "start": "test"}
     wrong["steps"] = [{"phases": [{"mode": "stick", "duration": gait.period}], "impact": "stick"}]
-    gaits = gaits_of(problem, [{"method": "simulation", "starts": 1, "candidates": [wrong]}])
+    faster = {**wrong["state"], "dtheta": 1.01 * wrong["state"]["dtheta"]}
+    twice = [wrong, {**wrong, "start": "another", "state": faster}]
+    gaits = gaits_of(problem, [{"method": "simulation", "starts": 2, "candidates": twice}])
     assert len(gaits) == 0
-    assert "needs friction 0.9141" in gaits.searched["rejected"][0]["reason"]
+    (rejected,) = gaits.searched["rejected"]
+    assert "needs friction 0.9141" in rejected["reason"]
+    assert rejected["starts"] == ["test", "another"]
 
 
 def test_a_part_of_the_search_that_failed_is_named(wheel):
