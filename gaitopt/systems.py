@@ -174,17 +174,16 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
     followed : shape coordinate or motor of the gait for each joint that follows one.
     """
     system, names = gait.system, tuple(followed)
-    known = (*system.walker.shape, *system.walker.actuators)
-    tracked = [known.index(name) for name in followed.values()]
+    tracked = [system.angle_names.index(name) for name in followed.values()]
 
     def piece(arc: Arc) -> Piece:
         n, offset, p = len(system.walker.shape), system.n_shape + 1, arc.dynamics.p
         angles, rates = arc.states[:, :n], arc.states[:, offset : offset + n]
         if max(tracked, default=0) >= n:  # the angle of a motor
-            turned = buffered_map(system.joint_angles, arc.times.size)(arc.states, p)[0].copy()
+            angles = buffered_map(system.angles, arc.times.size)(arc.states, p)[0].copy()
             observe = buffered_map(system.observation(arc.mode), arc.times.size)
             turning = observe(arc.times[:, None], arc.states, p, system.data(arc.segment))[5].copy()
-            angles, rates = np.hstack([angles, turned]), np.hstack([rates, turning])
+            rates = np.hstack([rates, turning])
         series = [curves.coefficients(values).T[tracked] for values in (angles, rates)]
         return Piece(start=arc.start, end=arc.end, angles=series[0], rates=series[1])
 

@@ -19,6 +19,7 @@ from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
 from gaitopt.design.sqp import optimise
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
+from gaitopt.gait.measures import exceeded_limits
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
@@ -194,4 +195,4 @@ def _message(gait: Gait) -> str:
     if gait.stable is False:
         remedy = f"constrain {RADIUS}: {{max: 0.95}} for a stable gait"
         words.append(f"the optimum is unstable, its spectral radius is {gait.scalar(RADIUS):.4g}: {remedy}")
-    return "; ".join(words)
+    return "; ".join([*words, *exceeded_limits(gait.steps)])

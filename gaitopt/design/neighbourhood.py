@@ -214,12 +214,9 @@ def _along(step: Step, name: str, span: Range) -> list[float]:
             inside = slice(1 if k == 0 else None, -1 if k == len(step.arcs) - 1 else None)
             rows.append(float(room[inside].min()))
             continue
-        word, system = name.removeprefix(ANGLE), arc.dynamics.system
-        if word in system.walker.shape:
-            angle = arc.states[:, system.walker.shape.index(word)]
-        else:
-            angles = buffered_map(system.joint_angles, arc.times.size)(arc.states, arc.dynamics.p)[0]
-            angle = angles[:, system.walker.actuators.index(word)].copy()
+        system = arc.dynamics.system
+        angles = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0]
+        angle = angles[:, system.angle_names.index(name.removeprefix(ANGLE))].copy()
         rows += [curves.maximum(-angle)[1] * -1.0 - span.minimum] if np.isfinite(span.minimum) else []
         rows += [span.maximum - curves.maximum(angle)[1]] if np.isfinite(span.maximum) else []
     return rows

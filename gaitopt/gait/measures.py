@@ -15,6 +15,7 @@ from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.contact_set import undetermined
 from gaitopt.model.control import ConstantTorque, NoControl
+from gaitopt.model.declaration import joint_limits
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import Scales
@@ -24,6 +25,8 @@ from gaitopt.problem.scalars import MEASURES, SCALARS
 ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
 """Length of a step, in leg lengths, below which the walker has not moved."""
+AT_LIMIT = 1e-6
+"""Angle [rad] and relative torque beyond a limit that an optimum at the limit may have."""
 WITHOUT_FORCE = 1e-9
 """Part of the largest contact force below which it counts as zero, as the force of a massless leg's spring may be."""
 
@@ -127,6 +130,26 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
         value = extrema[name] if formula is None else formula(cycle)
         values[name] = None if value is None or np.isnan(value) else value
     return values
+
+
+def exceeded_limits(steps: Sequence[Step]) -> Iterator[str]:
+    """Sentences about joints that leave the range of their links, and motors that exceed the effort of their joints."""
+    system = steps[0].arcs[0].dynamics.system
+    limits, arcs = joint_limits(system.walker), [arc for step in steps for arc in step.arcs]
+    if not any(limit for pair in limits.values() for limit in pair):
+        return
+    turned = [buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy() for arc in arcs]
+    torques = [observe(arc).torque for arc in arcs]
+    for name, (span, effort) in limits.items():
+        if span is not None:
+            columns = [angles[:, system.angle_names.index(name)] for angles in turned]
+            low, high = min(-curves.maximum(-c)[1] for c in columns), max(curves.maximum(c)[1] for c in columns)
+            if low < span[0] - AT_LIMIT or high > span[1] + AT_LIMIT:
+                yield f"{name} turns from {low:.4g} to {high:.4g} rad, beyond its range from {span[0]:g} to {span[1]:g}"
+        if effort is not None and name in system.walker.actuators:
+            peak = max(_peak(torque[:, system.walker.actuators.index(name)]) for torque in torques)
+            if peak > effort * (1 + AT_LIMIT):
+                yield f"{name} takes {peak:.4g} N m, more than the effort {effort:g} N m of its joint"
 
 
 def control_record(steps: Sequence[Step]) -> dict[str, Any]:

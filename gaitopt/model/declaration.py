@@ -22,6 +22,7 @@ from casadi import DM, SX, Function, depends_on, jacobian, symvar, vertcat
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.links import Link, Tree
 from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
@@ -244,6 +245,16 @@ def state_tree(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> 
     return Tree(tuple(links), vertcat(q.x, q.y))
 
 
+@built_once(maxsize=64)
+def joint_limits(walker: type[Walker]) -> Mapping[str, tuple[tuple[float, float] | None, float | None]]:
+    """Range [rad] and largest torque [N m] of every joint of a walker's links by name, None where it has no limit."""
+    if not has_links(walker):
+        return {}
+    q = SimpleNamespace(**{name: SX.sym(name) for name in (*walker.shape, *FOOT_COORDINATES)})
+    p = SimpleNamespace(**{name: SX.sym(name) for name in walker.model_fields})
+    return {link.joint: (link.range, link.effort) for link in state_tree(walker, q, p).links if link.joint}
+
+
 def is_default(walker: type[Walker], method: str) -> bool:
     """Whether a class leaves a method of ``OVERRIDABLE`` to its default."""
     return inspect.getattr_static(walker, method) is inspect.getattr_static(Walker, method)
@@ -276,6 +287,8 @@ def _link_faults(links: Iterable[Link]) -> Iterator[str]:
         if not (_is_list(span, int | float) and len(span) == 2 and all(map(_is_finite, span)) and span[0] < span[1]):
             words = "(smallest, largest) angle in rad"
             yield f"range of the link {link.name} is {shown(link.range)}, but must be the {words} of its joint"
+        if link.effort is not None and not (_is_finite(link.effort) and link.effort >= 0):
+            yield f"effort of the link {link.name} is {shown(link.effort)}, but must be a torque that is not negative"
 
 
 def _tree_faults(links: Sequence[Link]) -> Iterator[str]:

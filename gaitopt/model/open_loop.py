@@ -18,6 +18,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 
 from gaitopt.arrays import Array
 from gaitopt.model.control import TORQUE, Control, Fixed, Instant, SectionType
+from gaitopt.model.declaration import joint_limits
 from gaitopt.model.reference import Path
 from gaitopt.model.units import Duration, Finite, Positive, Within
 from gaitopt.model.walker import WalkerType
@@ -54,7 +55,9 @@ class OpenLoop(Control):
     ] = None
     bounds: Annotated[
         dict[str, Bounds],
-        Field(description="range [lo, hi] of the torque of a motor [N m], by actuator; none by default"),
+        Field(
+            description="range [lo, hi] of the torque of a motor [N m], by actuator; the effort of its joint, if any"
+        ),
     ] = {}  # noqa: RUF012 - pydantic copies it
     rates: Annotated[
         dict[str, Positive],
@@ -119,20 +122,35 @@ class OpenLoop(Control):
                 words = f"[{lower:g}, {upper:g}] is empty: the lower bound comes first"
                 words += f"; did you mean [{-abs(upper):g}, {abs(upper):g}]?" if lower == -upper != 0 else ""
                 yield ("bounds", name), words
+        spans = self.spans(walker)
         for name, row in self.values.items():
-            lower, upper = self.bounds.get(name, (-np.inf, np.inf))
+            lower, upper = spans.get(name, (-np.inf, np.inf))
             if len(row) != self.count:
                 yield (name,), f"{len(row)} values, but {self.intervals} {self.order} intervals have {self.count}"
+            if lower < upper and not lower <= 0 <= upper and not any(row):
+                words = f"[{lower:g}, {upper:g}] excludes zero, the first guess of the torque of {name}"
+                yield (
+                    ("bounds", name),
+                    f"{words}; did you mean [{-abs(upper):g}, {abs(upper):g}]? Else give {name}: [...]",
+                )
+                continue
             for k, value in enumerate(row):
                 if lower < upper and not lower <= value <= upper:
                     yield (name, k), f"{value:g} is outside of the bounds [{lower:g}, {upper:g}] of {name}"
+
+    def spans(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
+        """Range of the torque of every motor: ``bounds``, else the effort of its joint, else none."""
+        efforts = {name: effort for name, (_, effort) in joint_limits(walker).items() if effort is not None}
+        largest = {name: efforts.get(name, np.inf) for name in walker.actuators}
+        return {name: (-most, most) for name, most in largest.items()} | {
+            name: (lower, upper) for name, (lower, upper) in self.bounds.items()
+        }
 
     def unknowns(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
         """Bounds of the values, unless the law is fixed in time."""
         if self.duration is not None:
             return {}
-        spans = {name: self.bounds.get(name, (-np.inf, np.inf)) for name in walker.actuators}
-        return {f"{name}.{k}": (lo, hi) for name, (lo, hi) in spans.items() for k in range(self.count)}
+        return {f"{name}.{k}": span for name, span in self.spans(walker).items() for k in range(self.count)}
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
         """The values of all motors, if they are known."""

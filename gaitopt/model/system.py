@@ -27,7 +27,7 @@ from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing,
 from gaitopt.model.contract import torques
 from gaitopt.model.control import Control, Instant, parameter_names
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import FOOT_COORDINATES, state_after_impact
+from gaitopt.model.declaration import FOOT_COORDINATES, has_links, joint_limits, state_after_impact, state_tree
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import FOOT, Mode
@@ -398,11 +398,21 @@ class HybridSystem:
             "loss": eom.dissipation,
         }
 
+    @cached_property
+    def angle_names(self) -> tuple[str, ...]:
+        """Names of ``angles``: shape coordinates, motors, and the joints of the links without one."""
+        names = (*self.walker.shape, *self.walker.actuators)
+        return (*names, *(name for name in joint_limits(self.walker) if name not in names))
+
     @property
     @compiled("zp")
-    def joint_angles(self) -> dict[str, SX]:
-        """(z, p) -> angles of the joints on which the motors act, shape (n_u,) [rad]."""
-        return {"angles": vertcat(SX(0, 1), *self._eom.mechanism.motors)}
+    def angles(self) -> dict[str, SX]:
+        """(z, p) -> angles of the links and joints of ``angle_names``, shape (n,) [rad, or m of lengths]."""
+        eom, walker, names = self._eom, self.walker, (*self.walker.shape, "x", "y")
+        q = SimpleNamespace(**{name: eom.q[k] for k, name in enumerate(names)})
+        joints = state_tree(walker, q, parameter_namespace(walker, eom.p)).joints if has_links(walker) else {}
+        known = joints | dict(zip(walker.actuators, eom.mechanism.motors, strict=True)) | vars(q)
+        return {"angles": vertcat(*(known[name] for name in self.angle_names))}
 
     @compiled("tzpr")
     def quantities(self, mode: Mode) -> dict[str, SX]:

@@ -14,19 +14,21 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, NoReturn, cast
 from xml.parsers import expat
 
 import numpy as np
+from casadi import SX, atan2
 from pydantic import Field
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import NAME, NAME_WORDS
-from gaitopt.model.links import SAME, Link
+from gaitopt.model.declaration import NAME, NAME_WORDS, state_tree
+from gaitopt.model.links import SAME, Link, Tree
 from gaitopt.model.units import Inertia, Positive, Slope
-from gaitopt.model.walker import Walker
+from gaitopt.model.walker import Mechanism, Walker
 
 MAX_BYTES = 1024 * 1024
 """Larger than any robot without its meshes, which are files of their own."""
@@ -40,6 +42,8 @@ SEMIDEFINITE = 1e-9
 """Relative size of a negative principal moment of inertia that is rounding."""
 SPREAD, BEND = 0.25, 0.3
 """Lean of a leg, and bend of its joints, in the posture near which the closure of the legs is solved [rad]."""
+STANCE_LEG = "stance_leg"
+"""Phase variable of a robot none of whose links and motors has this name, as the leg of a compass may."""
 GROUND = ("floating", "planar", "prismatic")
 """Joints by which a file may tie the robot to a massless root, the ground."""
 
@@ -102,6 +106,14 @@ class UrdfWalker(Walker):
             replace(link, angle=getattr(q, link.name), rotor_inertia=p.rotor_inertia if link.joint else 0.0)
             for link in cls.bodies
         )
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the links; the phase is the lean of the line from the stance foot to the hip."""
+        plain, tree = super().mechanism(q, p), Tree(state_tree(cls, q, p).links, SX.zeros(2))
+        hip, entry, _ = tree.way[len(tree.way) // 2]
+        line = tree.place(hip, entry) - tree.place(tree.stance, tree.stance.tip)
+        return replace(plain, phases={name: atan2(line[0], line[1]) for name in cls.phases})
 
     @classmethod
     def statement(cls) -> dict[str, Any]:
@@ -217,7 +229,7 @@ class _Reader:
         normal = self._normal(poses)
         bodies = self._bodies(order, poses, normal)
         links, posture = self._planar(bodies, poses, normal)
-        moving = [link for link in links if link.joint and link.effort != 0]
+        motors = tuple(link.joint for link in links if link.joint and link.effort != 0)
         name = re.sub(r"[^\w.-]+", "_", self.robot.attributes.get("name", "")).strip("_.-") or "robot"
         namespace = {
             "__module__": __name__,
@@ -225,8 +237,9 @@ class _Reader:
             "model": name,
             "shape": tuple(link.name for link in links),
             "posture": posture,
-            "actuators": tuple(link.joint for link in moving),
-            "tracked": tuple(link.joint for link in moving),
+            "phases": () if STANCE_LEG in (*(link.name for link in links), *motors) else (STANCE_LEG,),
+            "actuators": motors,
+            "tracked": motors,
             "file": self.file,
             "text": self.text,
             "feet": self.feet,
@@ -399,6 +412,8 @@ class _Reader:
         """The links in the order of the coordinates, and a posture just after an impact."""
         feet = [self._foot(foot, bodies, poses, normal) for foot in self.feet]
         (stance, first, _), (swing, second, _) = feet
+        if self.feet[0] == self.feet[1]:
+            self.refuse(self._links[self.feet[0]], "is named twice by feet: name two links")
         if stance is swing:
             self.refuse(self._links[self.feet[1]], f"and {self.feet[0]} are feet of one rigid body, {stance.name}")
         made = list(dict.fromkeys(bodies.values()))
@@ -428,6 +443,7 @@ class _Reader:
             for body in (*others, *legs[0][::-1], *legs[1][::-1])
         )
         by_name = {link.name: link for link in links}
+        self._check_joints_alike([by_name[body.name] for body in way])
         return links, {**_posture(legs[0], by_name, -SPREAD), **_posture(legs[1], by_name, SPREAD)}
 
     def _check_alike(
@@ -459,6 +475,25 @@ class _Reader:
             words = f"the hip of {legs[1][-1].name} at {_vector(hips[1])} m is not that of {legs[0][-1].name}"
             self.refuse(self._links[self.feet[1]], f"{words}, {_vector(hips[0])} m: they must be one from the side")
 
+    def _check_joints_alike(self, way: list[Link]) -> None:
+        """Refuse legs whose joints differ: torques and limits would change when the feet swap roles.
+
+        A motor in one leg only is not refused: it always drives the leg that stands, or always the one that swings.
+
+        Parameters
+        ----------
+        way : links from the stance foot to the swing foot.
+        """
+        for k in range(len(way) // 2):
+            (one, span), (other, others) = _turn(way[k + 1], way[k]), _turn(way[-k - 2], way[-k - 1])
+            efforts = [math.inf if link.effort is None else link.effort for link in (one, other)]
+            efforts = efforts if all(efforts) else [0.0, 0.0]
+            stated = {"damping": (one.damping, other.damping), "effort": (*efforts,), "range": (span, others)}
+            for what, (ours, theirs) in stated.items():
+                if one is not other and not np.allclose(ours, theirs, rtol=SAME, atol=SAME):
+                    words = f"is unlike joint {one.joint}: {what} {_words(ours)} and {_words(theirs)}"
+                    self.refuse(self._joints[other.joint], f"{words}; both legs must be alike")
+
     def _link(self, body: Body, flips: Mapping[Body, float], end: Array | None, foot: bool, radius: float) -> Link:
         """A body as a link, whose frame is the pose of the file, or that pose upside down."""
         flip, joint, com = flips[body], body.joint, body.moment / body.mass
@@ -487,6 +522,8 @@ class _Reader:
                 stated["range"] = span
             if limit is not None and "effort" in limit.attributes:
                 stated["effort"] = self._number(limit, "effort")
+                if stated["effort"] < 0:
+                    self.refuse(joint, f"has the effort {stated['effort']:g} N m, which must not be negative")
         return Link(
             name=body.name,
             angle=0.0,
@@ -566,12 +603,18 @@ def _posture(leg: list[Body], links: Mapping[str, Link], lean: float) -> dict[st
     """Angles of the links of a leg that leans, with joints bent as their ranges allow; forward if they allow both."""
     names = [body.name for body in leg[::-1]]
     angles = [0.0]
-    for name in names[1:]:
-        link = links[name]
-        lower, upper = sorted(link.sign * (end - link.zero) for end in link.range or (-np.inf, np.inf))
+    for above, name in pairwise(names):
+        _, (lower, upper) = _turn(links[above], links[name])
         bend = BEND if lower <= BEND <= upper else -BEND if lower <= -BEND <= upper else np.clip(0.0, lower, upper)
         angles.append(angles[-1] + float(bend))
     return {name: lean + angle - float(np.mean(angles)) for name, angle in zip(names, angles, strict=True)}
+
+
+def _turn(above: Link, below: Link) -> tuple[Link, tuple[float, float]]:
+    """The link with the joint of two neighbours, and the range of the lower one's angle from the upper one's."""
+    link, side = (below, 1) if below.parent == above.name else (above, -1)
+    lower, upper = sorted(side * link.sign * (end - link.zero) for end in link.range or (-np.inf, np.inf))
+    return link, (lower, upper)
 
 
 def _carriers(body: Body) -> list[Body]:

@@ -20,7 +20,7 @@ from gaitopt.model.checks import before_impact, check_walker, section_posture, s
 from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.control import Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.declaration import calling, is_default
+from gaitopt.model.declaration import calling, is_default, joint_limits
 from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
@@ -114,7 +114,7 @@ class _StatementReader:
             objective, constraints = self._read_objective(), self._read_constraints()
             if not self._faults:
                 self._check_unknowns(objective, constraints)
-            fields |= {"objective": objective, "constraints": constraints}
+            fields |= {"objective": objective, "constraints": constraints | self._joint_ranges(constraints)}
         return fields | {"free": self._free}
 
     def _fault(self, path: Key, message: str) -> None:
@@ -620,7 +620,8 @@ class _StatementReader:
             if name in OPEN_LOOP_UNSUPPORTED:
                 return OPEN_LOOP_UNSUPPORTED[name]
             names += tuple(f"control.{key}" for key in self._control.unknowns(model))
-            names += (CLEARANCE, *(f"{ANGLE}{word}" for word in (*model.shape, *model.actuators))) if constrains else ()
+            angles = dict.fromkeys((*model.shape, *model.actuators, *joint_limits(model)))
+            names += (CLEARANCE, *(f"{ANGLE}{word}" for word in angles)) if constrains else ()
         elif along and self._control is None:  # whose faults are reported already
             return None
         elif along:
@@ -691,6 +692,16 @@ class _StatementReader:
                     words = f"[{bounds.lower:g}, {bounds.upper:g}] of {name}: no value satisfies both"
                     self._fault((*path, name), f"contradicts the bounds {words}")
         return ranges
+
+    def _joint_ranges(self, constraints: Mapping[str, Range]) -> dict[str, Range]:
+        """Ranges of the joints of the links, which bound a step under open-loop torques unless the problem does."""
+        model, law = self._model, self._control
+        if model is None or not isinstance(law, OpenLoop) or law.duration is not None:
+            return {}
+        spans = {f"{ANGLE}{name}": span for name, (span, _) in joint_limits(model).items() if span is not None}
+        return {
+            name: Range(minimum=low, maximum=high) for name, (low, high) in spans.items() if name not in constraints
+        }
 
     def _read_range(self, value: object, path: Key, *, angle: bool) -> Range | None:
         if not isinstance(value, Mapping):

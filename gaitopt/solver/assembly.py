@@ -9,7 +9,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Method, Shooting, Status, floquet_multipliers
-from gaitopt.gait.measures import measure
+from gaitopt.gait.measures import exceeded_limits, measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.mesh import COINCIDENT, mesh_of
@@ -44,13 +44,16 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
 
 
 def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Mapping[str, float | str]) -> Gait:
-    """The gait at a refined solution; its message tells if the cycle is a shorter one walked several times."""
+    """The gait at a refined solution; its message tells if the cycle is a shorter one walked several times.
+
+    It also names the joints whose limits the gait exceeds.
+    """
     gait = assemble_gait(problem, refined, message=message, solver=solver)
-    n, shorter = len(gait.steps), gait.repeats_after
-    if shorter == n:
-        return gait
-    period = "every step" if shorter == 1 else f"{shorter} steps"
-    return replace(gait, message=f"{message}; the cycle of {n} steps repeats itself after {period}")
+    words, n, shorter = [message], len(gait.steps), gait.repeats_after
+    if shorter != n:
+        period = "every step" if shorter == 1 else f"{shorter} steps"
+        words.append(f"the cycle of {n} steps repeats itself after {period}")
+    return replace(gait, message="; ".join([*words, *exceeded_limits(gait.steps)]))
 
 
 def assemble_gait(

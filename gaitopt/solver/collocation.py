@@ -269,7 +269,8 @@ def _point(key: _Key) -> Function:
     rows = [-h * dz] if key.dynamic else []
     rows.append(margins)
     for name in paths:
-        rows.append(foot[1] - arch * sin(pi * t / period) if name == CLEARANCE else _angle(system, name, z, full))
+        angle = None if name == CLEARANCE else system.angle_names.index(name.removeprefix(ANGLE))
+        rows.append(foot[1] - arch * sin(pi * t / period) if angle is None else system.angles(z, full)[angle])
     for k, name in enumerate(extrema):
         match name:
             case "peak_torque":
@@ -287,14 +288,6 @@ def _point(key: _Key) -> Function:
         }
         rows += [-weight * h * by_rate[rate] for rate in rates]
     return Function("point", [y, c, p], cse([SX(0), vertcat(*rows)]))
-
-
-def _angle(system: HybridSystem, name: str, z: SX, p: SX) -> SX:
-    """The angle of a motor's joint, or a shape coordinate."""
-    word = name.removeprefix(ANGLE)
-    if word in system.walker.actuators:
-        return SX(system.joint_angles(z, p)[system.walker.actuators.index(word)])
-    return z[system.walker.shape.index(word)]
 
 
 class Collocation:
@@ -629,7 +622,7 @@ class Collocation:
         for k, (low, high) in zip(self._columns("freed"), self.free.values(), strict=True):
             lower[k], upper[k] = low, high
         if self.law is not None:
-            spans = [self.law.bounds.get(name, (-np.inf, np.inf)) for name in self.law.values]
+            spans = [self.law.spans(self.system.walker)[name] for name in self.law.values]
             lower[self.slices["values"]] = np.repeat([low for low, _ in spans], self.law.count)
             upper[self.slices["values"]] = np.repeat([high for _, high in spans], self.law.count)
         for k, name in zip(self._columns("extrema"), self.goals.extrema, strict=True):
@@ -778,7 +771,9 @@ class Collocation:
             if name not in STRUCTURAL:
                 sums[name] = sums.get(name, 0.0) + abs(value)
         for key, value in zip(self.value_keys, bound_multipliers[self.slices["values"]].tolist(), strict=True):
-            name = f"control.bounds.{key.split('.')[1]}"
+            motor = key.split(".")[1]
+            stated = self.law is not None and motor in self.law.bounds
+            name = f"control.bounds.{motor}" if stated else f"the effort of {motor}"
             sums[name] = sums.get(name, 0.0) + abs(value)
         for key, value in zip(self.free, bound_multipliers[self.slices["freed"]].tolist(), strict=True):
             sums[key] = abs(value)

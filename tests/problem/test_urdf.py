@@ -30,6 +30,18 @@ gait:
   guess: {state: {torso: 0.05, stance_thigh: -0.35, stance_shin: -0.15, swing_thigh: 0.1,
     dtorso: 0, dstance_thigh: 1, dstance_shin: 1, dswing_thigh: 0, dswing_shin: 0}}
 """
+TASK = """name: rabbit-task
+walker: {urdf: robots/rabbit.urdf, feet: [stance_foot, swing_foot]}
+friction: 0.6
+control: {type: open_loop, intervals: 4}
+gait: {phases: [stick], impact: stick, guess: {step_length: 0.4, duration: 0.5}}
+objective: torque_squared
+constraints: {speed: 0.8}
+"""
+CROSSED = (
+    "[{torso: 0, stance_thigh: 0.3, stance_shin: 0.3, swing_thigh: -0.3, swing_shin: -0.3}, "
+    "{torso: 0, stance_thigh: -0.3, stance_shin: -0.3, swing_thigh: 0.3, swing_shin: 0.3}]"
+)
 
 
 @pytest.fixture
@@ -132,6 +144,8 @@ SHIN = '<link name="swing_shin">'
 LOOP = '<joint name="brace" type="fixed"><parent link="torso"/><child link="swing_shin"/></joint></robot>'
 MESH = '<link name="swing_foot"><collision><geometry><mesh filename="foot.stl"/></geometry></collision></link>'
 BOX = MESH.replace('<mesh filename="foot.stl"/>', '<box size="0.2 0.1 0.02"/>')
+LAUGHS = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, 10))
+LAUGHS = f'<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a0 "ha">{LAUGHS}]>'
 DOCTYPE = '<?xml version="1.0"?><!DOCTYPE robot [<!ENTITY a "aaaa">]>'
 INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
 
@@ -147,6 +161,11 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
         ('xyz="0 1 0"', 'xyz="0 0 1"', r"joint stance_hip: is not planar: .* are not horizontal \(z is up\)"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', r"joint stance_hip: has the axis \(0, 0, 0\), which is no dir"),
         ("</robot>", LOOP, r"joint brace: closes a loop: link swing_shin also hangs on joint swing_knee"),
+        (
+            'child link="stance_thigh"',
+            'child link="torso"',
+            r":5: link torso: closes a loop with its joints: only trees",
+        ),
         ("</robot>", '<link name="lost"/></robot>', r"link lost: is not one tree: links torso, lost hang on no joint"),
         ("</robot>", SHIN + "</link></robot>", r"link swing_shin: is defined twice, first in line \d+"),
         ('joint name="swing_knee"', 'joint name="torso"', r"joint torso: is also the name of the link in line \d+"),
@@ -178,7 +197,9 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
         ('<link name="swing_foot"/>', BOX, r"link swing_foot: is a foot, but its collision geometry is a box"),
         ('<link name="swing_foot"/>', '<link name="foot"/>', r"joint swing_ankle: .*child 'swing_foot' .* is no link"),
         ('<?xml version="1.0"?>', DOCTYPE, r":1: a document type \(DTD\) is not allowed"),
-        ('name="torso"', 'name="&a;"', r"is not XML: undefined entity"),
+        ('<?xml version="1.0"?>', LAUGHS, r":1: a document type \(DTD\) is not allowed"),
+        ('name="torso"', 'name="&a;"', r"urdf:5: is not XML: undefined entity"),
+        ("</link>", "</lnk>", r"urdf:12: is not XML: mismatched tag"),
         ("</robot>", "", r"is not XML: no element found"),
         ("<robot", "<xacro:macro/><robot", r"is not XML"),
         ("</robot>", '<xacro:leg side="left"/></robot>', "is not XML|xacro is not expanded"),
@@ -187,6 +208,22 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
             'lower="0" upper="2.4"',
             'lower="1" upper="0"',
             r"joint stance_knee: has the limits 1 and 0 rad, but lower must",
+        ),
+        ('effort="150"', 'effort="-150"', r"joint stance_hip: has the effort -150 N m, which must not be negative"),
+        (
+            'effort="150"',
+            'effort="99"',
+            r"joint swing_hip: is unlike joint stance_hip: effort 99 and 150; both legs must",
+        ),
+        (
+            'upper="2.4"',
+            'upper="2"',
+            r"joint swing_knee: is unlike joint stance_knee: range \(0, 2\) and \(0, 2.4\); both",
+        ),
+        (
+            "</joint>",
+            '<dynamics damping="1"/></joint>',
+            r"joint swing_hip: is unlike joint stance_hip: damping 1 and 0; both legs must be alike",
         ),
         (
             '<limit lower="0" upper="2.4" effort="150" velocity="10"/>',
@@ -226,6 +263,7 @@ def test_what_is_no_planar_robot_is_refused_with_file_line_and_name(old: str, ne
     [
         (("stance_foot", "swing_fot"), r"has no link 'swing_fot', which feet names; did you mean swing_foot\?"),
         (("stance_foot", "nothing"), r"has no link 'nothing', which feet names; links: torso, "),
+        (("stance_foot", "stance_foot"), "link stance_foot: is named twice by feet: name two links"),
         (("stance_foot", "stance_shin"), "link stance_shin: and stance_foot are feet of one rigid body, stance_shin"),
         (
             ("stance_foot", "swing_thigh"),
@@ -257,8 +295,10 @@ def test_errors_of_the_file_are_errors_of_the_problem_with_both_places(problem_f
     code, _, words = run("validate", str(problem_file))
     assert code == 3
     assert "rabbit.yaml:2:10 walker.urdf: rabbit.urdf:8: link torso: <mass> value = 'heavy' is no number" in words
-    robot.write_bytes(b"\xff\xfe")
-    assert run("validate", str(problem_file))[0] == 3
+    robot.write_bytes(TEXT.encode() + b"\xff")
+    code, _, words = run("validate", str(problem_file))
+    assert code == 3
+    assert re.search(r"rabbit.yaml:2:10 walker.urdf: \S+rabbit.urdf:\d+:1: byte 0xff is not UTF-8 text", words)
     robot.unlink()
     code, _, words = run("validate", str(problem_file))
     assert code == 3
@@ -283,3 +323,53 @@ def test_wrong_keys_of_a_robot_are_refused(problem_file: Path, walker: str, word
     problem_file.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(ProblemError, match=words):
         go.load_problem(problem_file)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "4}",
+            "4, bounds: {swing_hip: [40, -40]}}",
+            "control.bounds.swing_hip: [40, -40] is empty: the lower bound comes",
+        ),
+        (
+            "4}",
+            "4, bounds: {swing_hip: [5, 10]}}",
+            "control.bounds.swing_hip: [5, 10] excludes zero, the first guess of the",
+        ),
+        (
+            "4}",
+            "4, bounds: {hip: [-5, 5]}}",
+            "control.bounds.hip: no actuator is called hip; there are stance_hip, stance",
+        ),
+        (
+            "4}",
+            "4, stance_hip: [0, 0, 0, 0, 151]}",
+            "control.stance_hip[4]: 151 is outside of the bounds [-150, 150] of",
+        ),
+        (
+            "0.8}",
+            "0.8, angle.stance_kne: {min: 0}}",
+            "constraints.angle.stance_kne: is no scalar of a gait and no freed par",
+        ),
+        (
+            "step_length: 0.4",
+            "step_length: 2",
+            "gait.guess.step_length: 2 m is longer than the legs of rabbit reach: about 1.6",
+        ),
+        (
+            "step_length: 0.4",
+            f"postures: {CROSSED}",
+            "gait.guess.postures: have crossed feet: the foot that swings first is",
+        ),
+    ],
+)
+def test_a_task_that_a_robot_cannot_have_is_refused_in_a_sentence(
+    problem_file: Path, old: str, new: str, words: str
+) -> None:
+    assert go.parse_problem(TASK, problem_file).constraints["angle.stance_knee"].maximum == 2.4
+    with pytest.raises(ProblemError) as refusal:
+        go.parse_problem(TASK.replace(old, new), problem_file)
+    assert words in str(refusal.value)
+    assert len(str(refusal.value).splitlines()) == 1
