@@ -25,6 +25,9 @@ from gaitopt.model.reference import (
     BezierCurve,
     BezierMotion,
     CurveReference,
+    FittedMotion,
+    FreeCurves,
+    GaitCurves,
     GaitReference,
     Piece,
     Reference,
@@ -33,7 +36,7 @@ from gaitopt.model.reference import (
     control_points,
 )
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walker import WalkerType
+from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
 from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
@@ -47,7 +50,7 @@ FLOW_PERIODS = 2
 FLOW_POINTS = 33
 """Chebyshev points of a piece of that extension; a piece that they do not resolve is halved."""
 FITTED_POINTS = 101
-"""Points at which the first guess of a free curve is fitted."""
+"""Points at which curves are fitted to the motion of a gait."""
 SHORTEST_PIECE = 1 / 64
 """Shortest piece in periods; a motion that is not smooth on this scale is no walk."""
 MAX_SYSTEMS = 16
@@ -171,7 +174,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
 
     Parameters
     ----------
-    followed : shape coordinate or motor of the gait for each joint that follows one.
+    followed : shape coordinate, motor or phase variable of the gait for each joint that follows one.
     """
     system, names = gait.system, tuple(followed)
     tracked = [system.angle_names.index(name) for name in followed.values()]
@@ -179,11 +182,8 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
     def piece(arc: Arc) -> Piece:
         n, offset, p = len(system.walker.shape), system.n_shape + 1, arc.dynamics.p
         angles, rates = arc.states[:, :n], arc.states[:, offset : offset + n]
-        if max(tracked, default=0) >= n:  # the angle of a motor
-            angles = buffered_map(system.angles, arc.times.size)(arc.states, p)[0].copy()
-            observe = buffered_map(system.observation(arc.mode), arc.times.size)
-            turning = observe(arc.times[:, None], arc.states, p, system.data(arc.segment))[5].copy()
-            rates = np.hstack([rates, turning])
+        if max(tracked, default=0) >= n:  # the angle of a motor, or a phase variable
+            angles, rates = (out.copy() for out in buffered_map(system.angles, arc.times.size)(arc.states, p))
         series = [curves.coefficients(values).T[tracked] for values in (angles, rates)]
         return Piece(start=arc.start, end=arc.end, angles=series[0], rates=series[1])
 
@@ -232,57 +232,52 @@ def _control(problem: Problem, should_stop: Stop) -> Control:
     gait = solve_sequence(source, should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
-    walker = type(problem.walker)
-    bound = {name: _bound(target, gait, walker) for name, target in problem.control.targets.items()}
+    bound = {name: _bound(target, gait, problem) for name, target in problem.control.targets.items()}
     return problem.control.model_copy(update=bound)
 
 
-def _bound(target: Target, gait: Gait, walker: WalkerType) -> Target:
-    """A target of a walker that is ready for use, from the gait that it names."""
-    if isinstance(target, GaitReference) and target.phase is not None:
-        return _over_phase(target, gait, walker)
-    if isinstance(target, GaitReference):
-        return gait_reference(gait, BeyondEnd(target.beyond_end or BeyondEnd.HOLD), target.followed(walker))
-    if not isinstance(target, CurveReference):
-        return target
-    curve, tracked = target.curve, walker.tracked
-    if curve.points:
-        points = {name: curve.points[name] for name in tracked}
-    else:  # the curves closest to the joint angles of the gait, within their bound
-        phases = np.linspace(0, 1, FITTED_POINTS)
-        angles, _ = gait_reference(gait, BeyondEnd.HOLD, target.followed(walker))(phases * gait.scalar("period"))
-        fitted = np.clip(control_points(phases, angles, curve.degree), -curve.within, curve.within)
-        points = {name: tuple(map(float, row)) for name, row in zip(tracked, fitted, strict=True)}
-    return BezierCurve(
-        points=points,
-        duration=curve.duration or gait.scalar("period"),
-        beyond_end=BeyondEnd(target.beyond_end),
-        within=curve.within,
-    )
-
-
-def _over_phase(target: GaitReference, gait: Gait, walker: WalkerType) -> BezierMotion:
-    """The Bezier curves over a phase variable that are closest to the angles of a gait.
+def _bound(target: Target, gait: Gait, problem: Problem) -> Target:
+    """A target of a problem's control law that is ready for use, from the gait that it names.
 
     Raises
     ------
     SolveError
         If the phase variable turns back along the gait.
     """
-    phase, followed = target.phase_variable, target.followed(walker)
-    times = np.linspace(0, gait.scalar("period"), FITTED_POINTS)
-    motion = gait_reference(gait, BeyondEnd.HOLD, {**followed, phase: phase})
-    *angles, along = motion(times)[0]
-    rates = np.diff(along)
-    if not ((rates > 0).all() or (rates < 0).all()):
-        time = float(times[1:][rates * rates[0] <= 0][0])
-        words = f"the phase variable {phase} is not monotone along {gait.problem.name}: it turns back"
-        raise SolveError(f"control.reference.phase: {words} {time:.4f} s after the impact")
-    rows = control_points((along - along[0]) / (along[-1] - along[0]), np.array(angles), target.degree or 1)
-    return BezierMotion(
-        bezier={name: tuple(map(float, row)) for name, row in zip(followed, rows, strict=True)},
-        phase=phase,
-        span=(float(along[0]), float(along[-1])),
+    law, followed, period = problem.control, target.followed(type(problem.walker)), gait.scalar("period")
+    if not isinstance(target, GaitCurves | FreeCurves):
+        return target
+    if isinstance(target, GaitReference) and not law.phase_variable:
+        return gait_reference(gait, BeyondEnd(target.beyond_end or BeyondEnd.HOLD), followed)
+    times, phase, span = np.linspace(0, period, FITTED_POINTS), law.phase_variable, (0.0, period)
+    motion = gait_reference(gait, BeyondEnd.HOLD, {**followed, "": phase} if phase else followed)
+    angles, along = motion(times)[0], times
+    if phase:
+        angles, along = angles[:-1], angles[-1]
+        rates = np.diff(along)
+        if not ((rates > 0).all() or (rates < 0).all()):
+            time = float(times[1:][rates * rates[0] <= 0][0])
+            words = f"the phase variable {phase} is not monotone along {gait.problem.name}: it turns back"
+            raise SolveError(f"{problem.name}: control.reference: {words} {time:.4f} s after the impact")
+        span = float(along[0]), float(along[-1])
+        if isinstance(law, VirtualConstraints):
+            span = law.span[0], law.span[1]
+        elif isinstance(target, GaitReference | CurveReference):
+            span = target.span or span
+    degree = (target.degree or 1) if isinstance(target, GaitCurves) else target.curve.degree
+    rows, errors = control_points((along - span[0]) / (span[1] - span[0]), angles, degree)
+    fitted = {name: tuple(map(float, row)) for name, row in zip(followed, rows, strict=True)}
+    if isinstance(target, GaitCurves):
+        largest = dict(zip(followed, errors.tolist(), strict=True))
+        return FittedMotion(bezier={**fitted}, phase=phase, span=span, errors=largest)
+    curve, bound = target.curve, target.curve.within
+    points = curve.points or {name: tuple(np.clip(row, -bound, bound).tolist()) for name, row in fitted.items()}
+    if phase:
+        return BezierMotion(bezier=target.unknown(points), phase=phase, span=span)
+    assert isinstance(target, CurveReference)  # others run over a phase
+    end, duration = BeyondEnd(target.beyond_end or BeyondEnd.HOLD), curve.duration or period
+    return BezierCurve(
+        points={name: points[name] for name in followed}, duration=duration, beyond_end=end, within=bound
     )
 
 

@@ -156,6 +156,7 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
     """Parameters of the control law by name, and where it has a reference the errors at both ends of the steps.
 
     The error just after the impact is the mismatch between the ends of the reference, if the error at its end is small.
+    Where the reference is fitted to a table or a gait, also the largest error of the fit.
     Empty for passive walkers, constant torques and torques of an open loop.
     """
     if not steps:
@@ -179,7 +180,9 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
         return np.asarray(system.quantities(arc.mode)(**at)["outputs"], dtype=float).ravel()
 
     pairs = zip(names, errors(first, 0).tolist(), errors(last, -1).tolist(), strict=True)
-    return record | {"tracking_errors": {name: {"start": start, "end": end} for name, start, end in pairs}}
+    record["tracking_errors"] = {name: {"start": start, "end": end} for name, start, end in pairs}
+    fits = {joint: error for target in law.targets.values() for joint, error in target.fit_errors.items()}
+    return record | ({"fit_errors": fits} if fits else {})
 
 
 def contact_record(steps: Sequence[Step]) -> dict[str, Any]:

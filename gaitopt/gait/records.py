@@ -260,6 +260,7 @@ class ControlRecord(TypedDict):
 
     control: NotRequired[dict[Word, Number]]
     tracking_errors: NotRequired[dict[Word, TrackingRecord]]
+    fit_errors: NotRequired[dict[Word, Number]]
 
 
 class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord, ControlRecord):

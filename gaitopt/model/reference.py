@@ -110,6 +110,11 @@ class Target:
         """Segment data, of the same length in all segments."""
         return np.zeros(0)
 
+    @property
+    def fit_errors(self) -> Mapping[str, float]:
+        """Largest distance of fitted curves from what they fit, by joint [rad, or m]; empty if nothing is fitted."""
+        return {}
+
     def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
         """Bounds of the parameters that a design determines rather than the problem file."""
         return {}
@@ -121,6 +126,11 @@ class Target:
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
         """What is wrong with the target for a walker, by key."""
         yield from ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that have a curve, as far as they are stated."""
+        return ()
 
     def followers(self, walker: "WalkerType") -> tuple[str, ...]:
         """The joints that follow the motion."""
@@ -294,6 +304,10 @@ class BezierCurve(Target):
     def degree(self) -> int:
         """Degree n of the curves."""
         return len(next(iter(self.points.values()))) - 1
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that have a curve."""
+        return tuple(self.points)
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -474,11 +488,15 @@ class BezierReference(BaseModel, Target):
             yield from ((f"{name}.{k}", point) for k, point in enumerate(row))
 
 
-def control_points(phases: Array, angles: Array, degree: int) -> Array:
-    """Control points (n, degree + 1) of the Bezier curves that fit ``angles`` (n, m) at ``phases`` (m,) best."""
+def control_points(phases: Array, angles: Array, degree: int) -> tuple[Array, Array]:
+    """Control points (n, degree + 1) of the Bezier curves that fit ``angles`` (n, m) at ``phases`` (m,) best.
+
+    Also their largest errors at these phases, shape (n,).
+    """
     k = np.arange(degree + 1)
     basis = np.array([comb(degree, j) for j in k]) * phases[:, None] ** k * (1 - phases[:, None]) ** (degree - k)
-    return np.asarray(np.linalg.lstsq(basis, angles.T, rcond=None)[0].T, dtype=float)
+    points = np.linalg.lstsq(basis, angles.T, rcond=None)[0]
+    return np.asarray(points.T, dtype=float), np.abs(basis @ points - angles.T).max(axis=0)
 
 
 def _bezier(points: SX, s: SX) -> SX:
@@ -502,7 +520,7 @@ Name = Annotated[str, Field(min_length=1, max_length=1000)]
 CLOCK = "clock"
 """In place of a phase variable: the time since the impact."""
 Continuation = Annotated[
-    Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
+    Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
     Field(
         description="over the clock, after the reference's end: its last rate is kept (linear), its last angle is held "
         "(hold), or there is no torque (off)"
@@ -519,7 +537,7 @@ class GivenCurves(BaseModel, Target):
         Name,
         Field(description="what the curves run over: clock, a shape coordinate, or a phase variable of the walker"),
     ] = CLOCK
-    beyond_end: Continuation | None = None
+    beyond_end: Continuation = None
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -645,6 +663,17 @@ class BezierMotion(BezierReference, GivenCurves):
             yield (other,), f"does not apply: {words}"
         if self.span is not None and self.span[0] == self.span[1]:
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
+
+
+class FittedMotion(BezierMotion):
+    """Bezier curves over a phase variable that are closest to the angles of a gait, by at most some errors."""
+
+    errors: Mapping[str, float]
+
+    @property
+    def fit_errors(self) -> Mapping[str, float]:
+        """The errors."""
+        return self.errors
 
 
 MOST_KNOTS = 60
@@ -777,11 +806,19 @@ class TableCurves(BaseModel, Target):
     @property
     def fitted(self) -> Mapping[str, Array]:
         """Control points of the Bezier curves of this degree that are closest to the rows, by joint."""
+        return dict(zip(self.names, self._fit[0], strict=True))
+
+    @property
+    def fit_errors(self) -> Mapping[str, float]:
+        """Distance of the curves from the rows."""
+        return {} if self.degree is None else dict(zip(self.names, self._fit[1].tolist(), strict=True))
+
+    @property
+    def _fit(self) -> tuple[Array, Array]:
         assert self.degree is not None
-        columns, (start, end) = self.table.columns, self.domain
-        phase, *angles = columns.values()
-        rows = control_points((phase - start) / (end - start), np.array(angles), self.degree)
-        return dict(zip([*columns][1:], rows, strict=True))
+        start, end = self.domain
+        phase, *angles = self.table.columns.values()
+        return control_points((phase - start) / (end - start), np.array(angles), self.degree)
 
     def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
         """The polynomials of some angles at a phase, shape (n,); the table has a span of its own."""
@@ -873,8 +910,29 @@ def _spline(table: Table, beyond_end: BeyondEnd) -> Reference:
     return continued(pieces, float(times[-1]), beyond_end, tuple(table.columns)[1:])
 
 
-class GaitReference(BaseModel, Target):
-    """The angles of another gait, over the time since the impact or over a phase variable."""
+Joints = Annotated[
+    dict[str, Name] | None,
+    Field(
+        min_length=1,
+        description="angle of that gait, a shape coordinate, motor or phase variable, for each joint that follows one; "
+        "by default each tracked joint or output follows its own",
+    ),
+]
+Phase = Annotated[
+    Name | None,
+    Field(
+        description="what the curves run over: a shape coordinate, or a phase variable of the walker; the clock if "
+        "left out"
+    ),
+]
+Span = Annotated[
+    tuple[PointValue, PointValue] | None,
+    Field(description="phase variable at the start and the end of the curves; that of the gait if left out"),
+]
+
+
+class GaitCurves(BaseModel, Target):
+    """Polynomials that are closest to the angles of another gait, over a phase variable."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -884,18 +942,7 @@ class GaitReference(BaseModel, Target):
             description="problem whose gait is tracked: a name, or a path relative to this file; or the folder of a run"
         ),
     ]
-    joints: Annotated[
-        dict[str, Name] | None,
-        Field(
-            min_length=1,
-            description="shape coordinate or motor of that gait for each joint that tracks one; by default each "
-            "tracked joint follows its own",
-        ),
-    ] = None
-    phase: Annotated[
-        Name | None,
-        Field(description="shape coordinate of both walkers over which the angles run; the clock if left out"),
-    ] = None
+    joints: Joints = None
     degree: Annotated[
         int | None,
         Field(
@@ -905,6 +952,36 @@ class GaitReference(BaseModel, Target):
             description="over a phase: of the polynomials that are closest to the gait's angles",
         ),
     ] = None
+
+    @property
+    def source(self) -> tuple[str, Path]:
+        """The tracked gait."""
+        return self.gait, ("gait",)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that follow one of the gait, as far as they are stated."""
+        return tuple(self.joints or ())
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that ``joints`` names."""
+        return walker.tracked if self.joints is None else tuple(self.joints)
+
+    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+        """As ``joints`` says."""
+        return super().followed(walker) if self.joints is None else self.joints
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """A degree that is missing."""
+        if self.degree is None:
+            yield ("degree",), "is missing: curves over a phase variable are polynomials, for example degree: 8"
+
+
+class GaitReference(GaitCurves):
+    """The angles of another gait, over the time since the impact or over a phase variable."""
+
+    phase: Phase = None
+    span: Span = None
     beyond_end: Annotated[
         BeyondEnd | None,
         Field(
@@ -916,53 +993,30 @@ class GaitReference(BaseModel, Target):
     @property
     def phase_variable(self) -> str:
         """The phase, unless it is the clock."""
-        return self.phase or ""
-
-    @property
-    def source(self) -> tuple[str, Path]:
-        """The tracked gait."""
-        return self.gait, ("gait",)
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that ``joints`` names."""
-        return walker.tracked if self.joints is None else tuple(self.joints)
-
-    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
-        """As ``joints`` says."""
-        return super().followed(walker) if self.joints is None else self.joints
+        return "" if self.phase in (None, CLOCK) else str(self.phase)
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
         """Joints that the walker does not track, and keys that do not suit the phase, or the clock."""
-        for joint in self.joints or ():
-            if joint not in walker.tracked:
-                yield ("joints", joint), untracked(walker)
-        if self.phase is None:
-            if self.beyond_end is None:
-                words = "give flow, linear, hold or off, because a step may last longer than the reference"
-                yield ("beyond_end",), f"is missing: {words}"
-            if self.degree is not None:
-                yield ("degree",), "does not apply: over the clock the motion of the gait itself is followed"
-            return
-        if self.phase not in walker.shape:
-            words = "the motion of a gait runs over a shape coordinate"
-            yield ("phase",), f"{walker.model} has no coordinate {self.phase!r}: {words}, {', '.join(walker.shape)}"
-        elif self.phase in self.followers(walker):
-            words = f"name those that do, joints: {{JOINT: {self.phase}}}"
-            yield ("phase",), f"{self.phase} cannot follow a curve over itself: {words}"
-        if self.degree is None:
-            yield ("degree",), "is missing: curves over a phase variable are polynomials, for example degree: 8"
-        if self.beyond_end is not None:
-            words = "curves over a phase variable go on as polynomials: leave it out"
-            yield ("beyond_end",), f"is for references over the clock; {words}"
+        yield from _follower_faults(self, walker)
+        if self.phase_variable:
+            yield from super().faults(walker)
+        elif self.degree is not None:
+            yield ("degree",), "does not apply: over the clock the motion of the gait itself is followed"
 
 
 class CurveSpec(BaseModel):
-    """A smooth curve per tracked joint whose coefficients are unknowns."""
+    """A smooth curve per joint whose coefficients are unknowns."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     degree: Annotated[int, Field(ge=1, le=20, strict=True, description="degree of the curve of each joint")]
-    start: Annotated[Name, Field(description="problem whose gait gives the first guess: a name, or a path")]
+    start: Annotated[
+        Name | None,
+        Field(
+            description="problem whose gait gives the first guess: a name, or a path; not needed with points, and a "
+            "duration or a span"
+        ),
+    ] = None
     within: Annotated[
         Angle,
         Field(
@@ -974,46 +1028,53 @@ class CurveSpec(BaseModel):
     ] = 0.6
     duration: Annotated[
         Duration | None,
-        Field(description="of the curves [s]; the period of the start's gait if left out"),
+        Field(description="of curves over the clock [s]; the period of the start's gait if left out"),
         Within(unit="time", possible=DURATION.possible, usual=(0.1, DURATION.usual[1])),
     ] = None
     points: Annotated[
         dict[str, tuple[Angle, ...]] | None,
         Field(
-            description="first guess of the degree + 1 Bezier control points of each tracked joint [rad]; "
-            "those that come closest to the start's angles if left out"
+            description="first guess of the degree + 1 Bezier control points of each joint [rad]; those that come "
+            "closest to the start's angles if left out"
         ),
     ] = None
 
 
-class CurveReference(BaseModel, Target):
-    """A reference curve that a design finds."""
+class FreeCurves(BaseModel, Target):
+    """Curves over a phase variable that a design finds."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     curve: CurveSpec
-    beyond_end: Annotated[
-        Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF],
-        Field(
-            description="after the curve's end: its last rate is kept (linear), its last angle is held (hold), "
-            "or there is no torque (off); a curve has no motion of its own that could flow on"
-        ),
-    ]
+    joints: Joints = None
 
     @property
     def source(self) -> tuple[str, Path]:
         """The gait from which the curves start."""
-        return self.curve.start, ("curve", "start")
+        return self.curve.start or "", ("curve", "start")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that have a curve, as far as they are stated."""
+        return tuple(self.joints or self.curve.points or ())
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """Those that have a curve; the tracked joints if none are stated."""
+        return self.names or walker.tracked
+
+    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+        """As ``joints`` says; by default each angle its own."""
+        return self.joints or {name: name for name in self.followers(walker)}
 
     def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
         """Bounds of the control points."""
-        keys = (f"{name}.{k}" for name in walker.tracked for k in range(self.curve.degree + 1))
+        keys = (f"{name}.{k}" for name in self.followers(walker) for k in range(self.curve.degree + 1))
         return dict.fromkeys(keys, (-self.curve.within, self.curve.within))
 
     def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
         """The control points, within their bound."""
         bound, count = self.curve.within, self.curve.degree + 1
-        rows = {name: [values.get(f"{name}.{k}") for k in range(count)] for name in walker.tracked}
+        rows = {name: [values.get(f"{name}.{k}") for k in range(count)] for name in self.followers(walker)}
         if any(value is None for row in rows.values() for value in row):
             return {}
         return {
@@ -1023,21 +1084,111 @@ class CurveReference(BaseModel, Target):
         }
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Control points that are not those of the tracked joints, degree + 1 for each, within the bound."""
-        points, path = self.curve.points, ("curve", "points")
-        if points is None:
-            return
-        if set(points) != set(walker.tracked):
-            given = ", ".join(points) or "no joint"
-            yield path, f"are given for {given}; the tracked joints are {', '.join(walker.tracked)}"
-            return
-        for name, values in points.items():
+        """Control points that are not degree + 1 for each joint, within the bound."""
+        for name, values in (self.curve.points or {}).items():
             if len(values) != self.curve.degree + 1:
                 number = f"a curve of degree {self.curve.degree} has {self.curve.degree + 1}"
-                yield (*path, name), f"{len(values)} control points, but {number}"
+                yield ("curve", "points", name), f"{len(values)} control points, but {number}"
             for k, value in enumerate(values):
                 if abs(value) > self.curve.within:
-                    yield (*path, name, k), f"{value:g} is outside of within = {self.curve.within:g}"
+                    yield ("curve", "points", name, k), f"{value:g} is outside of within = {self.curve.within:g}"
+        if self.curve.start is None and self.joints is not None:
+            yield ("joints",), "is for curves that start from a gait, which curve.start names"
+        elif self.curve.start is None and not self.curve.points:
+            words = "give a problem whose gait is the first guess, or the control points of the guess, points: {JOINT: "
+            yield ("curve", "start"), f"is missing: {words}[0, 0.1, 0.2]}}"
+
+    def unknown(self, points: Mapping[str, tuple[float, ...]]) -> dict[str, tuple[float | FreePoint, ...]]:
+        """Control points as unknowns within their bound, by joint."""
+        span, rows = (-self.curve.within, self.curve.within), points.items()
+        return {name: tuple(FreePoint(free=span, guess=value) for value in row) for name, row in rows}
+
+    @property
+    def needs_no_start(self) -> bool:
+        """Whether points are given in place of a start, and are right."""
+        curve, points = self.curve, self.curve.points or {}
+        right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
+        return curve.start is None and self.joints is None and bool(points) and all(right)
+
+    @property
+    def given(self) -> Target:
+        """Bezier curves whose points are the unknowns, where no start is needed; otherwise the same."""
+        return BezierReference(bezier=self.unknown(self.curve.points or {})) if self.needs_no_start else self
+
+
+class CurveReference(FreeCurves):
+    """Reference curves that a design finds, over the clock or over a phase variable."""
+
+    phase: Phase = None
+    span: Span = None
+    beyond_end: Continuation = None
+
+    @property
+    def phase_variable(self) -> str:
+        """The phase, unless it is the clock."""
+        return "" if self.phase in (None, CLOCK) else str(self.phase)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Over the clock all tracked joints follow a start, unless ``joints`` names some."""
+        by_points = self.phase_variable or self.curve.start is None
+        return super().names if by_points else tuple(self.joints or ())
+
+    @property
+    def given(self) -> Target:
+        """As of curves over the phase of a law; a duration is needed too, or a span."""
+        duration, over_phase = self.curve.duration, bool(self.phase_variable)
+        if not self.needs_no_start or (self.span if over_phase else duration) is None:
+            return self
+        keys = {"phase": self.phase, "span": self.span} if over_phase else {"duration": duration}
+        bezier = self.unknown(self.curve.points or {})
+        return BezierMotion.model_validate({"bezier": bezier, "beyond_end": self.beyond_end, **keys})
+
+    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+        """Joints that the walker does not track, keys that do not suit the phase, and points of other joints."""
+        yield from _follower_faults(self, walker)
+        points, joints = self.curve.points, self.followers(walker)
+        if points is not None and {*points} != {*joints}:
+            given, words = (
+                ", ".join(points) or "no joint",
+                "the joints are" if self.joints else "the tracked joints are",
+            )
+            yield ("curve", "points"), f"are given for {given}; {words} {', '.join(joints)}"
+        else:
+            yield from super().faults(walker)
+        words = "curves without a start need it"
+        if self.phase_variable and self.curve.duration is not None:
+            yield ("curve", "duration"), "does not apply: curves over a phase variable have a span: [START, END]"
+        elif self.curve.start is None and points and self.phase_variable and self.span is None:
+            yield ("span",), f"is missing: {words}, the phase at the start and the end"
+        elif self.curve.start is None and points and not self.phase_variable and self.curve.duration is None:
+            yield ("curve", "duration"), f"is missing: {words} [s]"
+
+
+def _follower_faults(target: GaitReference | CurveReference, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    """Joints that the walker does not track, an unknown phase, and a continuation that is missing or impossible."""
+    phase, angles = target.phase_variable, (*walker.shape, *walker.phases)
+    for joint in target.joints or ():
+        if joint not in walker.tracked:
+            yield ("joints", joint), untracked(walker)
+    if not phase:
+        if target.beyond_end is None:
+            kinds = "flow, linear, hold or off" if isinstance(target, GaitReference) else "linear, hold or off"
+            yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
+        if target.span is not None:
+            yield ("span",), "does not apply: it is for curves over a phase variable, phase: NAME"
+        return
+    if phase not in angles:
+        words = f"it has {', '.join(angles)}; clock is the time since the impact"
+        yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
+    elif phase in target.followers(walker):
+        words = f"name those that do, joints: {{JOINT: {phase}}}"
+        yield ("phase",), f"{phase} cannot follow a curve over itself: {words}"
+    if target.span is not None and target.span[0] == target.span[1]:
+        yield ("span",), f"is empty: both ends are {target.span[0]:g}; give the phase after and before the impact"
+    if target.beyond_end is not None:
+        words = "curves over a phase variable go on as polynomials, without a kink at a state: leave it out"
+        yield ("beyond_end",), f"is for references over the clock; {words}"
 
 
 class ConstantReference(BaseModel, Target):
@@ -1132,6 +1283,8 @@ PHASE_FORMS = {
     "bezier": (BezierReference, "bezier: {ANGLE: [0, 0.1, 0.2]}"),
     "constant": (ConstantCurves, "constant: {ANGLE: 10 deg}"),
     "table": (TableCurves, "table: file.csv, degree: 6"),
+    "gait": (GaitCurves, "gait: NAME, degree: 6"),
+    "curve": (FreeCurves, "curve: {degree: 5, start: NAME}"),
 }
 """Kinds of curves over a phase variable, each with an example."""
 
@@ -1152,7 +1305,8 @@ def _reader(forms: Mapping[str, tuple[type[BaseModel], str]]) -> WrapValidator:
         if unknown:
             words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kinds[0]}"
             raise ValueError(f"{words}, which has the keys {', '.join(kind.model_fields)}: {{{form}}}")
-        return kind.model_validate(value)
+        target = kind.model_validate(value)
+        return target.given if isinstance(target, FreeCurves) else target
 
     return WrapValidator(read)
 
@@ -1168,5 +1322,5 @@ Followed = Annotated[
     _reader(FORMS),
 ]
 """Type of the key ``reference``: what a file may say, or a motion that is ready for use."""
-OverPhase = Annotated[BezierReference | ConstantCurves | TableCurves, _reader(PHASE_FORMS)]
+OverPhase = Annotated[BezierReference | ConstantCurves | TableCurves | GaitCurves | FreeCurves, _reader(PHASE_FORMS)]
 """Type of the key ``reference`` of curves over a phase variable."""

@@ -400,19 +400,25 @@ class HybridSystem:
 
     @cached_property
     def angle_names(self) -> tuple[str, ...]:
-        """Names of ``angles``: shape coordinates, motors, and the joints of the links without one."""
-        names = (*self.walker.shape, *self.walker.actuators)
+        """Names of ``angles``: shape coordinates, motors, phase variables, and the joints of the links without one."""
+        names = (*self.walker.shape, *self.walker.actuators, *self.walker.phases)
         return (*names, *(name for name in joint_limits(self.walker) if name not in names))
 
     @property
     @compiled("zp")
     def angles(self) -> dict[str, SX]:
-        """(z, p) -> angles of the links and joints of ``angle_names``, shape (n,) [rad, or m of lengths]."""
+        """(z, p) -> angles of the links and joints of ``angle_names`` and their rates, shape (n,) each [rad, or m]."""
         eom, walker, names = self._eom, self.walker, (*self.walker.shape, "x", "y")
         q = SimpleNamespace(**{name: eom.q[k] for k, name in enumerate(names)})
         joints = state_tree(walker, q, parameter_namespace(walker, eom.p)).joints if has_links(walker) else {}
-        known = joints | dict(zip(walker.actuators, eom.mechanism.motors, strict=True)) | vars(q)
-        return {"angles": vertcat(*(known[name] for name in self.angle_names))}
+        motors, phases, n = (
+            zip(walker.actuators, eom.mechanism.motors, strict=True),
+            eom.mechanism.phases,
+            len(names) - 2,
+        )
+        known = {**joints, **phases, **dict(motors), **vars(q)}
+        angles = vertcat(*(known[name] for name in self.angle_names))
+        return {"angles": angles, "rates": jtimes(angles, eom.q[:n], eom.dq[:n])}
 
     @compiled("tzpr")
     def quantities(self, mode: Mode) -> dict[str, SX]:

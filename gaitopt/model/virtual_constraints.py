@@ -25,7 +25,7 @@ from casadi import SX, jacobian, jtimes, solve, vertcat, vertsplit
 from pydantic import Field
 
 from gaitopt.model.control import Control, Instant
-from gaitopt.model.reference import OverPhase, Path, TableCurves
+from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, TableCurves, Target
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType
 
@@ -102,6 +102,14 @@ class VirtualConstraints(Control):
         """The phase of the curves."""
         return self.phase
 
+    @property
+    def targets(self) -> dict[str, Target]:
+        """The reference; by default each output follows its own angle of a gait."""
+        target: Target = self.reference
+        if isinstance(target, GaitCurves | FreeCurves) and target.joints is None and target.source[0]:
+            target = target.model_copy(update={"joints": {name: name for name in self.outputs}})
+        return {"reference": target}
+
     def driven_by(self, walker: WalkerType) -> tuple[str, ...]:
         """The motor for each output; empty if ``motors`` has to say it."""
         if self.motors is not None:
@@ -127,8 +135,9 @@ class VirtualConstraints(Control):
             yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; it has {', '.join(angles)}"
         if self.span[0] == self.span[1]:
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
-        if {*self.reference.names} != {*self.outputs}:
-            given, kind = ", ".join(self.reference.names) or "no output", next(iter(type(self.reference).model_fields))
+        names = self.targets["reference"].names
+        if {*names} != {*self.outputs}:
+            given, kind = ", ".join(names) or "no output", next(iter(type(self.reference).model_fields))
             yield ("reference", kind), f"has curves of {given}; the outputs are {', '.join(self.outputs)}"
         if (
             isinstance(self.reference, TableCurves)
@@ -170,6 +179,7 @@ class VirtualConstraints(Control):
         walker, motors = now.robot.walker, now.robot.mechanism.motors
         angles = dict(zip(walker.actuators, motors, strict=True)) | vars(now.s)
         span = (self.span[0], self.span[1])
+        assert not isinstance(self.reference, GaitCurves | FreeCurves)  # which are replaced once the gait is known
         curves = self.reference.curves(now.p.reference, self.outputs, angles[self.phase], span)
         y = vertcat(*(angles[name] for name in self.outputs)) - curves
         return y, jacobian(y, now.robot.q[: len(walker.shape)])

@@ -469,7 +469,7 @@ def _build(
         subject = f"the reference {shown(name)}"
         target = next(target for target in control.targets.values() if target.source[0])
         followed = target.followed(type(walker))
-        needed = (*followed.values(), *filter(None, (target.phase_variable,)))
+        needed = dict.fromkeys((*followed.values(), *filter(None, (control.phase_variable,))))
         unknown = ", ".join(angle for angle in needed if angle not in _angles(reference.walker))
         theirs = reference.walker
         if unknown:
@@ -570,5 +570,5 @@ def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
 
 
 def _angles(walker: Walker) -> tuple[str, ...]:
-    """Names of the angles that a reference can give: coordinates, and motors' angles."""
-    return tuple(dict.fromkeys((*walker.shape, *walker.actuators)))
+    """Names of the angles that a reference can give: coordinates, motors' angles, and phase variables."""
+    return tuple(dict.fromkeys((*walker.shape, *walker.actuators, *walker.phases)))

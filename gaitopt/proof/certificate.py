@@ -243,8 +243,9 @@ def _certified_target(problem: Problem, target: Target, reference: MotionRecord 
         curve = target.curve
         if curve.duration not in (None, reference.duration):
             raise ValueError(f"its curve takes {reference.duration!r} s, that of its problem {curve.duration!r} s")
+        assert target.beyond_end is not None  # or there is a fault
         return BezierCurve(
-            points=dict.fromkeys(problem.walker.tracked, (0.0,) * (curve.degree + 1)),
+            points=dict.fromkeys(target.followers(type(problem.walker)), (0.0,) * (curve.degree + 1)),
             duration=reference.duration,
             beyond_end=BeyondEnd(target.beyond_end),
             within=curve.within,

@@ -21,7 +21,7 @@ from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
 from gaitopt.model.control import Control
-from gaitopt.model.reference import BezierCurve, GaitReference, Reference
+from gaitopt.model.reference import BezierCurve, Reference
 from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.problem.problem import Problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
@@ -133,8 +133,7 @@ def _prove(
     header = certificate_header(gait, texts, varied, special)
     try:
         refuse_uncovered_walkers(gait.problem, gait.system)
-        targets = gait.problem.control.targets
-        if any(isinstance(target, GaitReference) and target.phase_variable for target in targets.values()):
+        if gait.problem.control.source[0] and gait.problem.control.phase_variable:
             words = "the control law follows another gait over a phase variable: not covered"
             raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
         if gait.timed:

@@ -267,6 +267,9 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
         errors = ((name, number(at["start"]), number(at["end"]), state_unit(name)) for name, at in ends)
         heads = ("joint", "after the impact", "before the next", "unit")
         section(console, f"distance from the reference{last}", heads, errors, numbers=(1, 2))
+    if "fit_errors" in record:
+        fits = ((name, number(error), state_unit(name)) for name, error in record["fit_errors"].items())
+        section(console, f"error of the fitted reference{last}", ("joint", "largest", "unit"), fits, numbers=(1,))
     if "zero_dynamics" in record:
         zero, least = record["zero_dynamics"], record["decoupling_min_singular_value"]
         rows = [("decoupling matrix, least singular value", number(least), "1/(kg m^2)")]

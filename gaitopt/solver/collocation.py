@@ -270,7 +270,7 @@ def _point(key: _Key) -> Function:
     rows.append(margins)
     for name in paths:
         angle = None if name == CLEARANCE else system.angle_names.index(name.removeprefix(ANGLE))
-        rows.append(foot[1] - arch * sin(pi * t / period) if angle is None else system.angles(z, full)[angle])
+        rows.append(foot[1] - arch * sin(pi * t / period) if angle is None else system.angles(z, full)[0][angle])
     for k, name in enumerate(extrema):
         match name:
             case "peak_torque":

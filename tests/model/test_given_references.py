@@ -261,6 +261,29 @@ class HipCompass(CompassBiped):
         return replace(CompassBiped.mechanism(q, p), phases={"hip_x": p.leg_length * sin(q.theta1)})
 
 
+def test_free_curves_need_no_start_where_points_and_duration_or_span_are_given() -> None:
+    walker = type(go.load_problem(NAME).walker)
+    points, free = {"theta2": [-0.1, 0.2, 0.1]}, [{"free": [-0.6, 0.6], "guess": c} for c in (-0.1, 0.2, 0.1)]
+    for over in ({"beyond_end": "hold"}, {"phase": "theta1", "span": [-0.1, 0.1]}):
+        keys = {**over, "duration": 0.8} if "beyond_end" in over else over
+        curve = {"degree": 2, "points": points} | ({"duration": 0.8} if "beyond_end" in over else {})
+        mine = with_reference({"curve": curve, **over}, objective="torque_squared")
+        other = with_reference({"bezier": {"theta2": free}, **keys}, objective="torque_squared")
+        assert mine.control == other.control
+        assert mine.digest == other.digest
+        assert len(mine.control.unknowns(walker)) == 3
+
+
+def test_free_curves_over_a_phase_start_from_a_gait() -> None:
+    source = go.load_problem("compass-virtual-constraint")
+    rows = source.control.reference.bezier["theta2"]  # type: ignore[attr-defined]
+    curve = {"curve": {"degree": 6, "start": source.name}, "phase": "theta1", "joints": {"theta2": "theta2"}}
+    law = problem_dynamics(with_reference(curve, objective="torque_squared")).system.control
+    assert [*law.parameters.values()][2:] == pytest.approx(rows, abs=1e-6)
+    assert law.reference.span == pytest.approx((-0.1, 0.1), abs=1e-9)  # type: ignore[attr-defined]
+    assert len(law.unknowns(type(source.walker))) == 7
+
+
 def test_a_phase_that_the_walker_names() -> None:
     """The position of the hip: its rate is that of the angle times l cos(theta1)."""
     text = go.load_problem(NAME).text.replace("compass_biped", "hip_compass")
@@ -443,6 +466,39 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         ({"gait": "compass-passive-b", "beyond_end": "off", "degree": 6}, ".degree", "does not apply: over the clock"),
         ({"gait": "compass-passive-b", "phase": "theta1", "degree": 6}, ".phase", "theta1 cannot follow a curve over"),
         ({**OVER_PHASE}, ".degree", "is missing: curves over a phase variable are polynomials"),
+        ({**OVER_PHASE, "degree": 6, "span": [1, 1]}, ".span", "is empty: both ends are 1"),
+        (
+            {**OVER_PHASE, "degree": 6, "phase": "hip"},
+            ".phase",
+            "no phase variable 'hip'; it has theta1, theta2; clock",
+        ),
+        ({"gait": "compass-passive-b", "span": [0, 1], "beyond_end": "off"}, ".span", "does not apply: it is for"),
+        ({"curve": {"degree": 2, "start": "compass-passive-b"}}, ".beyond_end", "is missing: give linear, hold or off"),
+        (
+            {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}, "beyond_end": "hold"},
+            ".curve.duration",
+            "is missing: curves without a start need it",
+        ),
+        (
+            {"curve": {"degree": 2}, "beyond_end": "hold"},
+            ".curve.start",
+            "is missing: give a problem whose gait is the",
+        ),
+        (
+            {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}, "phase": "theta1"},
+            ".span",
+            "is missing: curves without a start need it, the phase at the start and the end",
+        ),
+        (
+            {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0.7]}, "duration": 1}, "beyond_end": "hold"},
+            ".curve.points.theta2[2]",
+            "0.7 is outside of within = 0.6",
+        ),
+        (
+            {"curve": {"degree": 2, "start": "compass-passive-b"}, "phase": "theta1"},
+            ".phase",
+            "theta1 cannot follow a curve over itself: name those that do, joints: {JOINT: theta1}",
+        ),
         ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "is for references over the clock"),
         ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),
         ({"gait": "compass-passive-b", "joints": {"hip": "theta1"}, "beyond_end": "hold"}, ".joints.hip", "no tracked"),

@@ -9,8 +9,9 @@ from named import named
 from scipy.integrate import quad, solve_ivp
 
 import gaitopt as go
-from gaitopt.errors import ProblemError
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.model.modes import Mode
+from gaitopt.problem.problem import restore_problem
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
@@ -290,6 +291,81 @@ def test_a_table_of_the_curve_gives_its_gait():
     assert other.constraints.delta_squared == pytest.approx(gait.constraints.delta_squared, abs=1e-8)
 
 
+def followed(reference, **changes):
+    """The walker follows a reference; a text without a path may name the problem from which it comes."""
+    text = go.load_problem(NAME).text.replace(f"name: {NAME}", "name: follower")
+    return go.parse_problem(text).replace({"control.reference": reference, **changes})
+
+
+@pytest.mark.portable
+def test_the_motion_of_a_gait_is_followed_over_the_phase():
+    """The gait of a curve of degree 6 gives the curve back, and so the gait."""
+    source = named(NAME)
+    problem = followed({"gait": NAME, "degree": 6})
+    gait = go.solve(problem)
+    record = gait.to_record()
+    assert gait.period == pytest.approx(source.period, abs=1e-9)
+    assert gait.multipliers == pytest.approx(source.multipliers, abs=1e-9)
+    assert gait.constraints.delta_squared == pytest.approx(source.constraints.delta_squared, abs=1e-9)
+    assert record["fit_errors"]["theta2"] < 1e-12
+    assert record["control"]["reference.theta2.3"] == pytest.approx(POINTS[3], abs=1e-9)
+    assert go.verify(gait).passed
+    assert restore_problem(problem.resolved()).digest == problem.digest
+    assert "fit_errors" not in source.to_record()
+
+
+def test_the_error_of_the_fit_is_that_of_the_closest_polynomial():
+    """Of degree 4, against a fit of Chebyshev series to the curve of degree 6; the span does not matter."""
+    times = np.linspace(0, named(NAME).period, 101)
+    (arc,) = named(NAME).arcs
+    series = np.polynomial.Chebyshev.fit(arc.times, arc.states[:, 0], arc.times.size - 1)
+    theta1 = series(times)
+    angles = np.array([curve(x)[0] for x in theta1])
+    fitted = np.polynomial.Chebyshev.fit(theta1, angles, 4)
+    expected = np.abs(fitted(theta1) - angles).max()
+    for span in ([-0.1, 0.1], [-0.2, 0.15]):
+        law = problem_dynamics(followed({"gait": NAME, "degree": 4}, **{"control.span": span})).system.control
+        assert law.reference.fit_errors["theta2"] == pytest.approx(expected, rel=1e-6)
+        assert law.reference.span == tuple(span)
+
+
+def test_a_phase_that_turns_back_along_the_followed_gait_is_refused():
+    changes = {"control.outputs": ["theta1"], "control.phase": "theta2", "control.motors": ["hip"]}
+    problem = followed({"gait": "compass-passive-b", "degree": 6}, **changes)
+    words = "control.reference: the phase variable theta2 is not monotone along compass-passive-b: it turns back 0.1462"
+    with pytest.raises(SolveError, match=words):
+        go.solve(problem)
+
+
+def test_free_curves_start_from_points_or_from_a_gait():
+    bounds, points = {"objective": "torque_squared"}, {"theta2": POINTS.tolist()}
+    given = followed({"curve": {"degree": 6, "points": points, "within": 0.5}}, **bounds)
+    free = [{"free": [-0.5, 0.5], "guess": c} for c in POINTS.tolist()]
+    assert given.control == followed({"bezier": {"theta2": free}}, **bounds).control
+    started = followed({"curve": {"degree": 6, "start": NAME, "within": 0.5}}, **bounds)
+    first, other = (problem_dynamics(problem).system.control for problem in (given, started))
+    walker = type(given.walker)
+    assert first.unknowns(walker) == other.unknowns(walker) == started.control.unknowns(walker)
+    assert [*first.parameters.values()] == pytest.approx([*other.parameters.values()], abs=1e-9)
+    assert len(first.unknowns(walker)) == 7
+    values = {f"control.reference.theta2.{k}": 0.1 for k in range(7)}
+    assert started.with_guess(named(NAME).to_record(), values).control.reference.curve.points == {"theta2": (0.1,) * 7}
+
+
+@pytest.mark.slow
+def test_optimal_curves_are_the_same_from_points_and_from_a_gait():
+    limits = {"objective": "torque_squared", "constraints": {"speed": {"min": 0.1}}}
+    points = {"theta2": POINTS.tolist()}
+    ends = [
+        go.solve(followed({"curve": {"degree": 6, **start}}, **limits))
+        for start in ({"points": points}, {"start": NAME})
+    ]
+    assert all(go.verify(end).passed for end in ends)
+    costs = [end.scalar("torque_squared") for end in ends]
+    assert costs[0] == pytest.approx(costs[1], rel=1e-8)
+    assert costs[0] < named(NAME).scalar("torque_squared")
+
+
 def test_constants_need_no_tracked_joint():
     """y = q - c; a pd law does what the law ``pd`` does with the same constants."""
     dynamics = dynamics_of({"control.outputs": ["hip"], "control.reference": {"constant": {"hip": 0.1}}})
@@ -347,8 +423,29 @@ def test_a_singular_decoupling_matrix_is_named():
         ({"control.reference": {"bezier": {"theta1": [0, 1]}}}, "has curves of theta1; the outputs are theta2"),
         ({"control.reference": {"bezier": {"theta2": [0]}}}, "has 1 control points, must have at least 2"),
         (
-            {"control.reference": {"gait": "compass-passive-b"}},
-            r"give one of \{bezier: .* or \{table: file",
+            {"control.reference": {"motion": "compass-passive-b"}},
+            r"give one of \{bezier: .* or \{table: file.* or \{gait: NAME, degree: 6\} or \{curve: ",
+        ),
+        ({"control.reference": {"gait": "compass-passive-b"}}, "reference.degree: is missing: curves over a phase"),
+        (
+            {"control.reference": {"gait": "compass-passive-b", "degree": 6, "phase": "theta1"}},
+            "phase does not belong to gait, which has the keys gait, joints, degree: ",
+        ),
+        (
+            {"control.reference": {"gait": "compass-passive-b", "degree": 6, "joints": {"hip": "theta2"}}},
+            "reference.gait: has curves of hip; the outputs are theta2",
+        ),
+        (
+            {"control.reference": {"gait": "torso-passive", "degree": 6, "joints": {"theta2": "knee"}}},
+            ", which has no knee to track; its angles are theta1",
+        ),
+        (
+            {"control.reference": {"curve": {"degree": 6}}},
+            "curve.start: is missing: give a problem whose gait is the first guess, or the control points",
+        ),
+        (
+            {"control.reference": {"curve": {"degree": 6, "points": {"theta2": [0, 0.1]}}}},
+            "curve.points.theta2: 2 control points, but a curve of degree 6 has 7",
         ),
         ({"control.reference": {"constant": {"hip": 0}}}, "has curves of hip; the outputs are theta2"),
         ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline over a phase variable would have"),
