@@ -55,6 +55,8 @@ SPREAD = 0.3
 """Range of the random section coordinates [rad]: the half-angles of walking legs."""
 AGREEMENT = 1e-9
 """Tolerance of the equations in natural units, above the rounding of the geometry."""
+SAME_LINKS = 1e-12
+"""Relative difference of the mass matrix and of positions of links and mechanism: rounding, with a reserve."""
 DEFINITE = 1e-12
 """Least eigenvalue of the mass matrix with its diagonal scaled to one: the rounding of its factorisation."""
 POSTURE_STEPS = 60
@@ -366,7 +368,7 @@ def _links_fault(walker: type[Walker], p: Array) -> str | None:
         shape = random.uniform(-1, 1, len(walker.shape))
         values = list(map(np.asarray, pairs(shape, p)))
         for name, stated, follows in zip(names, values[::2], values[1::2], strict=True):
-            if not np.abs(stated - follows).max() <= AGREEMENT * np.abs(stated).max():
+            if not np.abs(stated - follows).max() <= SAME_LINKS * np.abs(stated).max():
                 where = _posture_words(walker, shape)
                 return f"links and mechanism contradict each other: the {name} differs, at {where}"
     return None

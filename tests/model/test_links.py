@@ -1,5 +1,6 @@
 """Links: a walker as a tree, and what follows from it."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
+from gaitopt.model import checks
 from gaitopt.model.checks import check_walker
 from gaitopt.model.declaration import state_picture, state_tree
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
@@ -209,20 +211,35 @@ def test_links_that_are_no_tree_or_no_walker_are_refused_in_a_sentence(changes: 
         check_walker(Changed, {"leg_length": 1.0, "gravity": 9.81})
 
 
-def test_links_that_contradict_the_mechanism_are_refused() -> None:
-    class Heavier(CompassBiped):
-        model = "heavier"
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"mass": 4 * (1 + 1e-10)}, "mass matrix"),
+        ({"inertia": 1e-9}, "mass matrix"),
+        ({"com": (1e-10, -0.8)}, "mass matrix"),
+        ({"tip": (0, -1.6 - 1e-9)}, "mass matrix"),  # the links are placed on the foot
+        ({"joint": "hip", "sign": -1}, "angle of a motor that has the name of a joint"),
+    ],
+)
+def test_links_that_contradict_the_mechanism_are_refused(changes: dict[str, Any], what: str) -> None:
+    class Wrong(CompassBiped):
+        model = "wrong"
+        changed: ClassVar[dict[str, Any]] = {}
 
         @classmethod
         def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
-            stance, swing, *hips = super().links(q, p)
-            return stance, swing, hips[0], replace(hips[1], mass=p.hip_mass)
+            stance, *others = super().links(q, p)
+            return replace(stance, **cls.changed), *others
 
     compass = go.load_problem("compass-passive-a").walker
-    with pytest.raises(
-        ProblemError, match="links and mechanism contradict each other: the mass matrix differs, at theta1"
-    ):
-        check_walker(Heavier, dict(compass))
+    check_walker(Wrong, dict(compass))
+    Wrong.changed = changes
+    for cached in (checks._fault, checks._links_pairs):
+        cached.cache_clear()
+    with pytest.raises(ProblemError) as refusal:
+        check_walker(Wrong, dict(compass))
+    words = rf"Wrong: links and mechanism contradict each other: the {what} differs, at theta1 = \S+, theta2 = \S+"
+    assert re.fullmatch(words, str(refusal.value))
 
 
 def test_a_class_that_redefines_the_mechanism_alone_has_no_links() -> None:
