@@ -128,7 +128,7 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Within) -> StartBox:
     """The box of start states: that of the walker, changed by ``within``."""
     names = problem.walker.section_names(slipping=True)
     units = dict(zip(dynamics.system.state_names, dynamics.state_units, strict=True))
-    sizes = {"dx": SLIP} | dict.fromkeys(problem.walker.section, ANGLE)
+    sizes = {"dx": SLIP} | dict.fromkeys(type(problem.walker).section, ANGLE)
     rate = RATE_OF_FLIGHT if problem.walker.flies else RATE
     half = np.array([sizes.get(name, rate) * units[name] for name in names])
     centre = np.array([problem.walker.posture.get(name, 0.0) for name in names])
@@ -149,7 +149,7 @@ def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
     """
     walker = problem.walker
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
-    natural, n = states / units, len(walker.section)
+    natural, n = states / units, len(type(walker).section)
     margins = np.repeat(
         [
             MARGIN * max(np.abs(part).max(initial=0.0), SMALLEST_MARGIN / MARGIN)
@@ -169,7 +169,7 @@ def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
 def natural_limits(problem: Problem, dynamics: Dynamics) -> Array:
     """Largest size of every section coordinate in a box that grows, shape (n_xi,)."""
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
-    n = len(problem.walker.section)
+    n = len(type(problem.walker).section)
     return units * np.repeat([problem.walker.largest_angle, FASTEST], [n, units.size - n])
 
 

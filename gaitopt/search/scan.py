@@ -53,7 +53,7 @@ def possible_gaits(problem: Problem) -> tuple[bool, list[dict[str, float]]]:
     mapped = step_map(problem, None, engine)
     units = mapped.dynamics.state_units[mapped.dynamics.system.section(Mode.SLIP_FORWARD).indices][: len(names)]
     guess = {} if problem.start is None else problem.start.state
-    sizes = {"dx": SLIP} | dict.fromkeys(walker.section, ANGLE)
+    sizes = {"dx": SLIP} | dict.fromkeys(type(walker).section, ANGLE)
     half = np.array([sizes.get(name, FASTEST) * unit for name, unit in zip(names, units, strict=True)])
     half = np.maximum(half, [2 * abs(guess.get(name, 0.0)) for name in names])
     count, (lower, upper) = SAMPLES[len(names)], (-half, half)
