@@ -2,8 +2,9 @@
 
     M ddq + h = E u + (0, f_t, f_n)'        M (dq_plus - dq_minus) = S' F
 
-Expressions are texts of ordinary arithmetic in named states and parameters. Parameters are exact decimals. A proof adds
-an enclosure to each number of the orbit, as decimals rounded outward.
+Expressions are texts of ordinary arithmetic in named states and parameters; the equations stand in the form above, and
+solved for the rates of the state in each mode. Parameters are exact decimals. A proof adds an enclosure to each number
+of the orbit, as decimals rounded outward.
 """
 
 from collections import Counter
@@ -18,10 +19,11 @@ from gaitopt.arrays import Array
 from gaitopt.building import building
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait, trajectory_header, trajectory_rows
+from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.scalars import state_unit, unit_of
 
-FORMAT = "gaitopt-orbit-1"
+FORMAT = "gaitopt-orbit-2"
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
 VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
 LONGEST = 60
@@ -251,6 +253,59 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
+@building
+def evaluation_record(gait: Gait) -> dict[str, Any]:
+    """The equations of a gait solved for the rates of the state, and what to do with them arc by arc.
+
+    Each of ``modes`` has the rates of the state, and the margins that end an arc; each of ``resets`` the state after an
+    impact. ``arcs`` of one mode follow each other; a law with breakpoints has several of them in a phase.
+    """
+    system, cycle = gait.system, gait.cycle
+    expressions, table, names = system.expressions, system.transitions, parameter_names(system)
+    symbols = dict(zip((*names.values(), "t"), ca.vertsplit(vertcat(expressions.p, expressions.t)), strict=True))
+    symbols |= {f"r{k}": expressions.r[k] for k in range(system.n_r)}
+
+    def block(values: Mapping[str, SX]) -> dict[str, Any]:
+        definitions, texts = formulas(symbols, values)
+        columns = {name: [row[0] for row in rows] for name, rows in texts.items()}
+        return {"definitions": [list(each) for each in definitions], **columns}
+
+    ends: dict[Mode, list[str]] = {}
+    resets: dict[str, Mode] = {}
+    arcs, number = list[dict[str, Any]](), 0
+    for step in gait.steps:
+        for k, arc in enumerate(step.arcs):
+            is_last = k == len(step.arcs) - 1 or step.arc_phases[k + 1] != step.arc_phases[k]
+            guard, reset = table.ending(cycle, number).guard if is_last else None, table.struck(cycle, number)
+            guards = ends.setdefault(arc.mode, [])
+            if guard is not None and guard not in guards:
+                guards.append(guard)
+            if is_last and reset is not None:
+                resets[str(reset)] = reset
+            arcs.append(
+                {
+                    "mode": str(arc.mode), "start": arc.start, "end": arc.end, "r": system.data(arc.segment).tolist(),
+                    "ends_with": guard, "reset": str(reset) if is_last and reset is not None else None,
+                    "ends_step": k == len(step.arcs) - 1,
+                }
+            )  # fmt: skip
+            number += is_last
+    modes = dict[str, Any]()
+    for mode, guards in ends.items():
+        values, order = expressions.margins(mode), table.margin_names(mode)
+        margins = vertcat(SX(0, 1), *(values[order.index(guard)] for guard in guards))
+        solved = block({"rates": expressions.rate(mode), "margins": margins})
+        modes[str(mode)] = {**solved, "margins": dict(zip(guards, solved["margins"], strict=True))}
+    return {
+        "modes": modes,
+        "resets": {
+            name: block({"state": system.reset(mode).call([expressions.eom.z, expressions.p])[0]})
+            for name, mode in resets.items()
+        },
+        "arcs": arcs,
+    }
+
+
 def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, Any]:
     """The motion of a gait with the enclosures of a theorem: events, samples, period and multipliers."""
     system, cycle, proved = gait.system, gait.cycle, theorem or {}
@@ -353,6 +408,7 @@ def orbit_record(
         if theorem is None
         else {**(certificate or {}), "not_proved": theorem["statement"]["not_proved"]},
         "statement": statement_record(gait, exact),
+        "evaluation": evaluation_record(gait),
         "orbit": motion_record(gait, theorem),
         "made_by": {name: version(name) for name in ("gaitopt", "casadi", "numpy")},
     }
