@@ -52,7 +52,7 @@ FLOW_POINTS = 33
 FITTED_POINTS = 101
 """Points at which curves are fitted to the motion of a gait."""
 SHORTEST_PIECE = 1 / 64
-"""Shortest piece in periods; a motion that is not smooth on this scale is no walk."""
+"""Shortest piece in periods; a motion that is not smooth on this scale is not a walk."""
 MAX_SYSTEMS = 16
 """Number of systems that are kept with their compiled functions, some megabytes each."""
 

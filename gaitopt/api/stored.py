@@ -166,7 +166,7 @@ def load_records(path: str | Path) -> list[dict[str, Any]]:
         return [dict(record) for record in (request, *records) if record is not None]
     if not kind:
         refuse_other_results(folder)
-        raise StorageError(f"{folder} holds no result of gaitopt")
+        raise StorageError(f"{folder} contains no gaitopt result")
     return [Run.at(folder).read_object(file.name) for file in sorted(folder.glob(KINDS[kind][0]))]
 
 
@@ -176,7 +176,7 @@ def branch_records(run: str | Path, label: str = "") -> tuple[Problem, str, "lis
     from gaitopt.runs.results import kind_of
 
     if kind_of(Path(run)) != "branch":
-        raise StorageError(f"{label}{run} holds no branch; `gaitopt continue` writes one")
+        raise StorageError(f"{label}{run} contains no branch; `gaitopt continue` writes one")
     return stored_branch(Path(run))
 
 

@@ -84,35 +84,33 @@ def solve(
 ) -> Gait:
     """Solve a problem for its gait; the reference of a PD law is solved first.
 
-    A problem whose continuous parameters were changed by ``replace`` keeps the gait of its file: that gait is followed
-    from the file's values to the new ones. If its family ends on the way, the status is ``infeasible``; the message
-    says where, and the causes say what the motion would violate at the new values. The command line, sweeps and
-    ``explain`` do the same.
-    ``solve(problem.from_guess())`` looks for a gait near the guess instead. So does ``solve`` itself where another
-    guess, mode sequence or structure was given, for designs, and where the file's problem has no gait.
+    If continuous parameters of a problem were changed by ``replace``, the gait of its file is followed from the file's
+    values to the new ones. If its family ends on the way, the status is ``infeasible``; the message says where, and
+    the causes say what the motion would violate at the new values. The command line, sweeps and ``explain`` do the
+    same. ``solve(problem.from_guess())`` starts from the guess instead; so does ``solve`` if the guess, the mode
+    sequence or the structure was changed, for designs, and if the problem of the file has no gait.
 
-    If the mode sequence is open, the result is the stable gait among those that ``find`` lists (the one nearest to the
-    guess if there is a guess), else the least unstable gait; of a design the gait with the best objective.
+    If the mode sequence is open, the result is a stable gait of those that ``find`` lists (the one nearest to the guess
+    if there is a guess), or else the least unstable one; for a design, the gait with the best objective.
 
     Parameters
     ----------
-    problem : a problem, its name or its path. If parameters are free it is a design, and the result is the best gait
-        that meets its constraints. Or an attractor of a basin: its cycle, with the modes that the simulator finds,
-        becomes a gait.
-    start : gait of the same walker, control law and mode sequence from which a design starts instead of the guess. Or
-        one of the solutions that ``multistart`` has found for this problem, which then becomes its gait.
+    problem : a problem, its name or its path. If parameters are free, it is a design, and the result is the best gait
+        that meets its constraints. Or an attractor of a basin, whose cycle is solved for a gait.
+    start : gait of the same walker, control law and mode sequence, from which a design starts instead of the guess; or
+        a solution that ``multistart`` found for this problem, which becomes its gait.
     method : ``newton`` is Newton's method next to the guess, for a design sequential quadratic programming; it also
         follows the gait of a file to changed values. ``ipopt`` solves the NLP (see ``nlp``) from the guess with IPOPT.
-        ``auto`` is IPOPT where Newton's method finds no gait, and for designs. All results are refined to rounding by
-        Newton's method, and ``gait.solver`` says which method found them.
+        ``auto`` uses IPOPT if Newton's method finds no gait, and for designs. All results are refined to rounding by
+        Newton's method; ``gait.solver`` states the method.
     output : run folder; the gait is verified and saved in it. True for ``results/NAME-HASH``.
-    reuse : take the gait from the run folder if it is there already, as the command line does for RUN.
-    progress : whether to show it, or a function of the iteration's number and the largest violation of a constraint.
+    reuse : read the gait from the run folder if it is there, as the command line does for RUN.
+    progress : whether to show it, or a function of the iteration number and the largest constraint violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
     Returns
     -------
-    gait : ``gait.status`` says whether it may be trusted; a failure to converge is not an error.
+    gait : check ``gait.status`` or ``gait.converged``; a failed solve does not raise an error.
 
     Raises
     ------
@@ -121,9 +119,8 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     ProblemError
-        If a gait is to be taken from a run folder, but no folder or an attractor is given; if a method is given for
-        an open mode sequence, whose gaits ``find`` searches by methods of its own; or if ``start`` is a solution of
-        another problem.
+        If ``reuse`` is given without ``output`` or for an attractor; if a method is given for an open mode sequence; or
+        if ``start`` is a solution of another problem.
     StorageError
         If the folder belongs to something else or cannot be written.
     """
@@ -150,19 +147,19 @@ def solve(
 
 
 def nlp(problem: Problem | str | Path) -> NonlinearProgram:
-    """The nonlinear program that ``solve`` solves by IPOPT, for any solver of CasADi and for own constraints.
+    """The nonlinear program of a gait, for any solver of CasADi, with your own objective or constraints.
 
     Multiple shooting: unknowns are the states at the nodes of a mesh, the durations of the phases, and the freed
     parameters. Constraints are the continuity of the motion, by one Runge-Kutta step of order 8 on every interval; the
-    events that end the phases; the impacts and the periodicity; and of the friction complementarity in every mode the
-    factor that is not zero. A problem without freed parameters has as many equations as unknowns, and the objective 0.
-    That of a design is the smoothed problem with which its search begins (see the page on designs): nodes have a trust
-    region, and nothing is guaranteed to be an optimum of the exact problem.
+    events that end the phases; impacts and periodicity; and the margins of every mode, such as the friction cone. A
+    problem without free parameters has as many equations as unknowns, and the objective 0. The program of a design is
+    the smoothed problem of its first stage (see the page on designs), with a trust region of the nodes; its optimum is
+    not exactly that of the design.
 
     Parameters
     ----------
-    problem : a problem, its name or its path. The start is the motion from its guess; of a design the gait with the
-        guessed parameters, if there is one.
+    problem : a problem, its name or its path. The start ``x0`` is the motion from its guess; for a design, the gait
+        with the guessed parameters if there is one.
 
     Returns
     -------
@@ -195,13 +192,12 @@ def simulate(
     Parameters
     ----------
     start : a gait, or a problem, its name or path (then from the state of its guess).
-    state : values by name that replace those of ``start``'s state; the other coordinates follow from the section.
+    state : values by name that replace those of the start state; the other coordinates follow from the section.
     steps : number of steps.
-    dense : False keeps only the ends of every arc, for long walks.
+    dense : False stores only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
-    compare : compare the walk of a problem with the stored gait of that problem, where there is one; a walk that is
-        saved always is.
-    output : run folder in which the walk is saved; True for the folder of the problem.
+    compare : compare the walk of a problem with its stored gait, if there is one; always done if ``output`` is given.
+    output : run folder of the walk; True for the folder of the problem.
     should_stop : polled at every step.
 
     Raises
@@ -244,7 +240,7 @@ def neighbourhood(gait: Gait, *, progress: CountProgress = True) -> "Neighbourho
     Raises
     ------
     SolveError
-        If the gait is no design.
+        If the gait is not a design.
     """
     from gaitopt.design.neighbourhood import neighbourhood as search_neighbourhood
 
@@ -265,21 +261,19 @@ def find(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> Gaits:
-    """Find all gaits at a problem's parameters that two searches lead to, of any mode sequence.
+    """Find all gaits at the parameters of a problem, with any mode sequence; the search may miss gaits.
 
     Parameters
     ----------
-    problem : its phases are ignored if it has some; a guess is one of the starts. If parameters are free, the best
-        gait of every mode sequence is listed.
+    problem : its phases are ignored; its guess is one of the starts. If parameters are free, the best gait of every
+        mode sequence is listed.
     steps : maximum number of steps of a cycle; None for that of the problem.
     starts : number of start states of the search by simulation.
-    seed : of the samples.
-    within : range of the start states by name of a section coordinate, which then stays as it is; the other ranges
-        are the walker's first, and then surround the gaits that are known.
+    seed : random seed.
+    within : fixed ranges of the start states by section coordinate; other ranges adapt to the gaits that are found.
     workers : number of processes; None for one per core.
-    scheduler : address of an existing Dask scheduler that runs the search instead, ``tcp://host:8786``.
-    output : run folder in which the finished parts of the search are kept; True for that of the problem with an open
-        mode sequence.
+    scheduler : address of an existing Dask scheduler to use instead, ``tls://host:8786``.
+    output : run folder for finished parts of the search; True for that of the problem with an open mode sequence.
     progress : whether to show it, or a function of the number of finished parts of the search and their total.
     should_stop : polled; True ends the search with a KeyboardInterrupt.
 
@@ -290,14 +284,14 @@ def find(
     Raises
     ------
     UnknownNameError
-        If ``within`` names something that is no section coordinate.
+        If ``within`` names something that is not a section coordinate.
     StorageError
         If the folder belongs to something else or cannot be written.
 
     Warns
     -----
     GaitoptWarning
-        If gaits lie near the wall of the last box of start states, or outside of it.
+        If gaits are near the wall of the last box of start states, or outside it.
     """
     unknown = with_open_modes(_loaded(problem))
     unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
@@ -329,7 +323,7 @@ def explain(
 
     Parameters
     ----------
-    starts, seed, workers : of the search for gaits of other mode sequences, see ``find``.
+    starts, seed, workers : as for ``find``, for the search for gaits with other mode sequences.
     progress : whether to show it, or a function that is called with a description of each stage.
     should_stop : polled at every iteration.
 
@@ -373,19 +367,18 @@ def continuation(
         continued: at a ``period_doubling`` the cycles of twice as many steps, at a ``branch_point`` both halves of the
         curve that crosses the known one, at a change of modes the mode sequences that were not followed.
     parameter : dotted key of any scalar of walker, friction or control.
-    to : value of the parameter at which to stop; two values to go both ways.
+    to : target value of the parameter; two values to continue in both directions.
     lower, upper : further bounds of the parameter, for families with folds.
     events : functions of a gait, continuous along the family: ``{"fast": lambda gait: gait.scalar("speed") - 0.5}``.
         Their zeros are located as precisely as bifurcations, and are special points of that type.
-    max_points, max_seconds : limits of points and time per target; a branch that ends at a limit is ``open``.
-    verify_every : the simulator verifies every N-th point; 0 for none.
-    doublings, branch_points, mode_changes : number of levels to which the other branches that begin at such special
-        points are followed as well.
-    output : run folder in which every point is kept as soon as it is found; the branch is then read from it, with the
-        points of earlier calls. True for a folder in ``results`` that is named after gait, parameter and targets.
+    max_points, max_seconds : limits per target; a branch that ends at a limit is ``open``.
+    verify_every : verify every N-th point by simulation; 0 for none.
+    doublings, branch_points, mode_changes : also follow the branches that begin at such special points, up to this
+        number of levels.
+    output : run folder in which every point is stored as soon as it is found; points of earlier calls are read from
+        it. True for a folder in ``results`` that is named after gait, parameter and targets.
     progress : whether to show it, or a function of the number of points and the parameter.
-    should_stop : polled before every point; True ends the branch there, or with ``output`` the call with a
-        KeyboardInterrupt.
+    should_stop : polled before every point; True ends the branch there, or raises KeyboardInterrupt with ``output``.
 
     Returns
     -------
@@ -396,7 +389,7 @@ def continuation(
     UnknownNameError
         If there is no such parameter; the message lists the near misses.
     ProblemError
-        If a target lies beyond a bound, no other branch can begin at such a special point, or events are to be kept.
+        If a target is beyond a bound, no other branch can begin at such a special point, or events are to be stored.
     SolveError
         If ``start`` is a failed solve, or no other branch is found at it.
     StorageError
@@ -449,18 +442,18 @@ def continuation_records(
     output: str | Path | None = None,
     should_stop: Stop = None,
 ) -> Iterator[dict[str, Any]]:
-    """Continue a gait as ``continuation``, and yield every point as a JSON object as soon as it is on the disk.
+    """Continue a gait as ``continuation`` does, and yield each point as a JSON object once it is stored on disk.
 
-    No gait is held in memory, nor restored from an earlier call.
+    Gaits are not held in memory.
 
     Parameters
     ----------
-    output : run folder that keeps the points, by default that of ``continuation`` with ``output=True``.
+    output : run folder of the points, by default that of ``continuation`` with ``output=True``.
 
     Returns
     -------
-    records : first the request (``record: "continuation"``), with the run folder as ``folder`` and the number of
-        ``stored`` records of earlier calls; then these records and the new ones, with the keys of the command line.
+    records : first the request (``record: "continuation"``), with the run folder ``folder`` and the number ``stored``
+        of records of earlier calls; then all records, with the keys of the command line.
 
     Raises
     ------
@@ -492,7 +485,7 @@ def _kept_records(
     from gaitopt.runs.branch import BranchPlan
 
     if request.events:
-        raise ProblemError("events are functions, which no folder can keep; leave out events or output")
+        raise ProblemError("events are functions and cannot be stored; leave out events or output")
     request.first_gait(start)  # raises what is wrong before a folder is written
     gait = start if isinstance(start, Gait) else start.gait
     assert gait is not None
@@ -526,20 +519,19 @@ def prove(
 
     Parameters
     ----------
-    start : a converged gait, on which the proof does not rely; or a special point with a gait.
-    intervals : intervals of parameters by dotted key, such as ``0.18..0.25``, for all of whose values to prove this. If
-        the orbit moves with the parameter, boxes that follow the orbit cover the interval.
-    parameter : dotted key of the branch of a special point.
-    width : of the bracket around a special point; None for the narrowest that can be proved.
-    output : file of the certificate; True for ``proof.json`` in the run folder of the gait.
+    start : a converged gait, from which the proof starts but on which it does not rely; or a special point with a gait.
+    intervals : intervals of parameters by dotted key, such as ``0.18..0.25``; the theorem holds for all values in them.
+    parameter : the parameter of the branch, for a special point.
+    width : width of the bracket around a special point; None for the narrowest provable one.
+    output : file for the certificate; True for ``proof.json`` in the run folder of the gait.
     progress : whether to show it, or a function that is called with a description of each stage.
 
     Raises
     ------
     UnknownNameError
-        If a key is no parameter of the gait, or no special point of this type can be proved.
+        If a key is not a parameter of the gait, or no special point of this type can be proved.
     ValueError
-        If an interval is not of that form, or ``parameter`` is missing.
+        If an interval is malformed, or ``parameter`` is missing.
     SolveError
         If ``start`` is a failed solve, or there is no gait at the special point.
     StorageError
@@ -584,12 +576,12 @@ def check_proof(
 
     Parameters
     ----------
-    walkers, controls : classes that the certificate may name besides those that are registered.
+    walkers, controls : classes of the walker and control law of the certificate, if they are not registered.
 
     Raises
     ------
     StorageError
-        If the file cannot be read, or is no certificate.
+        If the file cannot be read, or is not a certificate.
     """
     from gaitopt.proof.certificate import LARGEST_FILE, parse_certificate
     from gaitopt.proof.check import check
@@ -598,7 +590,7 @@ def check_proof(
     file = Path(path)
     try:
         if file.exists() and not file.is_file():
-            raise StorageError(f"{file} is no certificate of a proof: it is no regular file")
+            raise StorageError(f"{file} is not a proof certificate: it is not a regular file")
         with file.open("rb") as stream:
             content = stream.read(LARGEST_FILE + 1)
     except FileNotFoundError as error:
@@ -608,7 +600,7 @@ def check_proof(
     try:
         return check(parse_certificate(content), walkers=walkers, controls=controls)
     except StorageError as error:
-        raise StorageError(f"{file} is no certificate of a proof: {error}") from error
+        raise StorageError(f"{file} is not a proof certificate: {error}") from error
 
 
 def replay(
@@ -621,20 +613,20 @@ def replay(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "list[Replay]":
-    """Replay a gait in another physics engine, and measure what it does.
+    """Replay a gait in another physics engine, and measure its errors.
 
-    The engine starts from the gait's state just after an impact and walks one cycle at several time steps. It runs in a
-    process of its own, so that a crash is a result.
+    The engine starts from the state of the gait just after an impact and walks one cycle at several time steps. It runs
+    in a separate process, so a crash of the engine is a result.
 
     Parameters
     ----------
     start : a gait, or a problem that is solved for its gait.
-    engine : ``mujoco``, ``drake`` or ``pybullet``, from the extra ``engines``; or an adapter of one's own, a class in a
-        module that another process can import.
-    settings : name of a setting of the adapter, ``default`` or ``best``; or own settings by name, with the same keys.
-        All of the adapter by default.
-    time_steps : of the engine [s]; by default 4 ms and its halves down to 0.25 ms.
-    output : run folder in which the results are kept as ``replay-ENGINE.json``, for ``report``.
+    engine : ``mujoco``, ``drake`` or ``pybullet``, from the extra ``engines``; or your own adapter, a class in a module
+        that another process can import.
+    settings : name of a setting of the adapter, ``default`` or ``best``; or your own settings by name, with the same
+        keys. Default: all settings of the adapter.
+    time_steps : time steps of the engine [s]. Default: 4, 2, 1, 0.5 and 0.25 ms.
+    output : run folder for the results, ``replay-ENGINE.json``; ``report`` reads them.
     progress : whether to show it, or a function of the number of finished runs and their total.
     should_stop : polled; True ends the call with a KeyboardInterrupt.
 
@@ -700,13 +692,13 @@ def sweep(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Sweep":
-    """Solve and verify a problem over a grid of its parameters; the result at a point is that of ``solve``.
+    """Solve and verify a problem on a grid of parameter values, each point as ``solve`` does.
 
-    Where the section has one coordinate, or two with heyoka, a scan of the return map first rules out points without
-    a gait, and leads to gaits that ``solve`` misses; ``gaits`` counts those of a point. Points without a gait then
-    start from the gaits of their neighbours. ``start`` says what led to the gait: ``cold``, ``scan`` or ``neighbour``.
+    If the section has one coordinate (or two, with heyoka), a scan of the return map first rules out points without a
+    gait, and finds gaits that ``solve`` misses; ``gaits`` counts the gaits of a point. Points without a gait are tried
+    again from the gaits of their neighbours. ``start`` states what led to the gait: ``cold``, ``scan``, ``neighbour``.
 
-    Finished points are kept in the run folder and never solved again; an interrupted call resumes where it stopped.
+    Finished points are stored in the run folder; repeat an interrupted call to resume.
 
     Parameters
     ----------
@@ -715,18 +707,17 @@ def sweep(
         result may then depend on the grid.
     from_guess : solve each point from the problem's guess instead, as ``solve(problem.from_guess())``.
     workers : number of processes; by default one per core.
-    scheduler : address of an existing Dask scheduler that solves the points instead, ``tcp://host:8786``.
-    output : run folder, by default ``results/NAME-HASH``; the sweep has a folder of its own in it (``folder`` of the
-        result).
+    scheduler : address of an existing Dask scheduler to use instead of local processes, ``tls://host:8786``.
+    output : run folder, by default ``results/NAME-HASH``; the sweep is stored in a folder within it, ``folder``.
     progress : whether to show it, or a function of the number of points done and their total.
     should_stop : polled; True ends the call with a KeyboardInterrupt.
 
     Raises
     ------
     UnknownNameError
-        If the grid is over something that is not a parameter.
+        If a key of the grid is not a parameter.
     ProblemError
-        If a range is empty, or a point of the grid is no valid problem.
+        If a range is empty, or a point of the grid is not a valid problem.
     StorageError
         If the folder cannot be written, or the grid does not fit.
     """
@@ -754,18 +745,18 @@ def attractors(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Attractors":
-    """What walks settle on at many values of a parameter, with the largest Lyapunov exponent per step.
+    """Find what walks settle on at each value of a parameter: cycles, or motions that do not repeat.
 
-    Cycles, and motions that do not repeat themselves: chaos has a positive exponent. The attractors of one value are
-    starts of the next one; others start around the guess and at random.
+    Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Walks start from the
+    attractors of the previous value, around the guess, and at random.
 
     Parameters
     ----------
     over : one key with its range, for instance ``{"walker.slope": ("4.2 deg", "5.2 deg", 200)}``.
     starts : number of walks at each value.
-    transient : cycles that are walked first, up to four times as many by walks that do not repeat themselves yet.
-    keep : cycles that are kept then; a motion that repeats itself after no more than half of them is a cycle.
-    seed : of the random starts.
+    transient : number of cycles to discard first; up to four times as many for walks that have not settled.
+    keep : number of cycles to record after them; a motion that repeats within half of them is a cycle.
+    seed : random seed.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     workers, scheduler, output, progress, should_stop : as for ``sweep``.
 
@@ -802,13 +793,13 @@ def basin(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Basin":
-    """Walk from every state of a grid until it settles on a gait or fails.
+    """Simulate a walk from every state of a grid until it settles on a gait or fails.
 
     Parameters
     ----------
-    start : gait, or problem with a guess, whose state gives the coordinates that the grid does not vary.
+    start : gait, or problem with a guess; its state gives the coordinates that the grid does not vary.
     over : lower end, upper end and number of values by coordinate: ``{"theta1": ("-12 deg", "-6 deg", 50)}``.
-    steps : number of steps after which a state is undecided.
+    steps : maximum number of steps; states that have not settled by then are undecided.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     workers, scheduler, output, progress, should_stop : as for ``sweep``.
 
@@ -835,7 +826,7 @@ def front(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Front":
-    """Design along one number of a problem, in both directions, and mark the Pareto front.
+    """Solve a chain of designs over one key of a problem, in both directions, and mark the Pareto front.
 
     Parameters
     ----------
@@ -872,14 +863,14 @@ def multistart(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "list[Optimum]":
-    """Distinct solutions from the problem's own guess and ``starts - 1`` sampled ones, the best verified one first.
+    """Solve from the guess of a problem and ``starts - 1`` sampled ones; list distinct solutions, the best first.
 
     Parameters
     ----------
-    problem : a design, or a problem without unknowns (then its distinct gaits are found).
-    seed : of the samples.
-    spread : size of the samples: coordinates and freed numbers vary by this fraction of themselves, control points of
-        a curve by this fraction of the curve's range, all within their bounds.
+    problem : a design; or a problem without unknowns, for its distinct gaits.
+    seed : random seed.
+    spread : relative size of the samples: coordinates and free parameters vary by this fraction of their values,
+        control points by this fraction of the range of the curve, all within their bounds.
     workers, scheduler, output, progress, should_stop : as for ``sweep``.
 
     Raises

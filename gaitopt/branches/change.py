@@ -303,7 +303,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         jump = jump if dynamics.friction_drops else "a slipping impact has no friction"
         reason = f"{reason}, and the return map jumps: {jump}"
     tried = " or ".join(map(str, candidates)) or "none"
-    return None, f"{reason}; no mode sequence goes on from here (tried {tried})", 0.0
+    return None, f"{reason}; no other mode sequence continues the family (tried {tried})", 0.0
 
 
 def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint | None:

@@ -60,8 +60,8 @@ NEARLY_GONE = 1e-4
 """Part of the period that a slip lasts from which the branch without it is reached."""
 FADING = 1e-2
 """A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
-VANISHING = "the gait vanishes: its strides shrink to nothing, both feet come down in the same place"
-HALVED = "the two halves of the cycle become equal: here begins a gait of half as many steps, whose period doubles"
+VANISHING = "the gait vanishes: its step length goes to zero"
+HALVED = "the two halves of the cycle become equal: this is a period doubling of a gait with half as many steps"
 
 
 def follow_family(
@@ -262,7 +262,7 @@ class Continuation:
         if step is None:
             rescued = _rescued(here)
             if rescued is None:
-                yield self._special("end", here, "guess", "neither Newton's method nor IPOPT finds a gait further on")
+                yield self._special("end", here, "guess", "neither Newton's method nor IPOPT finds the next gait")
                 return
             self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
             yield from self._point_records()

@@ -80,7 +80,7 @@ class Request:
         names = gait.system.parameters
         if self.parameter not in names:
             near = nearest_keys(self.parameter, names)
-            raise UnknownNameError(f"{self.parameter} is no parameter of {gait.problem.name}{near}")
+            raise UnknownNameError(f"{self.parameter} is not a parameter of {gait.problem.name}{near}")
         if isinstance(gait.problem.parameters.get(self.parameter), int):
             words = "is a whole number, along which there is no family; solve for one value at a time"
             raise UnknownNameError(f"{self.parameter}: {words}").concerning("parameter")

@@ -94,7 +94,7 @@ class _Design:
             if at.in_order and not smoothed.hits_trust_region(result.w):
                 return self._optimum(at, iterations)
             start = rolled_again(at).on_mesh(self._free)
-        return self._failed(Status.NOT_CONVERGED, "the search does not come to rest", solver)
+        return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver)
 
     def start(self, first: Gait) -> Solution:
         """The motion with which a search begins."""
@@ -145,7 +145,7 @@ class _Design:
             start = exact.evaluate(refined)
             if start is None:
                 lost = rejection_reason(refined)
-                message = describe_causes(lost) or "the gait is lost on a finer mesh"
+                message = describe_causes(lost) or "the gait is not found on a finer mesh"
                 return self._failed(Status.NOT_CONVERGED, message, {}, lost)
             freed, levels = np.split(start.u, [len(self._free)])
             sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])

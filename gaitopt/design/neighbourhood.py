@@ -67,7 +67,7 @@ class Neighbourhood:
         seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
         if self.gain > BETTER:
             return f"{seen}; NOT an optimum, one of them is better by {self.gain:.2g} of the objective"
-        return f"{seen}, and none of them is better" if self.feasible else f"{seen}: nothing can be said"
+        return f"{seen}, and none of them is better" if self.feasible else f"{seen}; no conclusion"
 
     @property
     def optimal(self) -> bool:
@@ -94,11 +94,11 @@ def neighbourhood(
     Raises
     ------
     SolveError
-        If the gait is no design.
+        If the gait is not a design.
     """
     problem = gait.problem.origin or gait.problem
     if not gait.steps or not gait.freed or not problem.objective:
-        raise SolveError(f"{gait.problem.name} is no optimum: it needs freed parameters and an objective")
+        raise SolveError(f"{gait.problem.name} is not an optimum: it needs freed parameters and an objective")
     search, rng = _Search(gait), np.random.default_rng(seed)
     feasible, best, freed = 0, -np.inf, search.freed
     for number in range(directions):
@@ -135,7 +135,7 @@ class _Search:
         for step in np.diag(DIFFERENCE * self.sizes):
             ahead, behind = self._values(self.freed + step), self._values(self.freed - step)
             if ahead is None or behind is None:
-                raise SolveError(f"{gait.problem.name}: the gait is lost at once when its parameters change")
+                raise SolveError(f"{gait.problem.name}: no gait is found for slightly changed parameters")
             slopes.append((ahead[0] - behind[0]) / (2 * step.sum()))
             by_freed.append((ahead[2] - behind[2]) / (2 * step.sum()))
         self._slopes, self._by_freed = np.array(slopes).T, np.array(by_freed).T

@@ -199,7 +199,7 @@ class Sensitivity:
     Raises
     ------
     RuntimeError
-        If F_w is singular, so that the gait is no function of the freed parameters.
+        If F_w is singular, so that the gait is not a function of the freed parameters.
     """
 
     def __init__(self, solution: Solution) -> None:
@@ -219,7 +219,7 @@ class Sensitivity:
         self._smooth: dict[str, Differentiated] = {}
 
     def smooth(self, name: str) -> Differentiated:
-        """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        """A scalar that is not an extremum: a name of the result, ``state.NAME``, or a dotted key."""
         t = self.equations
         if name in t.system.parameters:
             return Differentiated(self.dynamics.parameter(name), np.array([float(name == other) for other in t.free]))

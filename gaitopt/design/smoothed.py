@@ -91,7 +91,7 @@ class SmoothedScalars:
         self._t, self._width = equations, width
 
     def value(self, name: str) -> MX:
-        """A scalar that is no extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        """A scalar that is not an extremum: a name of the result, ``state.NAME``, or a dotted key."""
         if name in self._t.system.parameters:
             return self._t.p[self._t.system.parameters.index(name)]
         if name.startswith("state."):

@@ -109,12 +109,12 @@ class SearchResult:
 
     @property
     def shortcoming(self) -> str | None:
-        """Why it is no optimum; None if it is one."""
+        """Why it is not an optimum; None if it is one."""
         if not self.evaluation.violation < MET:
             worst = max(self.evaluation.constraints, key=lambda constraint: constraint.violation)
-            return f"{worst.name} is only met to {worst.violation:.2g}"
+            return f"{worst.name} is only satisfied to {worst.violation:.2g}"
         if not self.kkt < OPTIMALITY:
-            return f"stalled: the optimality conditions are only met to {self.kkt:.2g}"
+            return f"stalled: the optimality conditions are only satisfied to {self.kkt:.2g}"
         return None
 
 

@@ -80,8 +80,8 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
     Raises
     ------
     ProblemError
-        If masses jump, springs gain or lose energy, ``relabel`` cannot be inverted, ``after_impact`` is no posture in
-        which a step begins, a coordinate has no inertia, an expression is not a number, or the class is not well formed
+        If masses jump, springs gain or lose energy, ``relabel`` cannot be inverted, ``after_impact`` is not a posture
+        in which a step begins, a coordinate has no inertia, an expression is not a number, or the class is ill formed
         (see ``declaration``). The message names the walker and the reason.
 
     Warns
@@ -220,7 +220,7 @@ def _fault(walker: type[Walker], parameters: tuple[float, ...]) -> str | None:
     length = float(np.linalg.norm(straight.bodies[:, 2:4], axis=1).max(initial=0.0))
     mass = float(straight.bodies[:, 0].sum())
     if not (length > 0 and straight.gravity > 0 and mass > 0):
-        return _undefined(walker, np.zeros(n), p) or "it has no length, no mass or no gravity to stand against"
+        return _undefined(walker, np.zeros(n), p) or "its length, mass or gravity is zero"
     scales = Scales(length=length, time=float(np.sqrt(length / straight.gravity)), mass=mass)
     random = np.random.default_rng(0)
     spread = min(SPREAD, walker.largest_angle)
@@ -254,7 +254,7 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     at = Function("contacts", [eom.q, eom.p], [densify(eom.M), densify(points), densify(sum1(springs))])
     length, gravity, mass = (float(np.asarray(value).item()) for value in size(p))
     if not (length > 0 and gravity > 0 and mass > 0):
-        return "it has no length, no mass or no gravity to stand against"
+        return "its length, mass or gravity is zero"
     scales = Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
     random, massless = np.random.default_rng(0), {k for contact in contacts.values() for k in contact.places}
     kept = [k for k, name in enumerate(names) if name not in massless]
@@ -263,7 +263,7 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
         dq = random.standard_normal(n + 2) / scales.time
         M, before, energy = (np.asarray(value) for value in at(q, p))
         if not all(np.isfinite(value).all() for value in (M, before, energy)):
-            return f"its equations are no numbers at {_posture_words(walker, q[:n])}"
+            return f"its equations are not finite at {_posture_words(walker, q[:n])}"
         reason = _without_inertia(walker, M[np.ix_(kept, kept)])
         if reason is not None or not walker.landing_contacts:
             return reason
@@ -280,7 +280,7 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
             if np.abs(after[[*contacts].index(other)] - before[k]).max() > AGREEMENT * length:
                 return f"the contact {name} is not where {other} is after the feet have swapped places"
         if abs(energy_after - energy).item() > AGREEMENT * max(scales.energy, abs(energy).item()):
-            return "its potential energy jumps when the feet swap roles: springs must act alike on both legs"
+            return "its potential energy jumps when the feet swap roles: springs must be the same on both legs"
     return None
 
 
@@ -353,7 +353,7 @@ def _touchdown_fault(
     energies = before.spring_energy, after.spring_energy
     if abs(energies[1] - energies[0]) > AGREEMENT * max(scales.energy, abs(energies[0])):
         change = f"from {energies[0]:.6g} J to {energies[1]:.6g} J when the feet swap roles"
-        return f"its potential energy jumps {change}: springs must act alike on both legs"
+        return f"its potential energy jumps {change}: springs must be the same on both legs"
     if before.dissipation < 0:
         power = f"{-before.dissipation:.3g} W at a touchdown"
         return f"its dampers give energy, {power}: their coefficients must not be negative"

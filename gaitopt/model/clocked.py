@@ -104,7 +104,7 @@ class Oscillating(Control):
 
 
 def _unknown(walker: WalkerType, **stated: Mapping[str, float]) -> Iterator[tuple[Path, str]]:
-    """Faults: names that are no actuators."""
+    """Faults: names that are not actuators."""
     known = ", ".join(walker.actuators) or "none"
     for key, values in stated.items():
         for name in values:

@@ -120,7 +120,7 @@ class ContactTransitions(Transitions):
         model, known, massless = self.walker.model, {*self.modes}, self.walker.massless_contacts
         for mode in (*cycle.phases, *(impact for _, impact in cycle.resets)):
             if mode not in known:
-                words = f"{', '.join(massless)} cannot slip" if massless else "it is no state of its contacts"
+                words = f"{', '.join(massless)} cannot slip" if massless else "it is not a state of its contacts"
                 raise ValueError(f"the {model} has no mode {mode.brief}: {words}")
         for phase, mode in enumerate(cycle.phases):
             after, struck = cycle.after(phase), self.struck(cycle, phase)

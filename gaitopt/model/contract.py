@@ -34,7 +34,7 @@ def check_law(law: object) -> None:
         If an attribute is missing or has the wrong type.
     """
     if not (isinstance(law, type) and issubclass(law, Control)):
-        raise ProblemError(f"{shown(law)} is no subclass of gaitopt.Control")
+        raise ProblemError(f"{shown(law)} is not a subclass of gaitopt.Control")
     if law in _PASSED:
         return
     with calling(law, "reading its attributes"):
@@ -82,7 +82,7 @@ def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
         yield "is excluded from records of the law"
     for part in field.metadata:
         if isinstance(part, Within) and part.unit not in UNITS:
-            yield f"has a range in {shown(part.unit)}, which is no natural unit: {', '.join(UNITS)}"
+            yield f"has a range in {shown(part.unit)}, which is not a natural unit: {', '.join(UNITS)}"
 
 
 def check_clock(law: Control) -> None:
@@ -91,7 +91,7 @@ def check_clock(law: Control) -> None:
     Raises
     ------
     ProblemError
-        If breakpoints are no increasing times, segment data differ in length or hold something else than numbers, or
+        If breakpoints are not increasing times, segment data differ in length or hold something else than numbers, or
         one of these depends on a parameter.
     """
     kind, name = type(law), type(law).__name__

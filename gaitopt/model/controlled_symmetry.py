@@ -23,7 +23,7 @@ class ControlledSymmetry(Control):
 
     type = "controlled_symmetry"
 
-    virtual_slope: Annotated[Slope, Field(description="slope on which the walker would move so by itself [rad]")]
+    virtual_slope: Annotated[Slope, Field(description="slope that the motors imitate [rad]")]
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """As for every law; and each coordinate of the shape needs a motor."""

@@ -88,7 +88,7 @@ def check_class(walker: object) -> None:
         If an attribute is missing, has the wrong type, names something twice, or contradicts another attribute.
     """
     if not (isinstance(walker, type) and issubclass(walker, Walker)):
-        raise ProblemError(f"{shown(walker)} is no subclass of gaitopt.Walker")
+        raise ProblemError(f"{shown(walker)} is not a subclass of gaitopt.Walker")
     if walker in _PASSED:
         return
     with calling(walker, "reading its attributes"):
@@ -292,7 +292,7 @@ def _link_faults(links: Iterable[Link]) -> Iterator[str]:
 
 
 def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
-    """Messages about names of links that contradict each other, and links that are no tree."""
+    """Messages about names of links that contradict each other, and links that are not a tree."""
     names, joints = tuple(link.name for link in links), tuple(link.joint for link in links if link.joint)
     if _doubles(names) or _doubles(joints):
         yield f"links names {_doubles(names) or _doubles(joints)} twice"
@@ -303,7 +303,7 @@ def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
         yield f"links has the roots {', '.join(roots) or 'none'}, but must be one tree: one link has no parent"
     for link in links:
         if link.parent is not None and link.parent not in names:
-            yield f"the link {link.name} has the parent {shown(link.parent)}, which is no link"
+            yield f"the link {link.name} has the parent {shown(link.parent)}, which is not a link"
         if link.parent is None and link.joint:
             yield f"the link {link.name} has no parent, but the joint {link.joint}"
     parents = {link.name: link.parent for link in links}
@@ -454,7 +454,7 @@ def _checked_contact(walker: type[Walker], read: Reader, name: str, contact: Con
     what = f"Mechanism.contacts[{name!r}]"
     for key in contact.places:
         if key not in walker.shape:
-            words = f"{what}.places names {shown(key)}, which is no shape coordinate"
+            words = f"{what}.places names {shown(key)}, which is not a shape coordinate"
             raise ProblemError(f"{walker.__name__}: {words}")
     return Contact(
         position=read.vector(f"{what}.position", contact.position, 2, "all"),
@@ -521,7 +521,7 @@ def _class_faults(walker: type[Walker]) -> Iterator[str]:
     exchanged = _exchanged(walker.exchanged)
     unknown = {*exchanged} - {*walker.model_fields}
     if unknown:
-        yield f"exchanged names {', '.join(sorted(unknown))}, which is no parameter"
+        yield f"exchanged names {', '.join(sorted(unknown))}, which is not a parameter"
     if _doubles(exchanged):
         yield f"exchanged names {_doubles(exchanged)} twice: each parameter changes places with one other"
 
@@ -576,9 +576,10 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
         named = _section_of(walker) if part == "section" else getattr(walker, part)
         foreign = {*(named or ())} - {*walker.shape, *(walker.actuators if part == "tracked" else ())}
         if foreign:
-            yield f"{', '.join(sorted(foreign))} is no shape coordinate, but {part} names it"
+            yield f"{', '.join(sorted(foreign))} is not a shape coordinate, but {part} names it"
     if {*walker.open_in_impact} - {*walker.stops}:
-        yield f"open_in_impact names {', '.join(sorted({*walker.open_in_impact} - {*walker.stops}))}, which is no stop"
+        unknown = ", ".join(sorted({*walker.open_in_impact} - {*walker.stops}))
+        yield f"open_in_impact names {unknown}, which is not a stop"
     if walker.tracked and len(walker.tracked) != len(walker.actuators):
         yield f"tracked has {len(walker.tracked)} entries, but actuators has {len(walker.actuators)}"
     if "clock" in walker.phases:
@@ -608,7 +609,7 @@ def _field_fault(name: str, field: FieldInfo) -> str | None:
     if field.exclude:
         return "is excluded from records of the walker"
     if not (field.description is None or isinstance(field.description, str)):
-        return f"has the description {shown(field.description)}, which is no text"
+        return f"has the description {shown(field.description)}, which is not a text"
     return None
 
 

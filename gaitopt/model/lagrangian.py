@@ -30,7 +30,7 @@ class EquationsOfMotion:
     walker : the walker's class.
     p : SX, shape (n_p,) - the walker's parameters, in the order of its fields.
     z : SX, shape (n_z,) - integrated state: coordinates, then rates, in the order of ``Walker.coordinates``.
-    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are no states.
+    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are not states.
     M : SX, shape (n_q, n_q) - mass matrix.
     B, G : SX, shape (n_q,) - velocity terms with dampers, and gravity with the springs that act in all modes.
     switches, sections : SX by name - margins of the switches, and of the sections that may end a cycle.

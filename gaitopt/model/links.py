@@ -195,14 +195,14 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
     Raises
     ------
     ProblemError
-        If there is no gravity, an actuator is no joint, or the angles of the links do not determine the shape.
+        If there is no gravity, an actuator is not a joint, or the angles of the links do not determine the shape.
     """
     name = walker.__name__
     if not hasattr(p, "gravity"):
         raise ProblemError(f"{name}: has links but no parameter gravity; define it, or define mechanism")
     lost = [actuator for actuator in walker.actuators if actuator not in tree.joints]
     if lost and walker.mechanism.__func__ is Walker.mechanism.__func__:  # type: ignore[attr-defined]
-        words = f"{', '.join(lost)}, which is no joint of its links ({', '.join(tree.joints) or 'none'})"
+        words = f"{', '.join(lost)}, which is not a joint of its links ({', '.join(tree.joints) or 'none'})"
         raise ProblemError(f"{name}: actuators names {words}; define mechanism if it is another motor")
     shape = vertcat(*(getattr(q, coordinate) for coordinate in walker.shape))
     length = sum(norm_2(end - start) for link, start, end in tree.way) / 2

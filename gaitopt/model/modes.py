@@ -93,7 +93,7 @@ class Mode(str):
             strange = any(word not in words for word in contacts.values())
             if strange or any(state not in STATES for state in states.values()) or len(contacts) < len(named):
                 what = f"a contact can {', '.join(words)}" if named else f"a foot can {', '.join(words)}"
-                raise ValueError(f"{text!r} is no mode: {what}")
+                raise ValueError(f"{text!r} is not a mode: {what}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(", ".join(parts[: len(parts) - len(stops)])) if stops else mode
             mode.contacts = contacts

@@ -522,8 +522,8 @@ CLOCK = "clock"
 Continuation = Annotated[
     Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
     Field(
-        description="over the clock, after the reference's end: its last rate is kept (linear), its last angle is held "
-        "(hold), or there is no torque (off)"
+        description="over the clock, after the end of the reference: its last rate continues (linear), its last angle "
+        "is held (hold), or there is no torque (off)"
     ),
 ]
 
@@ -535,7 +535,7 @@ class GivenCurves(BaseModel, Target):
 
     phase: Annotated[
         Name,
-        Field(description="what the curves run over: clock, a shape coordinate, or a phase variable of the walker"),
+        Field(description="argument of the curves: clock, a shape coordinate, or a phase variable of the walker"),
     ] = CLOCK
     beyond_end: Continuation = None
 
@@ -603,14 +603,14 @@ class GivenCurves(BaseModel, Target):
             words = f"it has {', '.join(angles)}; clock is the time since the impact"
             yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; {words}"
         elif self.phase_variable and self.beyond_end is not None:
-            words = "curves over a phase variable go on as polynomials, without a kink at a state: leave it out"
+            words = "curves over a phase variable continue as polynomials: leave it out"
             yield ("beyond_end",), f"is for curves over the clock; {words}"
 
 
 def untracked(walker: "WalkerType") -> str:
     """Why a joint cannot follow a reference."""
     words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
-    return f"is no tracked joint of {walker.model}; {words}"
+    return f"is not a tracked joint of {walker.model}; {words}"
 
 
 class BezierMotion(BezierReference, GivenCurves):
@@ -731,7 +731,7 @@ def _columns(table: Table) -> dict[str, Array]:
             except ValueError:
                 raise ValueError(f"{table.file}:{k}: {cell.strip()[:40]!r} is not a number") from None
             if not (isfinite(numbers[n, column]) and abs(numbers[n, column]) <= LARGEST_POINT):
-                words = f"is no finite number of at most {LARGEST_POINT} in size"
+                words = f"is not a finite number of at most {LARGEST_POINT} in size"
                 raise ValueError(f"{table.file}:{k}: {names[column]} = {cell.strip()} {words}")
     numbers[:, [unit == "deg" for unit in units]] *= radians(1)
     steps = np.diff(numbers[:, 0]) * np.sign(numbers[-1, 0] - numbers[0, 0])
@@ -751,7 +751,7 @@ def _read_table(value: Any) -> Any:
     for name, column in columns.items():
         if column.ndim != 1 or column.dtype.kind not in "iuf":
             raise ValueError(
-                f"the column {name} is no list of numbers: give {{t: [0, 0.4, 0.8], JOINT: [0, 0.1, 0.2]}}"
+                f"the column {name} is not a list of numbers: give {{t: [0, 0.4, 0.8], JOINT: [0, 0.1, 0.2]}}"
             )
     if len({column.size for column in columns.values()}) > 1:
         sizes = ", ".join(f"{name}: {column.size}" for name, column in columns.items())
@@ -921,7 +921,7 @@ Joints = Annotated[
 Phase = Annotated[
     Name | None,
     Field(
-        description="what the curves run over: a shape coordinate, or a phase variable of the walker; the clock if "
+        description="argument of the curves: a shape coordinate, or a phase variable of the walker; the clock if "
         "left out"
     ),
 ]
@@ -985,8 +985,8 @@ class GaitReference(GaitCurves):
     beyond_end: Annotated[
         BeyondEnd | None,
         Field(
-            description="over the clock, after the reference's end: its motion flows on (flow), its last rate is kept "
-            "(linear), its last angle is held (hold), or there is no torque (off)"
+            description="over the clock, after the end of the reference: its motion continues (flow), its last rate "
+            "continues (linear), its last angle is held (hold), or there is no torque (off)"
         ),
     ] = None
 
@@ -1022,7 +1022,7 @@ class CurveSpec(BaseModel):
         Field(
             ge=SMALLEST,
             le=pi,
-            description="bound of the curves' angles on both sides of zero [rad], kept by construction",
+            description="largest size of the control points, and so of the angles [rad]",
         ),
         Within(usual=(0.01, pi)),
     ] = 0.6
@@ -1187,7 +1187,7 @@ def _follower_faults(target: GaitReference | CurveReference, walker: "WalkerType
     if target.span is not None and target.span[0] == target.span[1]:
         yield ("span",), f"is empty: both ends are {target.span[0]:g}; give the phase after and before the impact"
     if target.beyond_end is not None:
-        words = "curves over a phase variable go on as polynomials, without a kink at a state: leave it out"
+        words = "curves over a phase variable continue as polynomials: leave it out"
         yield ("beyond_end",), f"is for references over the clock; {words}"
 
 

@@ -13,7 +13,7 @@ contacts, c follows from what its contacts do just before and just after the eve
 
 Where the state is continuous at the event, the velocities before it count as well. These equations are solved for as
 many coordinates as there are independent ones, by Newton's method from a state nearby; the others are the section.
-Coordinates of a massless contact that is off have no influence on the motion, and are no section coordinates either.
+Coordinates of a massless contact that is off have no influence on the motion, and are not section coordinates either.
 """
 
 from collections.abc import Sequence

@@ -177,7 +177,7 @@ PHASE_MARGINS: Mapping[str, Margin] = {
     "onset": Margin(
         unit="force",
         violated="static friction holds the foot: the force misses the edge of its cone by {value:.4g} N",
-        lost="static friction holds the foot where the slip should start",
+        lost="static friction holds the foot where the slip should begin",
     ),
     "pull": Margin(
         unit="force",

@@ -260,17 +260,17 @@ class _Reader:
                 end = joint.find(tag)
                 name = "" if end is None else end.attributes.get("link", "")
                 if name not in self._links:
-                    self.refuse(end or joint, f"the {tag} {name!r} of joint {joint.attributes['name']} is no link")
+                    self.refuse(end or joint, f"the {tag} {name!r} of joint {joint.attributes['name']} is not a link")
                 ends[tag] = name
             if ends["child"] in carrier:
                 other = carrier[ends["child"]].attributes["name"]
-                words = f"link {ends['child']} also hangs on joint {other}; only trees can be read"
+                words = f"link {ends['child']} is also the child of joint {other}; only trees can be read"
                 self.refuse(joint, f"closes a loop: {words}")
             carrier[ends["child"]] = joint
             joint.attributes |= {"from": ends["parent"], "to": ends["child"]}
         roots = [name for name in self._links if name not in carrier]
         if len(roots) != 1:
-            words = f"links {', '.join(roots)} hang on no joint" if roots else "every link hangs on a joint, in a loop"
+            words = f"links {', '.join(roots)} belong to no joint" if roots else "the joints form a loop"
             self.refuse(self._links[roots[1]] if roots else self.robot, f"is not one tree: {words}")
         order: list[tuple[str, Element | None]] = [(roots[0], None)]
         for name, _ in order:
@@ -339,7 +339,7 @@ class _Reader:
             element = joint.find("axis")
             axis = np.array([1.0, 0.0, 0.0]) if element is None else self._triple(element, "xyz")
             if not np.linalg.norm(axis) > PARALLEL:
-                self.refuse(joint, f"has the axis {_vector(axis)}, which is no direction")
+                self.refuse(joint, f"has the axis {_vector(axis)}, which is not a direction")
             yield name, poses[joint.attributes["to"]][0] @ axis / np.linalg.norm(axis), joint
 
     def _bodies(
@@ -593,7 +593,7 @@ class _Reader:
         try:
             value = float(word)
         except ValueError:
-            self.refuse(element, f"{key} = {_shown(word)} is no number")
+            self.refuse(element, f"{key} = {_shown(word)} is not a number")
         if not abs(value) <= LARGEST:
             self.refuse(element, f"{key} = {_shown(word)} must be a number of at most {LARGEST:g} in size, in SI units")
         return value

@@ -29,7 +29,7 @@ HINTS: Mapping[str, str] = {
     "push": "push_off_compass pushes off with its stance foot",
     "hop|jump|fly|airborne|running": "hopper and slip_runner leave the ground, in phases called flight",
     "limp|other_leg": "the legs of unequal_compass may differ",
-    "support|both_feet": "both feet are on the ground in the instant of an impact alone",
+    "support|both_feet": "a class with several contacts may have both feet on the ground, such as slip_walker",
     "bounc|rebound|restitution|elastic": "impacts are plastic, and nothing bounces",
     "stair|step_height|rough|terrain|obstacle": "the ground is a plane slope",
     "lateral|yaw|3d|width": "all motion is in a plane",

@@ -84,7 +84,7 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
 
 
 def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
-    """Faults of the control law with this walker: torques that are no numbers, or jump at a breakpoint."""
+    """Faults of the control law with this walker: torques that are not numbers, or jump at a breakpoint."""
     law, walker = problem.control, type(problem.walker)
     if isinstance(law, NoControl | ConstantTorque) or law.source[0]:  # a gait that is to be tracked is not known yet
         return
@@ -93,7 +93,7 @@ def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
 
 
 def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], HybridSystem]) -> Iterator[Fault]:
-    """Torques of a law that are no numbers, or jump at a breakpoint.
+    """Torques of a law that are not numbers, or jump at a breakpoint.
 
     Parameters
     ----------

@@ -414,7 +414,7 @@ def _stored(run: Path, classes: Known) -> Problem:
     except ValueError as error:
         raise ProblemError(f"{file}:1:1: is not JSON: {error}") from error
     if not isinstance(record, dict):
-        raise ProblemError(f"{file}:1:1: is no problem of a run")
+        raise ProblemError(f"{file}:1:1: is not a problem of a run")
     return restore_problem(record, walkers=[*classes.walkers.values()], controls=[*classes.controls.values()])
 
 
@@ -510,7 +510,7 @@ def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], plac
         try:
             if not isinstance(file, str) or not file or "\0" in file:
                 kind = "URDF" if key == "urdf" else "CSV"
-                raise ProblemError(f"{shown(file)} is no path of a {kind} file")
+                raise ProblemError(f"{shown(file)} is not a path of a {kind} file")
             content = {"file": Path(file).name, "text": read_text(folder / file, MAX_BYTES)}
         except ProblemError as error:
             raise_faults([*faults, Fault(path, str(error))], place)

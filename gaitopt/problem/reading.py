@@ -162,7 +162,7 @@ class _StatementReader:
                 foreign = name not in model.contacts
                 if foreign:
                     self._fault(
-                        ("friction", name), f"is no contact of the {model.model}{near_miss(name, model.contacts)}"
+                        ("friction", name), f"is not a contact of the {model.model}{near_miss(name, model.contacts)}"
                     )
                 read[name] = self._numbers(FrictionCoefficients, law, ("friction", name))
         if section is None or missing or any(law is None for law in read.values()):
@@ -198,7 +198,7 @@ class _StatementReader:
     def _read_robot(self, section: Mapping[str, Any]) -> type[Walker] | None:
         """The class of a robot in a URDF file, whose text is in the data."""
         if "model" in section:
-            self._fault(("walker", "model"), "stands beside urdf: keep one of them")
+            self._fault(("walker", "model"), "excludes urdf: keep one of them")
             return None
         stated = {key: section[key] for key in RobotSection.model_fields if key in section}
         robot = self._section(RobotSection, stated, ("walker",))
@@ -391,7 +391,7 @@ class _StatementReader:
         path: Key = ("gait", "guess", "postures", number)
         for name in posture:
             if name not in model.shape:
-                self._fault((*path, name), f"is no shape coordinate of {model.model}{near_miss(name, model.shape)}")
+                self._fault((*path, name), f"is not a shape coordinate of {model.model}{near_miss(name, model.shape)}")
         missing = [name for name in model.shape if name not in posture]
         if missing:
             self._fault(path, f"lacks {', '.join(missing)}: a posture states every shape coordinate")
@@ -412,7 +412,8 @@ class _StatementReader:
                 return Mode.FLIGHT
             for name, word in entry.items():
                 if name not in model.contacts:
-                    self._fault((*path, name), f"is no contact of the {model.model}{near_miss(name, model.contacts)}")
+                    near = near_miss(name, model.contacts)
+                    self._fault((*path, name), f"is not a contact of the {model.model}{near}")
                 elif word not in words:
                     self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
             known = {name: entry.get(name, OFF) for name in model.contacts}
@@ -627,7 +628,7 @@ class _StatementReader:
         elif along:
             return "is a constraint along the whole step, which only open-loop torques can have: use type: open_loop"
         if name not in names:
-            return f"is no scalar of a gait and no freed parameter{near_miss(name, names)}"
+            return f"is not a scalar of a gait and no freed parameter{near_miss(name, names)}"
         sources = {PUSH} if model.pushes else set()
         sources |= set() if isinstance(self._control, NoControl) else {MOTORS}
         if name in SCALARS and SCALARS[name].needs and not sources.intersection(SCALARS[name].needs):

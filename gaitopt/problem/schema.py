@@ -90,7 +90,7 @@ class FrictionCoefficients(Section):
     kinetic: Annotated[
         NonNegative, Field(le=1000, description="coefficient mu_k of a slipping foot, at most the static one"), FRICTION
     ]
-    viscous: Annotated[NonNegative, Field(le=1e6, description="drag c of a slip besides that [N s/m]"), DRAG] = 0.0
+    viscous: Annotated[NonNegative, Field(le=1e6, description="viscous drag c of a slipping foot [N s/m]"), DRAG] = 0.0
 
     @model_validator(mode="after")
     def _static_is_larger(self) -> Self:
@@ -165,7 +165,7 @@ class OpenGaitSection(Section):
     impact: Annotated[
         Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
     ] = None
-    steps: Annotated[int, Field(ge=1, le=MAX_STEPS, strict=True, description="steps of a cycle, at most")] = 1
+    steps: Annotated[int, Field(ge=1, le=MAX_STEPS, strict=True, description="maximum number of steps of a cycle")] = 1
     guess: Annotated[dict[str, Any] | None, Field(description="state near which a gait is preferred")] = None
 
 
@@ -176,7 +176,7 @@ class GuessSection(Section):
         dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
     ]
     durations: Annotated[
-        tuple[Duration, ...] | None, Field(description="of the phases [s], one each; optional"), DURATION
+        tuple[Duration, ...] | None, Field(description="durations of the phases [s]; optional"), DURATION
     ] = None
 
 

@@ -279,7 +279,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
 
 
 def _section_data(cycle_end: str) -> dict[str, Any]:
-    """What ends a cycle, if it is no touchdown, as in a file."""
+    """What ends a cycle, if it is not a touchdown, as in a file."""
     if cycle_end == TOUCHDOWN:
         return {}
     return {"section": CLOCK if cycle_end == CLOCK else {"margin": cycle_end}}

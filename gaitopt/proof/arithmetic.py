@@ -148,7 +148,7 @@ def ball(text: str) -> arb:
     number, _, unit = text.partition(" ")
     value = arb(number)
     if unit not in ("", "rad", "deg") or not value.is_finite():
-        raise ValueError(f"{text!r} is no exact value; write a decimal number, or one with deg or rad")
+        raise ValueError(f"{text!r} is not an exact value; write a decimal number, or one with deg or rad")
     return value * arb.pi() / 180 if unit == "deg" else value
 
 

@@ -149,7 +149,7 @@ def parse_certificate(content: bytes) -> dict[str, Any]:
         raise StorageError(f"a certificate has at most {LARGEST_FILE} bytes")
 
     def refuse(constant: str) -> float:
-        raise ValueError(f"{constant} is no number")
+        raise ValueError(f"{constant} is not a number")
 
     try:
         data = json.loads(content.decode("utf-8"), parse_constant=refuse)  # refuses NaN and Infinity
@@ -158,7 +158,7 @@ def parse_certificate(content: bytes) -> dict[str, Any]:
     except ValueError as error:  # also of text that is not UTF-8, and of integers with thousands of digits
         raise StorageError(f"it is not JSON: {error}") from error
     if not isinstance(data, dict):
-        raise StorageError("it holds no JSON object")
+        raise StorageError("it contains no JSON object")
     return data
 
 
@@ -199,7 +199,7 @@ def certified_problem(
     Raises
     ------
     ValueError
-        If it is no problem, names a file instead of holding the problem that it tracks, or has another name.
+        If it is not a problem, names a file instead of holding the problem that it tracks, or has another name.
     """
     _refuse_named_reference(record.resolved)
     problem = restore_problem(record.resolved, walkers=walkers, controls=controls)
@@ -390,7 +390,7 @@ def restore_statement(
         raise ValueError(f"a special point of type {record.special}, but no parameter that varies")
     interval = () if varied is None else tuple(text.strip() for text in texts[varied].split(INTERVAL))
     if varied is not None and len(interval) != 2:
-        raise ValueError(f"{varied} varies, but {texts[varied]} is no interval")
+        raise ValueError(f"{varied} varies, but {texts[varied]} is not an interval")
     return Statement(
         record=record,
         problem=problem,

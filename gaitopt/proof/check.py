@@ -61,7 +61,7 @@ MARGIN_CHANGES: Mapping[str, tuple[str, ...]] = {
     "lift_off": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending=Ending.LIFT_OFF),
     "painleve": _margins_ending(PHASE_MARGINS, IMPACT_MARGINS, ending=Ending.PAINLEVE),
 }
-"""Special points beyond which the orbit is no gait of its mode sequence, and the margins that become negative there."""
+"""Special points beyond which the orbit is not a gait of its mode sequence, and the margins that are negative there."""
 BRACKETED = ("neimark_sacker", "period_doubling", *MARGIN_CHANGES)
 """Types of special points that can be proved."""
 
@@ -198,7 +198,7 @@ def check(
     Raises
     ------
     StorageError
-        If it is no certificate: a field is missing, unknown, or has a wrong value.
+        If it is not a certificate: a field is missing, unknown, or has a wrong value.
     """
     with precision():
         statement: Statement | None = None

@@ -106,7 +106,7 @@ def read_attractors(place: Path) -> Attractors:
         validated(SettledRecord, line, run.path(SETTLED.name), number)
     missing = [key for key in stated["jobs"] if key not in lines]
     if missing:
-        raise StorageError(f"{run.path(SETTLED.name)} lacks the value with the key {missing[0]}; it was left alone")
+        raise StorageError(f"{run.path(SETTLED.name)} lacks the value with the key {missing[0]}; it was not changed")
     return Attractors(problem=problem, axis=axis, records=[lines[key] for key in stated["jobs"]], folder=place)
 
 
@@ -154,7 +154,7 @@ class AttractorsPlan(Plan[Attractors]):
         records = jobs.complete(settle_job, self.jobs, len(self.jobs))
         failed = next((record for record in records if isinstance(record, FailedJob)), None)
         if failed is not None:
-            raise StorageError(f"a value was given up: {failed.reason}; the others are kept")
+            raise StorageError(f"a value failed: {failed.reason}; the others are kept")
         summary = {"over": asdict(self.axis), "jobs": [job.key for job in self.jobs]}
         self.run.write({ATTRACTORS_FILE: json_file(summary)})
         return Attractors(problem=self.problem, axis=self.axis, records=records, folder=self.run.place)

@@ -291,13 +291,13 @@ def _read_tile(run: Run, tile: int, most: int) -> Outcomes:
         with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as archive:
             arrays = dict(archive)
     except BROKEN as error:
-        raise StorageError(f"{path} is broken ({error}): delete it, and its states are walked again") from error
+        raise StorageError(f"{path} is damaged ({error}): delete it to compute its states again") from error
     if run.holds(name):
         run.read(name)  # checks it against the manifest
     number, names = arrays.pop(NUMBER, None), {f.name for f in fields(Outcomes)}
     counts = {len(np.atleast_1d(array)) for array in arrays.values()}
     if number != tile or arrays.keys() != names or len(counts) != 1 or not 0 < min(counts) <= most:
-        raise StorageError(f"{path} is not tile {tile}: delete it, and its states are walked again")
+        raise StorageError(f"{path} is not tile {tile}: delete it to compute its states again")
     return Outcomes(**arrays)
 
 
@@ -370,13 +370,13 @@ class BasinPlan(Plan[Basin]):
         Raises
         ------
         SolveError
-            If a tile was given up because it kills its workers; the others are kept.
+            If a tile failed because it kills its workers; the others are kept.
         """
         fixed = replace(self, engine=self.chosen_engine)  # a worker might choose another engine
         tile_jobs = [Job(key=self._tile_key(tile), argument=(fixed, tile)) for tile in self.tiles]
         for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
             if isinstance(result, FailedJob):
-                raise SolveError(f"tile {tile} of the basin was given up: {result.reason}; the others are kept")
+                raise SolveError(f"tile {tile} of the basin failed: {result.reason}; the others are kept")
         basin = assemble_basin(self.run, self.problem, self.grid, self.base)
         self.run.seal(*map(TILE_FILE.format, self.tiles))
         self.run.write({BASIN_FILE: json_file(basin.to_record())})

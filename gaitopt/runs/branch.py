@@ -99,7 +99,7 @@ class BranchPlan:
         if before != now:
             words = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
             raise StorageError(
-                f"{self.folder} holds another branch ({words}); it was left alone: delete it, or name another folder"
+                f"{self.folder} contains another branch ({words}); it was not changed: delete it, or choose another"
             ).concerning("output")
         return records
 
@@ -152,7 +152,7 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
     problem = run.problem()
     request, records = read_branch(run, problem)
     if request is None or not any(record["record"] == "point" for record in records):
-        raise StorageError(f"{folder / BRANCH_FILE} holds no branch yet; `gaitopt continue` writes one")
+        raise StorageError(f"{folder / BRANCH_FILE} contains no branch yet; `gaitopt continue` writes one")
     return problem, request["parameter"], records
 
 
@@ -173,7 +173,7 @@ def restore_branch(folder: Path) -> Branch:
                 raise damaged(path, f"point {point.branch}.{point.index}: its motion is not periodic")
             points.append(point)
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise StorageError(f"{path} does not hold a branch ({error!r})") from error
+        raise StorageError(f"{path} does not contain a branch ({error!r})") from error
     return Branch(parameter=parameter, points=tuple(points), specials=tuple(specials))
 
 

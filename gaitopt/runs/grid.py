@@ -50,7 +50,7 @@ class Axis:
             raise ValueError(f"{self.key}: {self.count:.3g} values; at most {LONGEST_AXIS:,} are possible")
         if self.count < 1 or (self.count == 1) != (self.lower == self.upper):
             raise ValueError(
-                f"{self.key}: {self.count} values from {self.lower:g} to {self.upper:g} are no range; "
+                f"{self.key}: {self.count} values from {self.lower:g} to {self.upper:g} are not a range; "
                 "give LO:HI:N with LO unlike HI and N at least 2"
             )
 

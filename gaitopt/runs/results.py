@@ -46,7 +46,7 @@ def restore_gait(folder: Path) -> Gait:
     run = Run(folder)
     (stored, table), problem = run.read_result(), run.problem()
     if stored.get("status") in [status for status in Status if status is not Status.CONVERGED]:
-        raise SolveError(f"{folder} holds no gait: {stored.get('status')}, {stored.get('message')}")
+        raise SolveError(f"{folder} contains no gait: {stored.get('status')}, {stored.get('message')}")
     path = folder / GAIT_FILE
     record = validated(CheckedGait, stored, path, states=problem.walker.state_names())
     if problem.is_open:
@@ -61,7 +61,7 @@ def restore_gait(folder: Path) -> Gait:
         steps = tabulated_steps(dynamics, table, starts, problem.cycle.impacts)
         gait = gait_from_record(problem, dynamics, record, steps, measure(steps))
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise StorageError(f"{folder}: gait.json or trajectory.csv does not hold a gait ({error!r})") from error
+        raise StorageError(f"{folder}: gait.json or trajectory.csv does not contain a gait ({error!r})") from error
     check_agrees(path, record, gait.to_record(), "the table beside it")
     return gait
 
@@ -86,7 +86,7 @@ def restore_walk(folder: Path) -> Walk:
             message=record["message"],
         )
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise StorageError(f"{folder}: walk.json or walk.csv does not hold a walk ({error!r})") from error
+        raise StorageError(f"{folder}: walk.json or walk.csv does not contain a walk ({error!r})") from error
     states = np.array(gait, dtype=float).reshape(-1, len(system.state_names))
     walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
     check_agrees(folder / WALK_FILE, record, walk.to_record(), "the table beside it")
@@ -126,7 +126,7 @@ def kind_of(folder: Path) -> str:
         if part in PARTS and folder.is_dir() and not (folder / MANIFEST_FILE).exists():
             return part
         return next((kind for kind, (name, _) in KINDS.items() if any(folder.glob(name))), "")
-    except OSError:  # a text that is no name of a folder
+    except OSError:  # a text that is not a name of a folder
         return ""
 
 
@@ -143,7 +143,7 @@ def read_result(folder: Path) -> Result:
     if kind:
         return KINDS[kind][1](folder)
     refuse_other_results(folder)
-    raise StorageError(f"{folder} holds no result of gaitopt (none of {', '.join(name for name, _ in KINDS.values())})")
+    raise StorageError(f"{folder} contains no gaitopt result (none of {', '.join(name for name, _ in KINDS.values())})")
 
 
 def write_result(result: Gait | Walk, run: Run) -> None:
@@ -182,5 +182,5 @@ def refuse_other_results(folder: Path) -> None:
     )
     if places:
         raise StorageError(
-            f"{folder} holds no gait; give the folder of its basin, sweep or attractors: {' or '.join(places)}"
+            f"{folder} contains no gait; give the folder of its basin, sweep or attractors: {' or '.join(places)}"
         )

@@ -140,7 +140,7 @@ def read_sweep(place: Path) -> Sweep:
     grid = validated(Grid, {"axes": validated(SweepRecord, record, place / SWEEP_FILE)["over"]}, place / SWEEP_FILE)
     rows = parsed(_parse_rows, run.read(TABLE_FILE)[0], path)
     if len(rows) != grid.size:
-        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was left alone")
+        raise StorageError(f"{path} has {len(rows)} rows for {grid.size} points; it was not changed")
     points = grid.points(np.arange(grid.size)).tolist()
     keys = [axis.key for axis in grid.axes]
     records = [{**row, "at": dict(zip(keys, point, strict=True))} for row, point in zip(rows, points, strict=True)]

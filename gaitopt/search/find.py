@@ -232,7 +232,7 @@ class SearchPlan:
         Raises
         ------
         ProblemError, UnknownNameError
-            If the number of starts is out of range, or ``within`` names something that is no section coordinate.
+            If the number of starts is out of range, or ``within`` names something that is not a section coordinate.
         """
         if not 1 <= self.starts <= MOST_STARTS:
             raise ProblemError(f"starts: {self.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")

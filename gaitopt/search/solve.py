@@ -100,13 +100,13 @@ def solve_attractor(
     problem = attractor.problem
     if problem.free:
         raise ProblemError(
-            f"{problem.name} has free parameters: fix them at the values of the design, then walk its basin"
+            f"{problem.name} has free parameters: fix them at the values of the design, then compute its basin"
         )
     dynamics = problem_dynamics(problem, should_stop=should_stop)
     mode, n_steps = attractor.impact, attractor.period * dynamics.system.walker.steps_per_cycle()
     xi, section = attractor.state, dynamics.system.section(mode)
     walked = ReturnMap(Simulator(dynamics), section, n_steps)(xi if mode.slips else xi[:-1])
     if walked.xi is None:
-        raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
+        raise SolveError(f"{problem.name}: the simulator does not complete the attractor's {attractor.period} steps")
     guessed = problem.with_gait(cycle_record(dynamics.system, walked.steps, "attractor"))
     return solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)

@@ -284,7 +284,7 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
                 raise UnknownNameError(words)
         return [attractor_figures(settled, {place: records for place, (_, _, records) in branches.items()})]
     if over:
-        raise UnknownNameError(f"--over draws attractors over branches, but {folder} holds no attractors")
+        raise UnknownNameError(f"--over draws attractors over branches, but {folder} contains no attractors")
     if kind == "branch":
         return [branch_figures(*stored_branch(folder))]
     if kind == "walk":

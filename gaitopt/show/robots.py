@@ -37,7 +37,7 @@ def robot_description(walker: Walker, format: Format = "urdf") -> str:  # noqa: 
     Raises
     ------
     ProblemError
-        If the walker declares no links, or is no format.
+        If the walker declares no links, or is not a format.
     """
     if format not in ("urdf", "mjcf"):
         raise ProblemError(f"format is {format!r}, but must be urdf or mjcf")

@@ -6,8 +6,8 @@ margin that falls through zero:
 * ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step, and
   this margin rises through zero again when the legs pass each other in mid-swing.
 * Every other margin must be positive along the whole arc. One that starts at zero (the slip velocity at the onset of
-  slip, a double root; the edge of the cone at re-sticking) is no event if it leaves zero upwards.
-* A margin that touches zero within rounding is no event.
+  slip, a double root; the edge of the cone at re-sticking) is not an event if it leaves zero upwards.
+* A margin that touches zero within rounding is not an event.
 * A margin that rises first and falls just at the time limit is an event: in the next arc it would not be armed.
 
 The rules for the start of an arc and the change to natural units are here, for all engines; an engine adds three

@@ -4,8 +4,8 @@ All quantities are in natural units. Where a margin is at its edge at the start 
 
     margin + INSTANT rate + INSTANT^2 bend / 2 < 0      the margin has fallen; otherwise it leaves its edge upwards
 
-A dip of no more than EDGE, rate^2 / (2 bend) < EDGE, is no event. The margin ``painleve`` has fallen at its edge in any
-case, because the equations of motion are singular there.
+A dip of no more than EDGE, rate^2 / (2 bend) < EDGE, is not an event. The margin ``painleve`` has fallen at its edge in
+any case, because the equations of motion are singular there.
 
 Events are located by Newton's method on the motion itself. An integrator's interpolant is not used: it loses three
 digits against the integration steps.

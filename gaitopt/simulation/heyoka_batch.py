@@ -182,7 +182,7 @@ class _Motions:
         self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
-        """Record arcs in one mode: across a breakpoint a phase continues, and an arc without duration is no phase."""
+        """Record arcs in one mode: a phase continues across a breakpoint, and an empty arc is not a phase."""
         base, most = len(self._all_modes) + 1, max_phases(self._all_modes)
         new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % base != code + 1)]
         self._n_phases[new] += 1

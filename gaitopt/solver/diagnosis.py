@@ -43,12 +43,12 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     if short.size:
         return (vanishing_phase(mesh.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
-        words = "the equations are singular there: the gait is not isolated, or its motion breaks down"
+        words = "the equations are singular there: the gait is not isolated, or its motion fails"
         return (Cause(what="equations", words=words),)
     if not refined.size <= RESIDUAL_TOLERANCE:
-        return (Cause(what="equations", words=f"the equations are only met to {refined.size:.2g}"),)
+        return (Cause(what="equations", words=f"the equations are only satisfied to {refined.size:.2g}"),)
     if not refined.accurate:
-        words = f"the integration is only right to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
+        words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
         return (Cause(what="integration", words=words),)
     if not refined.in_order:
         words = "a switch has passed a breakpoint of the control: solve the problem from a guess closer to its gait"
@@ -79,7 +79,7 @@ def violations(at: Solution) -> list[Cause]:
 
 def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
     """The cause that a phase shrinks to nothing."""
-    words = f"phase {phase + 1} ({cycle.phases[phase]}) shrinks to nothing: here the gait does without it"
+    words = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
     return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
 

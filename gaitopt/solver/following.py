@@ -101,7 +101,7 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
         If ``start`` has free parameters, or comes from a file.
     """
     if start.freed:
-        raise ValueError(f"{start.problem.name}: only a gait without free parameters can be followed")
+        raise ValueError(f"{start.problem.name}: a gait with free parameters cannot be followed")
     began = time.perf_counter()
     goal, first = Dynamics.of(start.system, problem.parameters), solution_of(start)
     here, step, steps, iterations = _PathPoint(s=0.0, solution=first, history=((0.0, first.w),)), 1.0, 0, 0
@@ -198,7 +198,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
         vanishing = np.flatnonzero(durations < VANISHING * rates)
         if vanishing.size:
             return vanishing_phase(equations.mesh.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
-    return Cause(what="fold", words="the family turns back, or its motion breaks down")
+    return Cause(what="fold", words="the family turns back, or its motion fails")
 
 
 class Family:

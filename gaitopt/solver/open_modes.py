@@ -61,7 +61,7 @@ EVEN = 1e-2
 TIME_RANGE = 5.0
 """The period is within this factor of the guess."""
 LANDING_RATE = 0.05
-"""Least rate of the guard at touchdown in natural units: feet that stay together are no step."""
+"""Least rate of the guard at touchdown in natural units: feet that stay together are not a step."""
 
 
 def swing(dynamics: Dynamics, shapes: Array, period: float) -> tuple[Array, Array]:

@@ -127,7 +127,7 @@ class NonlinearProgram(Plotted, Program):
 
         Returns
         -------
-        gait : to be verified by ``gaitopt.verify``; its status is ``not_converged`` if the point is no gait, and its
+        gait : to be verified by ``gaitopt.verify``; its status is ``not_converged`` if the point is not a gait, and its
             message says which condition does not hold.
 
         Raises

@@ -113,7 +113,7 @@ def solve_gait(
 
 
 def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Valued, should_stop: Stop) -> Gait:
-    """The gait of a problem whose guess is no known motion, by collocation."""
+    """The gait of a problem whose guess is not a known motion, by collocation."""
     found, end, worst = first_gait(problem, dynamics, progress=progress, should_stop=should_stop)
     solver = search_record(Method.IPOPT, end.iterations, began)
     if found is not None:

@@ -97,7 +97,7 @@ def entries(folder: Path) -> list[Path]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        words = f"cannot use {folder} as a run folder: {reason(error)}; name another"
+        words = f"cannot use {folder} as a run folder: {reason(error)}; choose another"
         raise StorageError(words).concerning("output") from error
 
 
@@ -120,9 +120,9 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except FileNotFoundError as error:
-        raise StorageError(f"{path} is missing; the run is broken and was left alone") from error
+        raise StorageError(f"{path} is missing; the run is damaged and was not changed") from error
     except OSError as error:
-        raise StorageError(f"cannot read {path}: {reason(error)}; the run is broken and was left alone") from error
+        raise StorageError(f"cannot read {path}: {reason(error)}; the run is damaged and was not changed") from error
 
 
 def sync_folder(folder: Path) -> None:
@@ -142,17 +142,15 @@ def check_writable(path: Path) -> None:
     Raises
     ------
     StorageError
-        If the nearest existing path above it is no folder, or may not be written.
+        If the nearest existing path above it is not a folder, or may not be written.
     """
     try:
         place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
     except OSError as error:
-        raise StorageError(f"cannot write {path}: {reason(error)}; name another place").concerning("output") from error
+        raise StorageError(f"cannot write {path}: {reason(error)}; choose another").concerning("output") from error
     folder = place.parent if place == path.absolute() and place.is_file() else place
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        raise StorageError(f"cannot write {path}: {folder} is no folder that you may write; name another").concerning(
-            "output"
-        )
+        raise StorageError(f"cannot write {path}: {folder} is not writable; choose another place").concerning("output")
 
 
 LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}\n')
@@ -258,13 +256,13 @@ def _whole_lines(path: Path, known: FileSum | None) -> Iterator[tuple[dict[str, 
                     raise StorageError(f"{path}:{count}: {words}")
                 whole.update(line)
                 if known is not None and count == known.lines and whole.hexdigest() != known.sha256:
-                    raise StorageError(f"{path}:{count}: altered since it was written; the run was left alone")
+                    raise StorageError(f"{path}:{count}: altered since it was written; the run was not changed")
                 yield parsed(parse_object, body, Path(f"{path}:{count}")), end, crc
     except OSError as error:
         raise StorageError(f"cannot read {path}: {reason(error)}") from error
     if known is not None and count < known.lines:  # a crash cuts none of the lines that the manifest counts
         raise StorageError(
-            f"{path}:{count + 1}: missing or cut off, {known.lines} lines were written; the run was left alone"
+            f"{path}:{count + 1}: missing or cut off, {known.lines} lines were written; the run was not changed"
         )
 
 

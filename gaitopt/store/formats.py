@@ -51,7 +51,7 @@ def validated(
 def damaged(path: Path, words: str, line: int | None = None) -> StorageError:
     """The error for a file whose content is not what was written; ``words`` is the fault."""
     place = path if line is None else f"{path}:{line}"
-    return StorageError(f"{place} {words}; the run is broken and was left alone")
+    return StorageError(f"{place} {words}; the run is damaged and was not changed")
 
 
 MODE_COLUMN = "mode"
@@ -99,7 +99,7 @@ def parse_object(text: str) -> dict[str, Any]:
     """
 
     def refuse_constant(name: str) -> None:
-        raise ValueError(f"{name} is no number of JSON")
+        raise ValueError(f"{name} is not a JSON number")
 
     try:
         record = json.loads(text, parse_constant=refuse_constant)
@@ -180,7 +180,7 @@ def parsed(parse: Callable[[str], Parsed], content: bytes, path: Path) -> Parsed
     try:
         return parse(content.decode("utf-8"))
     except ValueError as error:  # of which a UnicodeDecodeError is one
-        raise StorageError(f"{path}: {reason(error)}; the run is broken and was left alone") from error
+        raise StorageError(f"{path}: {reason(error)}; the run is damaged and was not changed") from error
 
 
 def reason(error: OSError | ValueError) -> str:
@@ -214,7 +214,7 @@ class FileSum:
     Attributes
     ----------
     sha256 : of its first ``size`` bytes; only a file of records may have more of them.
-    lines : number of its lines; 0 where it is no text.
+    lines : number of its lines; 0 where it is not a text.
     codes : of its lines, one after the other.
     """
 
@@ -241,7 +241,7 @@ def check_content(path: Path, content: bytes, known: FileSum) -> None:
         written = [known.codes[k : k + CODE] for k in range(0, len(known.codes), CODE)]
         same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(codes, written, strict=False)))
         place = f"{path}:{same + 1}"
-    raise StorageError(f"{place}: altered since it was written (SHA-256 differs); the run was left alone")
+    raise StorageError(f"{place}: altered since it was written (SHA-256 differs); the run was not changed")
 
 
 def _code(line: bytes) -> str:

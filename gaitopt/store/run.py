@@ -178,8 +178,8 @@ class Run:
         manifest = self.manifest()
         if manifest.hash != problem.digest:
             raise StorageError(
-                f"{self.folder} holds another problem ({manifest.problem}, hash {manifest.hash[:8]}, not "
-                f"{problem.name}, hash {problem.digest[:8]}); it was left alone: delete it, or name another folder"
+                f"{self.folder} contains another problem ({manifest.problem}, hash {manifest.hash[:8]}, not "
+                f"{problem.name}, hash {problem.digest[:8]}); it was not changed: delete it, or choose another folder"
             ).concerning("output")
 
     @contextmanager
@@ -223,7 +223,7 @@ class Run:
     def write(self, contents: Mapping[str, str]) -> None:
         """Write files by name; they count as unfinished until all of them are written.
 
-        A finished file with the same content is left alone, so that the problem of a run can be read at any time.
+        A finished file with the same content is not changed, so that the problem of a run can be read at any time.
         """
         manifest = self.manifest()
         contents = {name: text for name, text in contents.items() if not self._is_finished(name, text, manifest)}
@@ -308,24 +308,24 @@ class Run:
         """
         path = self.folder / MANIFEST_FILE
         if not path.is_file():
-            raise StorageError(f"{self.folder} is not a run of gaitopt (it has no {MANIFEST_FILE}); it was left alone")
+            raise StorageError(f"{self.folder} is not a run of gaitopt (it has no {MANIFEST_FILE}); it was not changed")
         record = parsed(parse_object, read_bytes(path), path)
         if record.get("format") != FORMAT:
-            raise StorageError(f"{path} is not the manifest of a gaitopt run; the folder was left alone")
+            raise StorageError(f"{path} is not the manifest of a gaitopt run; the folder was not changed")
         schema = record.get("schema")
         if isinstance(schema, int) and schema > SCHEMA:
             raise StorageError(
                 f"{self.folder} was written by a newer gaitopt (schema {schema}; this one reads up to {SCHEMA}); "
-                "it was left alone: update gaitopt to use it"
+                "it was not changed: update gaitopt to use it"
             )
         if isinstance(schema, int) and schema < SCHEMA:
             raise StorageError(
                 f"{self.folder} was written by an older gaitopt, without checksums (schema {schema}); "
-                "it was left alone: delete it, or name another folder"
+                "it was not changed: delete it, or name another folder"
             ).concerning("output")
         checksum = record.pop(CHECKSUM, None)
         if checksum != _checksum(record):
-            raise StorageError(f"{path}: altered since it was written (SHA-256 differs); the run was left alone")
+            raise StorageError(f"{path}: altered since it was written (SHA-256 differs); the run was not changed")
         return validated(Manifest, record, path)
 
     def problem(self) -> Problem:
@@ -334,7 +334,7 @@ class Run:
         Raises
         ------
         StorageError
-            If what it resolves to is no problem, or not that of the manifest; or if its walker or its control law is
+            If what it resolves to is not a problem, or not that of the manifest; or if its walker or its control law is
             not installed.
         """
         run = Run(self.folder)
@@ -342,7 +342,7 @@ class Run:
         text = parsed(str, run.read(PROBLEM_FILE)[0], run.path(PROBLEM_FILE))
         digest = self.manifest().hash
         if digest_of(resolved) != digest:
-            raise StorageError(f"{path} does not have the hash of the manifest; the run is broken")
+            raise StorageError(f"{path} does not have the hash of the manifest; the run is damaged")
         try:
             check_installed(resolved)
         except ProblemError as error:
@@ -350,9 +350,9 @@ class Run:
         try:
             problem = replace(restore_problem(resolved), text=text)
         except (GaitoptError, ValueError, KeyError, TypeError, AttributeError) as error:
-            raise StorageError(f"{path} holds no problem ({error}); the run is broken") from error
+            raise StorageError(f"{path} contains no problem ({error}); the run is damaged") from error
         if problem.digest != digest:
-            raise StorageError(f"{path} does not have the hash of the manifest; the run is broken")
+            raise StorageError(f"{path} does not have the hash of the manifest; the run is damaged")
         return problem
 
     def holds(self, *names: str) -> bool:
@@ -371,7 +371,7 @@ class Run:
             if missing is not None and not written_elsewhere(self.folder):
                 unfinished = self.path(missing).exists()
                 words = "the run is unfinished: repeat the command that writes it" if unfinished else "missing"
-                raise StorageError(f"{self.path(missing)}: {words}; it was left alone")
+                raise StorageError(f"{self.path(missing)}: {words}; it was not changed")
             if missing is not None:
                 continue
             try:

@@ -52,7 +52,7 @@ def key_of(identity: Any) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedJob:
-    """In place of a result: the reason why a job was given up."""
+    """In place of a result: the reason why a job failed."""
 
     reason: str
 

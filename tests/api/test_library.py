@@ -165,7 +165,7 @@ def test_runs_come_back_as_what_was_stored(walk, swept):
     assert repr(stored) == repr(walk)
     (place,) = swept[1].glob("sweep-*")
     np.testing.assert_array_equal(go.load_run(place).column("speed"), swept[0].column("speed"))
-    with pytest.raises(StorageError, match="no result"):
+    with pytest.raises(StorageError, match="no gaitopt result"):
         go.load_run("nothing")
 
 

@@ -132,7 +132,7 @@ def test_parts_of_a_stored_branch_are_loaded_by_their_place():
         go.load_run("branch@7.7")
     with pytest.raises(UnknownNameError, match="no special point '9': the special points of its branch are 0 to"):
         go.load_run("branch@special.9")
-    with pytest.raises(StorageError, match="holds no branch"):
+    with pytest.raises(StorageError, match="contains no branch"):
         go.load_run(f"{'x' * 300}@0.1")
     Path("branch").rename("me@home")
     assert len(go.load_run("me@home")) == len(branch)
@@ -186,7 +186,7 @@ def test_a_call_that_fails_in_another_process_names_the_error():
 
 
 def test_events_cannot_be_kept():
-    with pytest.raises(ProblemError, match="no folder can keep"):
+    with pytest.raises(ProblemError, match="cannot be stored"):
         go.continuation(named(WHEEL), "friction", TARGET, events={"x": lambda gait: 1.0}, output="branch")
 
 
@@ -241,5 +241,5 @@ def test_results_know_their_folders_and_figures_are_saved():
 
 
 def test_only_a_design_has_a_neighbourhood():
-    with pytest.raises(SolveError, match="is no optimum"):
+    with pytest.raises(SolveError, match="is not an optimum"):
         go.neighbourhood(named(WHEEL))

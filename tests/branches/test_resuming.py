@@ -164,7 +164,7 @@ DAMAGES = {
     "no state": lambda point: point.pop("state"),
     "a walk that is a list": lambda point: point.update(walk=[1]),
     "one unknown less": lambda point: point["walk"]["unknowns"].pop(0),
-    "an unknown that is no number": lambda point: point["walk"]["unknowns"].__setitem__(3, None),
+    "an unknown that is not a number": lambda point: point["walk"]["unknowns"].__setitem__(3, None),
     "another unknown": lambda point: point["walk"]["unknowns"].__setitem__(1, 0.1),
     "a short tangent": lambda point: point["walk"].update(direction=[1.0]),
     "a tangent beyond all floats": lambda point: point["walk"].update(direction=[10**400]),

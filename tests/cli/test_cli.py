@@ -150,7 +150,7 @@ def test_a_run_that_lost_its_arcs_is_broken(run):
     Run(path.parent).seal(path.name)
     code, out, err = run("verify", str(path.parent))
     assert code == 6
-    assert "does not hold a gait" in err
+    assert "does not contain a gait" in err
 
 
 def test_a_resolved_problem_that_was_edited_is_broken(run):

@@ -224,6 +224,6 @@ def test_special_points_that_lead_nowhere_are_refused(run):
     code, _, err = run("continue", "branch@special.1", *other)
     assert (code, "no other branch begins at a special point of type end" in err) == (3, True)
     code, _, err = run("continue", "elsewhere@special.0", *other)
-    assert (code, "holds no branch" in err) == (6, True)
+    assert (code, "contains no branch" in err) == (6, True)
     code, _, err = run(*COMMAND, "--follow", "folds=2")
     assert (code, "doublings=N, branch_points=N, mode_changes=N" in " ".join(err.split())) == (2, True)

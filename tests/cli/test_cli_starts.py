@@ -76,7 +76,7 @@ def test_point_of_a_branch_is_the_guess(run):
     [
         ("compass-passive-stick", 3, "a gait of compass_biped, but rimless-wheel-slip has rimless_wheel"),
         ("no-such-problem", 2, "no-such-problem"),
-        ("nowhere@0.1", 6, "nowhere holds no branch"),
+        ("nowhere@0.1", 6, "nowhere contains no branch"),
     ],
 )
 def test_start_that_is_none_is_named(run, start, code, words):

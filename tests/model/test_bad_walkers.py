@@ -250,7 +250,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "actuator called type": (CompassBiped, {"actuators": ("type", "hip")}, "type has another meaning"),
     "stop called touchdown": (KneedWalker, {"stops": ("touchdown",)}, "touchdown has another meaning"),
     "stop and switch": (KneedWalker, {"switches": ("knee",)}, "knee is named by both stops and switches"),
-    "unknown stop opens": (KneedWalker, {"open_in_impact": ("hip",)}, "open_in_impact names hip, which is no stop"),
+    "unknown stop opens": (KneedWalker, {"open_in_impact": ("hip",)}, "open_in_impact names hip, which is not a stop"),
     "stops not declared": (KneedWalker, {"stops": ()}, "Mechanism.stops has knee, but stops are ()"),
     "state names": (CompassBiped, {"state_names": returning(("a",))}, "state_names must not be overridden"),
     "coordinates": (CompassBiped, {"coordinates": returning(None)}, "coordinates must not be overridden"),
@@ -370,7 +370,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "no gravity": (
         CompassBiped,
         with_parts(CompassBiped, gravity=DM([0, 0])),
-        "it has no length, no mass or no gravity",
+        "its length, mass or gravity is zero",
     ),
     "after impact nan somewhere": (
         CompassBiped,

@@ -148,7 +148,7 @@ class NegativeMass(Altered):
         (Forgetful, "relabel cannot be inverted"),
         (WrongStart, "after_impact and touchdown contradict each other: a step would begin in the posture theta1 = "),
         (ShortStart, "after_impact gives 1 coordinates, but shape has 2"),
-        (SpringOnOneLeg, "its potential energy jumps from .*: springs must act alike"),
+        (SpringOnOneLeg, "its potential energy jumps from .*: springs must be the same"),
         (HighFoot, "the swing foot is 0.01 m above the ground where touchdown is zero"),
         (Massless, "nothing has inertia against theta2"),
         (NegativeMass, "a body has a mass or inertia that is negative"),

@@ -215,7 +215,7 @@ def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:
         ),
         (
             {"type": "x", "__annotations__": {"k": Annotated[float, Within(unit="furlong")]}, "k": 1.0},
-            "the key k has a range in 'furlong', which is no natural unit",
+            "the key k has a range in 'furlong', which is not a natural unit",
         ),
     ],
 )
@@ -234,7 +234,7 @@ def test_a_class_without_torques_is_refused() -> None:
         stated(Idle)
     with pytest.raises(ProblemError, match=r"controls is .*, but must be a list of classes: controls=\[MyControl\]"):
         go.load_problem("compass-passive-a", controls=Regulator)  # type: ignore[arg-type]
-    with pytest.raises(ProblemError, match=r"is no subclass of gaitopt\.Control"):
+    with pytest.raises(ProblemError, match=r"is not a subclass of gaitopt\.Control"):
         go.load_problem("compass-passive-a", controls=[int])  # type: ignore[list-item]
 
 

@@ -152,7 +152,7 @@ class Adrift(Pendulum):
     ("walker", "words"),
     [
         (Motorless, "Motorless: Mechanism.motors has 0 entries, but actuators has 1"),
-        (Astray, "Astray: phi is no shape coordinate"),
+        (Astray, "Astray: phi is not a shape coordinate"),
         (Adrift, "Adrift: body 0 does not move along with the stance foot"),
     ],
 )

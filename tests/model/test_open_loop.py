@@ -60,7 +60,7 @@ def test_values_are_parameters_that_can_be_set():
         ("intervals: 4", ", foot_clearance: {min: 0.1}", "with open-loop torques state clearance: {min: height}"),
         ("intervals: 4", ", clearance: 0.1", "constraints.clearance: is a height of the swing foot along the step"),
         ("intervals: 4", ", angle.hip: 0.1", "constraints.angle.hip: is a range along the whole step"),
-        ("intervals: 4", ", angle.knee: {min: 0}", "constraints.angle.knee: is no scalar of a gait"),
+        ("intervals: 4", ", angle.knee: {min: 0}", "constraints.angle.knee: is not a scalar of a gait"),
     ],
 )  # fmt: skip
 def test_each_fault_is_one_sentence_with_its_key(control, more, words):

@@ -83,7 +83,7 @@ def test_every_contact_may_have_friction_of_its_own() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("{heel: stick}, {toe", "{heal: stick}, {toe", "heal: is no contact of the heel_toe; did you mean heel?"),
+        ("{heel: stick}, {toe", "{heal: stick}, {toe", "heal: is not a contact of the heel_toe; did you mean heel?"),
         ("{heel: stick}, {toe", "{heel: rolls}, {toe", "heel: 'rolls' is not what a contact does"),
         ("{heel: stick}, {toe", "stick, {toe", "'stick' is not a mapping of contacts"),
         ("[{heel: slip", "[{heel: slip_forward, impact: {heel: stick}}, {heel: slip", "the step begins there"),

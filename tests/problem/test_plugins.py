@@ -48,8 +48,8 @@ class Nameless(Walker):
     ("value", "words"),
     [
         (None, "the plugin other_walkers:broken cannot be imported: AttributeError"),
-        (dict, "is no subclass of gaitopt.Walker"),
-        (3, "is no subclass of gaitopt.Walker"),
+        (dict, "is not a subclass of gaitopt.Walker"),
+        (3, "is not a subclass of gaitopt.Walker"),
         (Nameless, "lacks mechanism: define it, or define links"),
         (RimlessWheel, "calls its model 'rimless_wheel', unlike its entry point"),
     ],

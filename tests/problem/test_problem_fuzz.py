@@ -43,7 +43,7 @@ def outcome(text):
 
 
 def ends_in_order(problem):
-    """Solve for a while; whatever comes out is a status, or a reference that is no gait."""
+    """Solve for a while; whatever comes out is a status, or a reference that is not a gait."""
     end = time.monotonic() + SECONDS
     try:
         gait = go.solve(problem, should_stop=lambda: time.monotonic() > end)

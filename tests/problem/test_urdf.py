@@ -159,20 +159,28 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
             r":\d+: joint stance_knee: is not planar: its axis \(1, 0, 0\) is",
         ),
         ('xyz="0 1 0"', 'xyz="0 0 1"', r"joint stance_hip: is not planar: .* are not horizontal \(z is up\)"),
-        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', r"joint stance_hip: has the axis \(0, 0, 0\), which is no dir"),
-        ("</robot>", LOOP, r"joint brace: closes a loop: link swing_shin also hangs on joint swing_knee"),
+        (
+            '<axis xyz="0 1 0"/>',
+            '<axis xyz="0 0 0"/>',
+            r"joint stance_hip: has the axis \(0, 0, 0\), which is not a dir",
+        ),
+        ("</robot>", LOOP, r"joint brace: closes a loop: link swing_shin is also the child of joint swing_knee"),
         (
             'child link="stance_thigh"',
             'child link="torso"',
             r":5: link torso: closes a loop with its joints: only trees",
         ),
-        ("</robot>", '<link name="lost"/></robot>', r"link lost: is not one tree: links torso, lost hang on no joint"),
+        (
+            "</robot>",
+            '<link name="lost"/></robot>',
+            r"link lost: is not one tree: links torso, lost belong to no joint",
+        ),
         ("</robot>", SHIN + "</link></robot>", r"link swing_shin: is defined twice, first in line \d+"),
         ('joint name="swing_knee"', 'joint name="torso"', r"joint torso: is also the name of the link in line \d+"),
         (
             '<child link="swing_shin"/>',
             '<child link="shin"/>',
-            r"joint swing_knee: .* 'shin' of joint swing_knee is no l",
+            r"joint swing_knee: .* 'shin' of joint swing_knee is not a l",
         ),
         (
             'name="swing_knee" type="revolute"',
@@ -185,7 +193,7 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
         ('<mass value="12"/>', "", r"link torso: has <inertial> without <mass>"),
         (INERTIA, "", r"link torso: has <inertial> without <inertia>"),
         ('iyy="1.33"', 'iyy="-1"', r"link torso: has the moment of inertia -1 kg m\^2 about the axes"),
-        ('<mass value="12"/>', '<mass value="heavy"/>', r"link torso: <mass> value = 'heavy' is no number"),
+        ('<mass value="12"/>', '<mass value="heavy"/>', r"link torso: <mass> value = 'heavy' is not a number"),
         ('<mass value="12"/>', '<mass value="nan"/>', r"link torso: <mass> value = 'nan' must be a number of at most"),
         (
             '<mass value="12"/>',
@@ -195,7 +203,7 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
         ('<origin xyz="0 0 0.24"/>', '<origin xyz="0 0"/>', r"link torso: <origin> xyz = '0 0' must be three numbers"),
         ('<link name="swing_foot"/>', MESH, r"link swing_foot: is a foot, but its collision geometry is only a mesh"),
         ('<link name="swing_foot"/>', BOX, r"link swing_foot: is a foot, but its collision geometry is a box"),
-        ('<link name="swing_foot"/>', '<link name="foot"/>', r"joint swing_ankle: .*child 'swing_foot' .* is no link"),
+        ('<link name="swing_foot"/>', '<link name="foot"/>', r"joint swing_ankle: .*child 'swing_foot' .* not a link"),
         ('<?xml version="1.0"?>', DOCTYPE, r":1: a document type \(DTD\) is not allowed"),
         ('<?xml version="1.0"?>', LAUGHS, r":1: a document type \(DTD\) is not allowed"),
         ('name="torso"', 'name="&a;"', r"urdf:5: is not XML: undefined entity"),
@@ -294,7 +302,7 @@ def test_errors_of_the_file_are_errors_of_the_problem_with_both_places(problem_f
     robot.write_text(TEXT.replace('<mass value="12"/>', '<mass value="heavy"/>'), encoding="utf-8")
     code, _, words = run("validate", str(problem_file))
     assert code == 3
-    assert "rabbit.yaml:2:10 walker.urdf: rabbit.urdf:8: link torso: <mass> value = 'heavy' is no number" in words
+    assert "rabbit.yaml:2:10 walker.urdf: rabbit.urdf:8: link torso: <mass> value = 'heavy' is not a number" in words
     robot.write_bytes(TEXT.encode() + b"\xff")
     code, _, words = run("validate", str(problem_file))
     assert code == 3
@@ -309,11 +317,11 @@ def test_errors_of_the_file_are_errors_of_the_problem_with_both_places(problem_f
 @pytest.mark.parametrize(
     ("walker", "words"),
     [
-        ("{urdf: 3, feet: [a, b]}", "walker.urdf: 3 is no path of a URDF file"),
+        ("{urdf: 3, feet: [a, b]}", "walker.urdf: 3 is not a path of a URDF file"),
         ("{urdf: robots/rabbit.urdf}", "walker.feet: is missing"),
         ("{urdf: robots/rabbit.urdf, feet: [stance_foot]}", "walker.feet"),
         ("{urdf: robots, feet: [a, b]}", "walker.urdf: .*robots:1:1: is not a file"),
-        ("{urdf: robots/rabbit.urdf, model: rabbit, feet: [a, b]}", "walker.model: stands beside urdf"),
+        ("{urdf: robots/rabbit.urdf, model: rabbit, feet: [a, b]}", "walker.model: excludes urdf"),
         ("{urdf: robots/rabbit.urdf, feet: [stance_foot, swing_foot], mass: 3}", "walker.mass: unknown key"),
     ],
 )
@@ -351,7 +359,7 @@ def test_wrong_keys_of_a_robot_are_refused(problem_file: Path, walker: str, word
         (
             "0.8}",
             "0.8, angle.stance_kne: {min: 0}}",
-            "constraints.angle.stance_kne: is no scalar of a gait and no freed par",
+            "constraints.angle.stance_kne: is not a scalar of a gait and no freed par",
         ),
         (
             "step_length: 0.4",

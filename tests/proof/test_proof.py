@@ -192,7 +192,7 @@ def test_sticking_is_refused_just_below_the_friction_that_it_needs():
 
 def test_a_family_without_an_interval_is_refused():
     certificate = spoiled("rimless-wheel-stick") | {"varied": "friction"}
-    assert "is no interval" in failures(certificate)["statement"]
+    assert "is not an interval" in failures(certificate)["statement"]
     boxes = 2 * spoiled("rimless-wheel-stick")["boxes"]
     assert "2 boxes" in failures(spoiled("rimless-wheel-stick") | {"boxes": boxes})["statement"]
 

@@ -124,7 +124,7 @@ def test_tile_that_is_broken_is_named(gait, tmp_path):
     plan.complete(HERE)
     (tile,) = plan.run.place.glob("tile-*.npz")
     tile.write_bytes(b"not an archive")
-    with pytest.raises(StorageError, match=r"tile-000000.npz is broken .* delete it"):
+    with pytest.raises(StorageError, match=r"tile-000000.npz is damaged .* delete it"):
         plan.complete(HERE)
 
 

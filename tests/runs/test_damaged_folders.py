@@ -1,4 +1,4 @@
-"""A damaged run folder is named with its file and left alone: exit code 6, never an internal error, never a pass."""
+"""A damaged run folder is named with its file and not changed: exit code 6, never an internal error, never a pass."""
 
 import json
 import random

@@ -88,5 +88,5 @@ def test_parts_of_another_form_are_refused_with_file_line_and_entry(plan, tmp_pa
     run = Run(tmp_path / "run")
     with run.begun(plan.problem):
         run.write({SEARCHED.name: lines_text([{"part": "0", "method": "simulation", "gaits": []}])})
-    with pytest.raises(StorageError, match=r"find\.jsonl:1 starts: Field required; .* left alone"):
+    with pytest.raises(StorageError, match=r"find\.jsonl:1 starts: Field required; .* not changed"):
         find(plan, tmp_path / "run")

@@ -204,8 +204,8 @@ def test_what_is_refused_leaves_no_folder(command):
     [
         ("friction", "write --over friction=VALUE"),
         ("friction=0.1:0.2", "write --over friction=LO:HI:N"),
-        ("friction=0.1:0.2:0", "0 values from 0.1 to 0.2 are no range"),
-        ("friction=0.1:0.1:5", "no range"),
+        ("friction=0.1:0.2:0", "0 values from 0.1 to 0.2 are not a range"),
+        ("friction=0.1:0.1:5", "not a range"),
         ("friction=0.1:inf:5", "not a finite range"),
         ("friction=a:b:5", "write an angle as a number"),
     ],

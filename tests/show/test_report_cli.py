@@ -109,5 +109,5 @@ def test_a_folder_that_is_not_a_run_is_left_alone(command, tmp_path, capsys):
     folder.mkdir()
     (folder / "photo.jpg").write_text("not a run")
     assert main([command, str(folder)]) == 6
-    assert "left alone" in capsys.readouterr().err
+    assert "not changed" in capsys.readouterr().err
     assert [path.name for path in folder.iterdir()] == ["photo.jpg"]

@@ -181,7 +181,7 @@ def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
 
 
 def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
-    """A slip that starts with rounding for a velocity is the same impact; it is no second one."""
+    """A slip that starts with rounding for a velocity is the same impact; it is not a second one."""
     rng = np.random.default_rng(12)
     for _ in range(100):
         z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)

@@ -125,7 +125,7 @@ def test_a_slip_that_a_jump_of_the_torque_starts_is_decided_there_and_no_switch_
 def test_deviations_pass_a_jump_of_the_torque_unchanged(
     levels: tuple[tuple[float, float], ...], friction: float, modes: list[Mode]
 ) -> None:
-    """A breakpoint lies at a fixed time for all neighbours: it is no event, even where the foot begins to slip."""
+    """A breakpoint lies at a fixed time for all neighbours: it is not an event, even where the foot begins to slip."""
     mapped, xi, h = ReturnMap(staircase((0.3, 0.32), *levels, friction=friction), Mode.STICK), START[[0, 3, 4]], 1e-6
     (step,) = mapped(xi).steps
     assert step is not None

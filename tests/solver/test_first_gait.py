@@ -57,7 +57,7 @@ def test_the_guess_survives_its_record_and_a_known_state_replaces_it():
         ("{step_length: 0.4, duration: 0.7, postures: [{theta1: 0}, {theta1: 0}]}", "exclude each other"),
         ("{duration: 0.7, postures: [{theta1: 0.1, theta2: 0.1}, {theta1: 0, theta2: 0}]}", "have crossed feet"),
         ("{duration: 0.7, postures: [{theta1: 0.1}, {theta1: 0, theta2: 0}]}", "gait.guess.postures[0]: lacks theta2"),
-        ("{duration: 1, postures: [{knee: 0, theta1: -1, theta2: -1}, {theta1: 0, theta2: 0}]}", "is no shape"),
+        ("{duration: 1, postures: [{knee: 0, theta1: -1, theta2: -1}, {theta1: 0, theta2: 0}]}", "is not a shape"),
     ],
 )  # fmt: skip
 def test_each_fault_of_a_guess_is_one_sentence(guess, words):

@@ -116,7 +116,7 @@ def test_of_several_problems_for_one_folder_one_wins(tmp_path, count):
     words = [solver.communicate()[1] for solver in solvers]
     codes = [solver.returncode for solver in solvers]
     assert sorted(codes) == [0] + (count - 1) * [6], words
-    assert all("being written by" in said or "holds another problem" in said for said in words if said)
+    assert all("being written by" in said or "contains another problem" in said for said in words if said)
     winner = load_problem(WHEEL).replace({"friction": float(f"0.4{codes.index(0)}")})
     assert Run(tmp_path / "run").manifest().hash == winner.digest
 
@@ -173,5 +173,5 @@ def test_a_reader_names_the_writer_that_takes_long(tmp_path, monkeypatch):
             load_run(tmp_path / "run")
     finally:
         end(holder)
-    with pytest.raises(StorageError, match="holds no result"):
+    with pytest.raises(StorageError, match="contains no gaitopt result"):
         load_run(tmp_path / "run")

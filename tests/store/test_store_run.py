@@ -94,7 +94,7 @@ def test_the_problem_of_a_run_stays_readable_while_another_result_is_written(fol
 
 def test_another_problem_is_refused_and_changes_nothing(folder):
     before = contents(folder)
-    with pytest.raises(StorageError, match="holds another problem"):
+    with pytest.raises(StorageError, match="contains another problem"):
         written(folder, SomeProblem(friction=0.3))
     assert contents(folder) == before
 
@@ -140,13 +140,13 @@ def test_a_run_without_checksums_is_refused(folder):
         ('{"format": "gaitopt run"}', "altered"),
         ('{"format": "gaitopt run", "schema": null}', "altered"),
         ('{"format": "gaitopt run", "schema": 2, "files": {}}', "altered"),
-        ('{"format": "gaitopt run", "schema": 2, "hash": NaN}', "no number of JSON"),
+        ('{"format": "gaitopt run", "schema": 2, "hash": NaN}', "not a JSON number"),
     ],
 )
 def test_a_broken_manifest_is_named_and_left_alone(folder, text, words):
     (folder / "manifest.json").write_text(text)
     before = contents(folder)
-    with pytest.raises(StorageError, match=rf"manifest\.json: .*{words}.*left alone"):
+    with pytest.raises(StorageError, match=rf"manifest\.json: .*{words}.*not changed"):
         Run(folder).read_result()
     assert contents(folder) == before
 
@@ -167,7 +167,7 @@ def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, cha
     }[change]
     (folder / name).write_bytes(b"".join(damaged))
     before = contents(folder)
-    with pytest.raises(StorageError, match=rf"{name}:{line}: altered since it was written .*left alone"):
+    with pytest.raises(StorageError, match=rf"{name}:{line}: altered since it was written .*not changed"):
         reader(name)(Run(folder))
     assert contents(folder) == before
 
@@ -186,7 +186,7 @@ def test_an_altered_file_is_named_with_its_line_and_left_alone(folder, name, cha
 def test_a_broken_file_that_has_its_checksum_is_named_all_the_same(folder, name, text, words):
     (folder / name).write_bytes(text if isinstance(text, bytes) else text.encode())
     Run(folder).seal(name)
-    with pytest.raises(StorageError, match=rf"{name}.*{words}.*broken and was left alone"):
+    with pytest.raises(StorageError, match=rf"{name}.*{words}.*damaged and was not changed"):
         reader(name)(Run(folder))
 
 
@@ -264,7 +264,7 @@ def test_a_problem_without_a_run_has_none(tmp_path):
 
 def test_a_file_in_place_of_the_folder_is_named(tmp_path):
     (tmp_path / "run").write_text("")
-    with pytest.raises(StorageError, match="Not a directory; name another") as refused:
+    with pytest.raises(StorageError, match="Not a directory; choose another") as refused:
         written(tmp_path / "run")
     assert refused.value.argument == "output"
 

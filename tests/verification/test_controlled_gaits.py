@@ -173,7 +173,7 @@ def test_with_a_motor_too_few_there_is_no_symmetry() -> None:
     [
         ("{}", r"21:15 control.reference.constant: has 0 entries, must have at least 1"),
         ("3", r"21:15 control.reference.constant: 3 is not a mapping"),
-        ("{hip: 0}", r"control.reference.constant.hip: is no tracked joint of driven_torso; .* torso, theta2"),
+        ("{hip: 0}", r"control.reference.constant.hip: is not a tracked joint of driven_torso; .* torso, theta2"),
         ("{torso: 200 deg}", r"control.reference.constant.torso: 3.49066 is impossible: .* at most 1.5708 rad"),
         ("{torso: x}", r"control.reference.constant.torso: write an angle as a number in rad, or with its unit"),
         ("{torso: .nan}", r"control.reference.constant.torso: nan is not a finite number"),

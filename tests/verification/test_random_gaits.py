@@ -78,7 +78,7 @@ def gaits(problems: Iterator[go.Problem]) -> Iterator[Gait]:
     for problem in islice(problems, TRIES):
         try:
             gait = go.solve(problem.from_guess(), progress=False)
-        except SolveError:  # a reference that is no gait
+        except SolveError:  # a reference that is not a gait
             continue
         if gait.converged:
             yield gait

@@ -27,7 +27,7 @@ class TelescopicCompass(Walker):
     stops = ("leg",)
     largest_angle = pi / 2
 
-    leg_length: Annotated[Positive, Field(description="length of a leg that is extended [m]")]
+    leg_length: Annotated[Positive, Field(description="length of an extended leg [m]")]
     leg_mass: Annotated[Positive, Field(description="point mass on the sliding part of each leg [kg]")]
     leg_com: Annotated[Positive, Field(description="distance of this mass from the foot [m]")]
     hip_mass: Annotated[NonNegative, Field(description="point mass at the hip [kg]")]
