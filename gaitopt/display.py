@@ -42,12 +42,12 @@ def told_apart(first: float, second: float, digits: int = 4) -> tuple[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """One HTML page that needs no network: a notebook shows it, ``save`` writes it to a file.
+    """One offline HTML page: a notebook shows it, ``save`` writes it to a file.
 
     Attributes
     ----------
-    title, text : of the page.
-    movie : of a moving walker: returns the file of a format, ``gif`` or ``mp4``; None of other pages.
+    title, text : title and HTML of the page.
+    movie : for an animation: returns the file in a format, ``gif`` or ``mp4``; None for other pages.
     """
 
     title: str

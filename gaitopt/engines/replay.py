@@ -117,7 +117,7 @@ class Replay:
     Attributes
     ----------
     problem : name of the gait's problem.
-    engine, version : of the engine.
+    engine, version : name and version of the engine.
     setting : name of the setting.
     settings : its values.
     slip : path of the gait's foot forward and backward [m].

@@ -202,7 +202,7 @@ def method_of(word: str) -> Method:
 
 
 class Status(StrEnum):
-    """Whether a result may be trusted."""
+    """Status of a solve; only ``converged`` is a gait."""
 
     CONVERGED = "converged"
     NOT_CONVERGED = "not_converged"
@@ -234,26 +234,24 @@ class Shooting(ReadOnlyArrays):
 class Gait(WalkerMotion):
     """A periodic cycle of steps; or a failed solve, whose ``status`` is not ``converged``.
 
-    Ask it for its motion (``state``, ``period``, ``phases``, ``steps``), its stability (``multipliers``,
-    ``spectral_radius``) and its numbers (``measures``, ``scalar(name)``). ``gaitopt.verify`` and ``simulate`` check it
-    by an independent method, ``continuation`` follows it along a parameter. A failed solve has ``message`` and
-    ``causes`` instead.
+    It has the motion (``state``, ``period``, ``phases``, ``steps``), the stability (``multipliers``, ``spectral_radius``)
+    and scalars (``measures``, ``scalar(name)``). ``gaitopt.verify`` checks it by an independent simulation,
+    ``continuation`` follows it along a parameter. A failed solve has ``message`` and ``causes`` instead.
 
     Attributes
     ----------
-    problem : the one that was solved.
-    dynamics : the hybrid system that was solved at its parameters; freed ones have their solved values. A copy with
-        another one is the same motion under that, arc by arc.
+    problem : the problem that was solved.
+    dynamics : the hybrid system at its parameters; free parameters have the values found.
     status, message : result of the solver, and its explanation.
     steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.
     multipliers : complex ndarray - Floquet multipliers by implicit differentiation, largest modulus first.
     measures : scalars of the step by name, see ``measure``.
-    freed : values of freed parameters by dotted key.
-    solver : the ``method`` that found it, its ``iterations`` and ``seconds``, and further numbers.
+    freed : values found for free parameters, by dotted key.
+    solver : ``method``, ``iterations``, ``seconds``, and further numbers.
     verification : record of the last verification, if any.
-    causes : why there is no gait, the worst cause first; empty for a gait.
-    timed : indices of the phases, through all steps, that end at a breakpoint of the control because the torques jump.
+    causes : why there is no gait, most important cause first; empty for a gait.
+    timed : indices of the phases that end at a breakpoint of the control because the torques jump.
     """
 
     status: Status

@@ -195,11 +195,11 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trajectory(Tabulated, ReadOnlyArrays):
-    """Steps of a simulated motion, and why it ended.
+    """A simulated motion: its steps and its ending.
 
     Attributes
     ----------
-    names : of the states.
+    names : names of the states.
     start : ndarray, shape (n_z,) - state after impact from which it started.
     steps : complete steps; the last one may be incomplete.
     ending : why the motion ended.

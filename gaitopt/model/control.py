@@ -39,7 +39,7 @@ class Fixed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instant:
-    """What a control law knows at an instant, in CasADi symbols.
+    """Input of a control law at one instant, in CasADi symbols.
 
     Attributes
     ----------
@@ -77,19 +77,19 @@ class Instant:
 
 
 class Control(BaseModel, ABC, metaclass=PluginClass):
-    """Base of the control laws; derive from it, declare the parameters as fields, and define ``torques``.
+    """Base class of control laws: declare the parameters as fields, and define ``torques``.
 
     A field of type float is a parameter, and so is every entry of a mapping from names to floats: it can be set, freed,
     swept and continued by its key, ``control.kp`` or ``control.gains.hip``. All other fields are structure, and so are
-    floats annotated with ``Fixed``: problems that differ in them have systems of their own. Where a walker restricts
-    the keys of a law, ``section`` and ``faults`` say how.
+    floats annotated with ``Fixed``; their change requires new expressions. ``section`` and ``faults`` restrict the keys
+    for a walker.
 
     In the body of a subclass ``type`` is the law's name: write ``WalkerType`` in place of ``type[Walker]`` there.
 
     Class attributes
     ----------------
     type : the name used in problem files.
-    version : enters the digest of a problem if the law is from another package; change it with the law's equations.
+    version : part of the digest of a problem if the law is from another package; change it with the equations.
     jumps : whether the torques may jump at breakpoints; otherwise they must be continuous there.
     restarts : whether the law's clock restarts at every impact.
     """

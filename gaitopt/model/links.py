@@ -31,20 +31,20 @@ class Link:
 
     Attributes
     ----------
-    name : of the link.
+    name : name of the link.
     angle : SX - absolute angle of the frame, from the slope's normal towards downhill [rad].
     parent : name of the link that carries it; None for the root of the tree.
     joint : name of the joint with the parent; empty for the root, and for a link that is fixed to its parent.
     position : the joint, or the origin of a fixed link, in the frame of the parent; it is the origin of this frame.
     sign : 1, or -1 for a joint whose angle counts the other way.
     zero : the joint's angle is ``sign`` times (the angle of this link less that of its parent), plus ``zero`` [rad].
-    tip : the other end of the link, to which it is drawn; the foot, if there is one.
-    foot : whether the tip is a foot. The first link with a foot stands, the second one swings.
+    tip : the other end of the link in drawings; the foot, if there is one.
+    foot : whether the tip is a foot. The first link with a foot belongs to the stance leg, the second one swings.
     foot_radius : radius of a round foot, whose centre is the tip [m].
     mass : [kg]
     com : centre of mass.
-    inertia : about the centre of mass [kg m^2].
-    rotor_inertia : of the joint's motor, times the square of the transmission ratio [kg m^2].
+    inertia : moment of inertia about the centre of mass [kg m^2].
+    rotor_inertia : that of the joint's motor, times the square of the gear ratio [kg m^2].
     damping : coefficient of a viscous damper in the joint [N m s/rad].
     range : smallest and largest angle of the joint; None if it has none [rad].
     effort : largest torque of the joint's motor; None if it has no limit [N m].

@@ -182,7 +182,7 @@ class WalkerClass(PluginClass):
 
 
 class Walker(BaseModel, ABC, metaclass=WalkerClass):
-    """Base of every walker; derive from it, declare the parameters as fields, and define the mechanism.
+    """Base class of walkers: declare the parameters as fields, and define the mechanism.
 
     Class attributes
     ----------------

@@ -59,13 +59,13 @@ _PASSED = ContextVar("passed", default=_NONE)
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Problem(ProblemStatement):
-    """What is required of one gait, complete, validated and in SI, with its source.
+    """A complete, validated statement of one gait in SI units, with its source.
 
-    A problem holds a walker with its parameters, friction and impact law, a control law, the mode sequence, a first
+    A problem contains a walker with its parameters, friction and impact law, a control law, the mode sequence, a first
     guess, and for designs the free parameters, objective and constraints (see ``ProblemStatement``). It is immutable:
     ``replace`` changes values, ``with_guess``, ``with_gait`` and ``with_modes`` start from a known gait, ``with_fixed``
-    turns a design into an ordinary problem. Ask it for its ``parameters``, its ``remarks`` on unusual numbers, whether
-    a value is possible (``objection``), and for the ``resolved`` data and their ``digest``, which identify its gait.
+    turns a design into an ordinary problem. It has ``parameters``, ``remarks`` on unusual numbers, ``objection``
+    (whether a value is possible), and the ``resolved`` data with their ``digest``, which identify its gait.
 
     Attributes
     ----------

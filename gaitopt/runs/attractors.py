@@ -51,10 +51,10 @@ class Attractors(Plotted):
 
     Attributes
     ----------
-    problem, axis : of the request.
-    records : of every value in order: ``value``, ``attractors`` (each with ``states``, ``period_steps``, ``lyapunov``
-        and ``starts``) and ``endings`` (numbers of the other walks by name).
-    folder : of its files.
+    problem, axis : the problem, and the values of the parameter.
+    records : one per value: ``value``, ``attractors`` (each with ``states``, ``period_steps``, ``lyapunov`` and
+        ``starts``) and ``endings`` (number of other walks by ending).
+    folder : folder of its files.
     """
 
     problem: Problem

@@ -182,13 +182,13 @@ class Basin(Plotted, ReadOnlyArrays):
 
     Attributes
     ----------
-    problem, grid : of the request.
+    problem, grid : the problem, and the grid of states.
     base : the section coordinates that the grid does not vary.
     attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
     endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
     steps : ndarray, grid's shape - steps until it settled or failed.
-    folder : of its tiles.
+    folder : folder of its tiles.
     """
 
     problem: Problem
@@ -206,7 +206,7 @@ class Basin(Plotted, ReadOnlyArrays):
         return f"<Basin {self.problem.name} over {axes}: {self.grid.size} states, {', '.join(shares) or 'no gait'}>"
 
     def to_xarray(self) -> "Dataset":
-        """Where each state goes, over the coordinates: ``gait`` (index in ``attractors``, or -1) and ``steps``.
+        """Result of each state, over the coordinates: ``gait`` (index in ``attractors``, or -1) and ``steps``.
 
         ``ending`` names why a walk failed; it is empty where the state settled on a gait.
         """

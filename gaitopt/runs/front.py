@@ -59,14 +59,14 @@ class FrontPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Front(Plotted, Sequence[FrontPoint]):
-    """The designs along one number of a problem.
+    """A chain of designs over one key of a problem.
 
     Attributes
     ----------
     problem : the design.
     key : dotted key of the varied number.
-    points : in the order of the values.
-    file : in which it is kept.
+    points : designs in the order of the values.
+    file : file in which it is stored.
     """
 
     problem: Problem

@@ -55,10 +55,10 @@ class Sweep(Plotted):
 
     Attributes
     ----------
-    problem, grid : of the request.
-    records : of every point in the order of the grid: ``at`` (values by dotted key), ``status``, and where there is a
-        gait its scalars; after a fresh sweep all keys of a gait.
-    folder : of its table.
+    problem, grid : the problem, and the grid of its parameters.
+    records : one per point in the order of the grid: ``at`` (values by dotted key), ``status``, and the scalars of its
+        gait if there is one; after a fresh sweep all keys of a gait.
+    folder : folder of its table.
     """
 
     problem: Problem

@@ -202,7 +202,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
 
 
 class Family:
-    """Gaits of one mode sequence at many parameter values; each starts from the last one, so that threads take turns.
+    """Gaits of one mode sequence at many parameter values; each starts from the previous ones. Not for several threads.
 
     Parameters
     ----------

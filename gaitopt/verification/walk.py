@@ -33,7 +33,7 @@ class Walk(WalkerMotion):
 
     Attributes
     ----------
-    problem : its walker, control and friction were used.
+    problem : the problem whose walker, control and friction were used.
     dynamics : the hybrid system at its parameters.
     trajectory : steps, ending and message.
     gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait from which it started; no
@@ -49,7 +49,7 @@ class Walk(WalkerMotion):
 
     @property
     def completed(self) -> bool:
-        """Whether the walk took all its steps, rather than fell or ended otherwise; ``trajectory.message`` says how."""
+        """Whether the walk completed all its steps; otherwise ``trajectory.message`` says why it ended."""
         return self.trajectory.ending is Ending.COMPLETED
 
     @cached_property
