@@ -234,9 +234,9 @@ class Shooting(ReadOnlyArrays):
 class Gait(WalkerMotion):
     """A periodic cycle of steps; or a failed solve, whose ``status`` is not ``converged``.
 
-    It has the motion (``state``, ``period``, ``phases``, ``steps``), the stability (``multipliers``, ``spectral_radius``)
+    It has motion (``state``, ``period``, ``phases``, ``steps``), stability (``multipliers``, ``spectral_radius``)
     and scalars (``measures``, ``scalar(name)``). ``gaitopt.verify`` checks it by an independent simulation,
-    ``continuation`` follows it along a parameter. A failed solve has ``message`` and ``causes`` instead.
+    ``continuation`` follows it. A failed solve has ``message`` and ``causes`` instead.
 
     Attributes
     ----------
