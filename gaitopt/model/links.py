@@ -175,12 +175,22 @@ class Tree:
 
     def lines(self) -> tuple[tuple[SX, ...], ...]:
         """Lines that draw the walker: from every joint to the tip of its link, and to the joints that it carries."""
-        lines = []
+        return tuple((self.place(link, ORIGIN), self.place(link, end)) for link, end in self._drawn())
+
+    def sides(self) -> tuple[int | None, ...]:
+        """The leg to which every line belongs: 0 the one that stands, 1 the one that swings, None neither."""
+        way = [link.name for link, _, _ in self.way]
+        legs = dict.fromkeys(way[: len(way) // 2], 0) | dict.fromkeys(way[-(len(way) // 2) :], 1)
+        return tuple(legs.get(link.name) for link, _ in self._drawn())
+
+    def _drawn(self) -> list[tuple[Link, Any]]:
+        """Every link with each point of its frame to which it is drawn."""
+        drawn = []
         for link in self.links:
             carried = [other.position for other in self.links if other.parent == link.name]
             ends = {str(_column(end)): end for end in (*carried, link.tip) if not _column(end).is_zero()}
-            lines += [(self.place(link, ORIGIN), self.place(link, end)) for end in ends.values()]
-        return tuple(lines)
+            drawn += [(link, end) for end in ends.values()]
+        return drawn
 
 
 def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:

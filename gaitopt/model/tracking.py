@@ -65,7 +65,7 @@ class ProportionalDerivative(Control):
     def quantities(self, now: Instant) -> Mapping[str, SX]:
         """Errors theta - theta_r of the joints that follow the reference, in the order of its followers."""
         joints = self.reference.followers(now.robot.walker)
-        angles = vertcat(*(getattr(now.q, joint) for joint in joints))
+        angles, _ = _angles(now, joints)
         target, active = self.reference.weighted(now, now.p.reference, joints, (SX(1), SX(0)))
         return {"outputs": active * (angles - target)}
 

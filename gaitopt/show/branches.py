@@ -194,12 +194,18 @@ def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
         colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
         stable = bool(np.abs(values).max(initial=0.0) < 1)
         places = _inside(values)
-        axes.plot(places.real, places.imag, marker, color=colour, markersize=7, fillstyle="full" if stable else "none")
-        for place, value in zip(places[places != values], values[places != values], strict=True):
-            side = "right" if place.real > 0 else "left"
+        filled: Any = {"fillstyle": "full" if stable else "none", "clip_on": False}
+        axes.plot(places.real, places.imag, marker, color=colour, markersize=7, **filled)
+        texts = dict[complex, list[str]]()  # multipliers beyond the picture, by their places at its edge
+        for place, value in zip(places[places != values].tolist(), values[places != values].tolist(), strict=True):
+            near = next((known for known in texts if abs(known - place) < SAME_PLACE), place)
+            texts.setdefault(near, []).append(f"{abs(value):.3g}")
+        for place, sizes in texts.items():
+            side, shift = ("right", -5) if place.real > 0 else ("left", 5)
             axes.annotate(
-                f"{abs(value):.3g}", (place.real, place.imag), xytext=(0, 8), textcoords="offset points", ha=side
-            )
+                ", ".join(sizes), (place.real, place.imag), xytext=(shift, 8 + 12 * k), textcoords="offset points",
+                ha=side, color=colour,
+            )  # fmt: skip
         words = f"{name} ({'stable' if stable else 'unstable'})"
         handles.append(entry(words, color=colour, marker=marker, linestyle="", fillstyle="full" if stable else "none"))
         reach = max(reach, _reach(values))

@@ -26,7 +26,7 @@ from gaitopt.building import built_once
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.declaration import state_mechanism, state_picture
+from gaitopt.model.declaration import has_links, is_default, state_mechanism, state_picture, state_tree
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
@@ -65,6 +65,7 @@ class Skeleton:
     points : ndarray, shape (m, n, 2) - positions [m] at m times; the first is the stance foot, the second the swing
         foot.
     legs : pairs of indices into the points, stance leg first.
+    sides : of every pair, 0 for the leg that stands, 1 for the one that swings, None for neither; () if not known.
     ties : pairs that are not rigid.
     discs : index and mass fraction of every mass.
     contacts : index of the point of every contact, in the order of ``Walker.contact_names``.
@@ -72,6 +73,7 @@ class Skeleton:
 
     points: Array
     legs: tuple[tuple[int, int], ...]
+    sides: tuple[int | None, ...] = ()
     ties: tuple[tuple[int, int], ...] = ()
     discs: tuple[tuple[int, float], ...] = ()
     contacts: tuple[int, ...] = (0,)
@@ -81,7 +83,7 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     """The drawing of a walker at all times of its arcs."""
     dynamics = arcs[0].dynamics
     walker = dynamics.system.walker
-    positions, masses, _, lines, held = _mechanism(walker)
+    positions, masses, _, lines, held, sides = _mechanism(walker)
     n_p = len(walker.model_fields)
     places = []
     for arc in arcs:
@@ -97,7 +99,7 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     if lines:  # neighbours on each line of the outline, whose points follow those of the bodies
         starts = accumulate(lines[:-1], initial=2 + mass.size)
         legs = [(k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1)]
-        return Skeleton(points=points, legs=tuple(legs), discs=discs, contacts=contacts)
+        return Skeleton(points=points, legs=tuple(legs), sides=sides, discs=discs, contacts=contacts)
     draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
     if walker.contacts:
         return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts), dynamics)
@@ -148,11 +150,11 @@ def _rigid_parts(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
 @built_once(maxsize=8)
 def _mechanism(
     walker: type[Walker],
-) -> tuple[Function, Function, Function, tuple[int, ...], Mapping[str, Function]]:
+) -> tuple[Function, Function, Function, tuple[int, ...], Mapping[str, Function], tuple[int | None, ...]]:
     """(coordinates, p) -> stance foot, swing foot, bodies, outline, contacts in columns; p -> masses; p -> gravity.
 
-    Then come the numbers of points of the lines of the outline, and by the name of each massless contact
-    (coordinates, p) -> coordinates where it is in the place at which it will land.
+    Then come the numbers of points of the lines of the outline, by the name of each massless contact
+    (coordinates, p) -> coordinates where it is in the place at which it will land, and the sides of the lines.
     """
     p = SX.sym("p", len(walker.model_fields))
     names = walker.coordinates()
@@ -176,6 +178,7 @@ def _mechanism(
             )
             for name in walker.massless_contacts
         },
+        state_tree(walker, *named).sides() if has_links(walker) and is_default(walker, "outline") else (),
     )
 
 
@@ -244,6 +247,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "actuators": list(motion.walker.actuators),
         "phases": phases,
         "legs": drawing.legs,
+        "sides": drawing.sides or ((0, 1) if len(drawing.legs) == 2 else ()),
         "ties": drawing.ties,
         "discs": drawing.discs,
         "frames": pack(columns),

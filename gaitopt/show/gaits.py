@@ -172,7 +172,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
         for k, name in enumerate(motion.walker.actuators):
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
-            handles.append(entry(f"{prefix}{name}", color=colour))
+            handles.append(entry(f"{prefix}{name.replace('_', ' ')}", color=colour))
             for began, arc in smooth(motion.steps):
                 axes.plot(began + arc.times, observe(arc).torque[:, k], color=colour)
     axes.set_xlabel(time_label(motions))

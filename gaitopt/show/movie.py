@@ -105,7 +105,8 @@ def _turned(motion: Motion, points: Array) -> Array:
 def _draw(axes: Axes, motion: Motion, drawing: Skeleton, shift: float) -> None:
     points = _turned(motion, drawing.points[0] + [shift, 0.0])
     for number, (a, b) in reversed([*enumerate(drawing.legs)]):
-        colour = COLOURS[0] if number == 0 else NEUTRAL
+        stands = drawing.sides[number] == 0 if drawing.sides else number == 0
+        colour = COLOURS[0] if stands else NEUTRAL
         axes.plot(*points[[a, b]].T, color=colour, linewidth=3, solid_capstyle="round")
     for a, b in drawing.ties:
         axes.plot(*points[[a, b]].T, color=NEUTRAL, linewidth=1)

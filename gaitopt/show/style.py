@@ -219,12 +219,12 @@ def parameter_of(problem: Problem, key: str) -> Parameter:
 
 
 def symbol(state: str) -> str:
-    """The symbol of a state: ``dtheta1`` becomes θ̇₁."""
+    """The symbol of a state: ``dtheta1`` becomes θ̇₁, and ``stance_shin`` two words."""
     rate = state.startswith("d") and len(state) > 1
     name = state[1:] if rate else state
     stem = name.rstrip("0123456789")
     greek = GREEK.get(stem, stem)
-    written = greek + name[len(stem) :].translate(SUBSCRIPTS)
+    written = greek.replace("_", " ") + name[len(stem) :].translate(SUBSCRIPTS)
     if not rate:
         return written
     return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"

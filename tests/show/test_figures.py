@@ -183,6 +183,7 @@ def test_symbols_and_units_are_those_of_the_textbook():
     assert symbol("theta1") == "θ₁"
     assert symbol("dtheta2") == "θ\u0307₂"
     assert symbol("torso") == "torso"
+    assert symbol("dstance_shin") == "rate of stance shin"
     assert str(label("walker.slope")) == "slope [rad]"
     assert str(label("control.hip")) == "hip torque [N m]"
 

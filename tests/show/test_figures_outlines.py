@@ -59,3 +59,12 @@ def test_masses_of_legs_that_differ_are_drawn_where_they_are():
         points = skeleton([replace(gait.arcs[0], dynamics=dynamics)]).points[0]
         distances.append([np.linalg.norm(points[2] - points[0]), np.linalg.norm(points[4] - points[1])])
     assert distances == [pytest.approx([0.7, 0.8]), pytest.approx([0.8, 0.7])]
+
+
+def test_the_lines_of_a_tree_know_the_leg_to_which_they_belong():
+    gait = named("rabbit-hzd")
+    drawn = skeleton(gait.arcs)
+    assert sorted(drawn.sides, key=str) == [0, 0, 1, 1, None]
+    for side, foot in ((0, 0), (1, 1)):
+        ends = [drawn.points[:, b] for (_, b), each in zip(drawn.legs, drawn.sides, strict=True) if each == side]
+        assert any(np.allclose(end, drawn.points[:, foot], atol=1e-12) for end in ends)

@@ -44,6 +44,15 @@ def test_less_friction_makes_the_foot_slip_backward_then_forward_too_until_it_li
     assert all(point.gait.spectral_radius < 1 for point in branch.points)
 
 
+@pytest.mark.slow
+def test_tracking_errors_of_motors_are_those_of_their_angles():
+    gait, reference = named("rabbit-tracked"), named("rabbit-optimal")
+    errors = gait.to_record()["tracking_errors"]
+    torso, thigh, shin = (gait.state[k] - reference.state[k] for k in (0, 1, 2))
+    assert errors["stance_hip"]["start"] == pytest.approx(thigh - torso, abs=1e-9)
+    assert errors["stance_knee"]["start"] == pytest.approx(shin - thigh, abs=1e-9)
+
+
 def test_the_angles_of_motors_can_be_tracked():
     walker = go.load_problem("rabbit-tracked").walker
     assert walker.tracked == walker.actuators

@@ -73,7 +73,7 @@ function leaps({ film }, x, y) {
 function portrait(host, moving, fellows, labels) {
   const { film } = moving;
   const { shape } = film;
-  const options = { title: `Phase portrait of ${shape.map((name) => labels.symbols[name]).join(" and ")}`, x: positionAxis(film), y: film.lengths ? "rate [rad/s, m/s]" : "rate [rad/s]" };
+  const options = { title: `Phase portrait of ${new Intl.ListFormat("en-GB").format(shape.map((name) => labels.symbols[name]))}`, x: positionAxis(film), y: film.lengths ? "rate [rad/s, m/s]" : "rate [rad/s]" };
   const all = (name) => fellows.flatMap((fellow) => [...(fellow[name] ?? [])]);
   options.xRange = extent(shape.flatMap(all));
   options.yRange = extent(shape.flatMap((name) => all(`d${name}`)));
@@ -163,7 +163,7 @@ function torques(host, moving, fellows) {
   if (!range.some((value) => value !== 0 && Number.isFinite(value))) return;
   const options = { title: "Torques", x: timeAxis(moving.film), y: "torque [N m]", xRange: [0, longest(fellows)], yRange: range };
   new Chart(host, options, (chart) => torque.forEach((column, n) => stroke(chart, moving, moving.t, column, COLOURS[n])));
-  legend(host, actuators.map((name, n) => [COLOURS[n], name]), strokesMean(moving));
+  legend(host, actuators.map((name, n) => [COLOURS[n], name.replaceAll("_", " ")]), strokesMean(moving));
 }
 
 function multiplierPlane(host, gait) {

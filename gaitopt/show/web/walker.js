@@ -72,8 +72,8 @@ class Walker {
     this.world.setAttribute("transform", `scale(${this.scale} ${-this.scale}) translate(${-camera} 0)`);
     this.drawGround(camera);
     this.drawMarks(cycle, t, frame);
-    this.join(this.legs, this.film.legs, points, step);
-    this.join(this.ties, this.film.ties, points, 0);
+    this.join(this.legs, this.film.legs, points, this.film.sides, step);
+    this.join(this.ties, this.film.ties, points, []);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
     this.film.contacts.forEach(({ point }, n) => {
       for (const part of [this.cones[n], this.forces[n]]) part.style.display = phase.contacts[n] ? "" : "none";
@@ -92,12 +92,13 @@ class Walker {
     return x0 + ((x1 - x0) * (t - t0)) / (t1 - t0);
   }
 
-  // Two legs change their roles at every impact, so their colours follow the leg and not the role.
-  join(lines, pairs, points, step) {
+  // The two legs change their roles at every impact, so their colours follow the leg and not the role.
+  join(lines, pairs, points, sides, step) {
     lines.forEach((line, n) => {
       const [[x1, y1], [x2, y2]] = pairs[n].map((k) => points[k]);
       set(line, { x1, y1, x2, y2 });
-      line.classList.toggle("other", pairs.length === 2 && (n + step) % 2 === 1);
+      line.classList.toggle("other", typeof sides[n] === "number" && (sides[n] + step) % 2 === 1);
+      line.classList.toggle("body", sides[n] === null);
     });
   }
 
