@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, cos, pi, sin, sqrt, sumsqr, vertcat
+from casadi import SX, cos, pi, sin, vertcat
 from numpy.typing import NDArray
 from oracles import Link, Mass, Oracle, Point, slope_gravity
 
@@ -14,61 +14,12 @@ from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Body, Contact, Mechanism, Walker, inclined
+from gaitopt.model.walkers.crawler import Crawler
+from gaitopt.model.walkers.heel_toe import HeelToe
+from gaitopt.model.walkers.slip_walker import SlipWalker
 
 Array = NDArray[np.float64]
-
-
-class HeelToe(Walker):
-    """A compass whose legs end in rigid flat feet without mass; (x, y) is the ankle of the stance leg."""
-
-    model = "heel_toe"
-    shape = ("theta1", "theta2")
-    section = ("theta1",)
-    contacts = ("heel", "toe", "swing_heel", "swing_toe")
-    landing_contacts = ("swing_heel", "swing_toe")
-    exchanged_contacts = {"heel": "swing_heel", "toe": "swing_toe"}  # noqa: RUF012
-
-    leg_length: float
-    leg_mass: float
-    leg_com: float
-    hip_mass: float
-    heel: float
-    toe: float
-    gravity: float
-    slope: float
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        ankle = vertcat(q.x, q.y)
-        hip = ankle + polar(p.leg_length, q.theta1)
-        other = hip - polar(p.leg_length, -q.theta2)
-
-        def sole(ankle: SX, angle: SX, ahead: SX) -> SX:
-            return ankle + ahead * vertcat(cos(angle), -sin(angle))
-
-        past = q.theta1 - 0.05
-        return Mechanism(
-            bodies=(
-                Body(mass=p.leg_mass, position=ankle + polar(p.leg_com, q.theta1)),
-                Body(mass=p.hip_mass, position=hip),
-                Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
-            ),
-            gravity=inclined(p.gravity, p.slope),
-            upright=cos(q.theta1),
-            swing_foot=other,
-            relabel=vertcat(-q.theta2, -q.theta1),
-            contacts={
-                "heel": Contact(position=sole(ankle, q.theta1, -p.heel)),
-                "toe": Contact(position=sole(ankle, q.theta1, p.toe)),
-                "swing_heel": Contact(position=sole(other, -q.theta2, -p.heel), counts=past),
-                "swing_toe": Contact(position=sole(other, -q.theta2, p.toe), counts=past),
-            },
-        )
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        return (free.theta1, free.theta1)
 
 
 class Frame(Walker):
@@ -103,91 +54,6 @@ class Frame(Walker):
     @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         return (0.0,)
-
-
-class Crawler(Walker):
-    """Two masses on a line with a spring, a damper and a motor between them."""
-
-    model = "crawler"
-    shape = ("gap", "rise")
-    section = ("gap",)
-    lengths = shape
-    contacts = ("rear", "front")
-    actuators = ("drive",)
-    tracked = ("gap",)
-
-    rear_mass: float
-    front_mass: float
-    stiffness: float
-    damping: float
-    rest: float
-    gravity: float
-    slope: float
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        rear, front = vertcat(q.x, q.y), vertcat(q.x + q.gap, q.y + q.rise)
-        return Mechanism(
-            bodies=(Body(mass=p.rear_mass, position=rear), Body(mass=p.front_mass, position=front)),
-            gravity=inclined(p.gravity, p.slope),
-            upright=SX(1),
-            motors=(q.gap,),
-            potential=p.stiffness / 2 * (q.gap - p.rest) ** 2,
-            dampers=(Damper(coefficient=p.damping, across=q.gap),),
-            contacts={"rear": Contact(position=rear), "front": Contact(position=front)},
-            length=SX(p.rest),
-        )
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        return (free.gap, 0.0)
-
-
-class SpringMassWalker(Walker):
-    """Spring-mass walking: a point mass (x, y) on two massless springy legs. Geyer, Seyfarth, Blickhan (2006)."""
-
-    model = "slip_walker"
-    shape = ("front_x", "front_y", "back_x", "back_y")
-    section = ()
-    lengths = shape
-    contacts = ("front", "back")
-    massless_contacts = contacts
-    landing_contacts = ("back",)
-    exchanged_contacts = {"front": "back"}  # noqa: RUF012
-
-    mass: float
-    leg_length: float
-    stiffness: float
-    attack: float
-    gravity: float
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        body = vertcat(q.x, q.y)
-        legs = {"front": vertcat(q.front_x, q.front_y), "back": vertcat(q.back_x, q.back_y)}
-        placed = p.leg_length * vertcat(cos(p.attack), -sin(p.attack))
-        springs = {name: p.stiffness / 2 * (p.leg_length - sqrt(sumsqr(leg))) ** 2 for name, leg in legs.items()}
-        return Mechanism(
-            bodies=(Body(mass=p.mass, position=body),),
-            gravity=vertcat(0, -p.gravity),
-            upright=q.y / p.leg_length,
-            swing_foot=body,
-            relabel=vertcat(q.back_x, q.back_y, q.front_x, q.front_y),
-            potential_while=springs,
-            contacts={
-                name: Contact(
-                    position=body + leg,
-                    gap=q.y - p.leg_length * sin(p.attack) if name == "back" else SX(1),
-                    places={f"{name}_x": placed[0], f"{name}_y": placed[1]},
-                )
-                for name, leg in legs.items()
-            },
-            length=SX(p.leg_length),
-        )
-
-    @classmethod
-    def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
-        return (0.0,) * 4
 
 
 @dataclass(frozen=True)
@@ -271,4 +137,4 @@ def frame(half: float, height: float, *, slope: float = 0.0, inertia: float | No
 
 
 CRAWLER = Crawler(rear_mass=1.0, front_mass=1.5, stiffness=20.0, damping=1.5, rest=0.5, gravity=9.81, slope=0.1)
-SPRING_MASS = SpringMassWalker(mass=80.0, leg_length=1.0, stiffness=14e3, attack=np.deg2rad(69), gravity=9.81)
+SPRING_MASS = SlipWalker(mass=80.0, leg_length=1.0, stiffness=14e3, attack=np.deg2rad(69), energy=816.0, gravity=9.81)

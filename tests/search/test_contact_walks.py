@@ -1,22 +1,18 @@
 """Searches for gaits of walkers with several contacts, whose modes are open."""
 
 import pytest
-from contact_problems import SLIP_WALK, WALKERS, contact_gait, contact_problem
+from contact_problems import contact_gait, contact_problem
 
-from gaitopt.problem.problem import parse_problem
 from gaitopt.search.explain import explain
 from gaitopt.search.find import SearchPlan, search
 from gaitopt.search.solve import solve
 from gaitopt.verification.verify import verify
 from gaitopt.workers.jobs import ResumableJobs, Workers
 
-RUN = (
-    SLIP_WALK.replace("[{front: stick, back: stick}, {front: stick}]", "[{front: stick}, {}]")
-    .replace("impact: {front: stick, back: stick}", "impact: {front: stick}")
-    .replace("stiffness: 14000, attack: 1.2042771838760873", "stiffness: 20000, attack: 1.1868238913561442")
-    .replace("energy: 816", "energy: 1730")
-    .replace("dy: -0.395", "dy: -0.7")
-)
+RUN = {
+    "walker.stiffness": 20000, "walker.attack": "68deg", "walker.energy": 1730, "gait.guess.state.dy": -0.7,
+    "gait.phases": "auto",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", ["slip-walk", "run"])
@@ -29,7 +25,7 @@ def test_open_modes_lead_to_the_gait_whose_modes_are_stated(name: str) -> None:
 
 def test_the_legs_that_walk_also_run_in_two_gaits() -> None:
     """Spring-mass running: a short flight is stable, a long one unstable. Blickhan (1989), Geyer (2006)."""
-    problem = parse_problem(RUN, walkers=WALKERS).replace({"gait.phases": "auto"})
+    problem = contact_problem("slip-walk").replace(RUN)
     plan = SearchPlan(problem=problem, starts=250)
     short, long = search(plan, ResumableJobs(workers=Workers(count=1)))
     assert short.spectral_radius < 1 < long.spectral_radius

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, HeelToe, dynamics_of, frame, heel_toe
+from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, dynamics_of, frame, heel_toe
 from scipy.special import ellipk, ellipkinc
 from time_stepping import walk
 
@@ -19,6 +19,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walker import Contact, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
-from contact_walkers import HeelToe
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
@@ -12,6 +11,7 @@ from numpy.polynomial import Polynomial
 from gaitopt.model.contact_transitions import ContactTransitions
 from gaitopt.model.transitions import kind, transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.simulation.events import (
     EDGE,
