@@ -1,6 +1,6 @@
-"""Write ``problem-keys.md``, the reference of the problem file, from the schema: ``python docs/problem_keys.py``."""
+"""Write the reference of the problem file, ``problem-keys*.md``, from the schema: ``python docs/problem_keys.py``."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ from gaitopt.model.units import LARGEST, SMALLEST
 PAGE = Path(__file__).with_name("problem-keys.md")
 HEAD = """# Keys of the problem file
 
-Written by `python docs/problem_keys.py` from the schema that `gaitopt schema` prints. A dot leads into a mapping:
-`gait.phases` is the key `phases` of the mapping `gait`. *or an unknown* means that the value may be
-`{free: [lo, hi], guess: value}`: a design then finds it. An angle is a number in rad, or a text such as `1 deg`.
+A dot leads into a mapping: `gait.phases` is the key `phases` of the mapping `gait`. [Walkers](problem-keys-walker.md)
+and [control laws](problem-keys-control.md) have their own pages. *or an unknown* means that the value may be `{free:
+[lo, hi], guess: value}`: a design then finds it. An angle is a number in rad, or a text such as `1 deg`.
 
 Values outside a range are errors; unusual values only trigger a warning on stderr. Ranges in natural units refer to the
 walker of the file: l is its leg length (radius), m its total mass, g gravity. Numbers are at most 1e30 in size, and
@@ -22,36 +22,61 @@ Point your editor at the schema (`gaitopt schema > gaitopt.schema.json`), and wi
 completes keys and shows units as you type:
 
     # yaml-language-server: $schema=gaitopt.schema.json
+
+`python docs/problem_keys.py` writes these pages from the schema.
 """
-BOUNDS = (
-    ("minimum", "at least"),
-    ("maximum", "at most"),
-)
+MORE = """# Keys of the problem file: {}
+
+{} See [the other keys](problem-keys.md) for how to read the tables.
+"""
+HEADS = {
+    PAGE: HEAD,
+    PAGE.with_name("problem-keys-walker.md"): MORE.format("walkers", "`walker.model` selects one of these walkers."),
+    PAGE.with_name("problem-keys-control.md"): MORE.format("control", "`control.type` selects one of these laws."),
+}
 TOP = "top level"
 
 
-def page() -> str:
-    """The page as Markdown."""
-    return "\n".join([HEAD, *_sections(problem_schema(), "")])
+def pages() -> dict[Path, str]:
+    """The pages as Markdown."""
+    sections = dict[tuple[str, str], list[Mapping[str, Any]]]()
+    for title, variant in _mappings_below(problem_schema(), ""):
+        sections.setdefault((title, variant.get("description", "")), []).append(variant)
+    texts: dict[Path, list[str]] = {path: [head] for path, head in HEADS.items()}
+    for (title, about), variants in sections.items():
+        place = next((path for path in HEADS if title.startswith(path.stem.removeprefix("problem-keys-"))), PAGE)
+        words = [] if title == TOP or not about else [f"{_cell(about)}\n"]
+        texts[place] += [f"## {title if title == TOP else f'`{title}`'}\n", *words, *_table(variants), ""]
+    return {path: "\n".join(lines) for path, lines in texts.items()}
 
 
-def _sections(schema: Mapping[str, Any], path: str) -> Iterator[str]:
-    """A table of the keys of a mapping, followed by those of the mappings in it."""
-    required, inner = schema.get("required", ()), list[tuple[str, Mapping[str, Any]]]()
-    yield f"## {f'`{path}`' if path else TOP}\n"
-    if path and "description" in schema:
-        yield f"{_cell(schema['description'])}\n"
-    yield "| key | means | value |\n|---|---|---|"
+def _mappings_below(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """A mapping and those in it, each with its path; those that only restrict others have no types."""
+    if any(_kind(value) != "any" for value in schema["properties"].values()):
+        yield path or TOP, schema
     for key, value in schema["properties"].items():
-        name = f"{path}.{key}" if path else key
-        inner += [(_named(name, variant), variant) for variant in _mappings(value)]
-        default = f"default `{value['default']}`" if value.get("default") not in (None, "", {}) else ""
-        presence = "required" if key in required else default
-        words = f"{_kind(value)}{'; ' if presence else ''}{presence}"
-        yield f"| `{key}` | {_cell(value.get('description', ''))} | {_cell(words)} |"
-    yield ""
-    for name, variant in inner:
-        yield from _sections(variant, name)
+        for variant in _mappings(value):
+            yield from _mappings_below(variant, _named(f"{path}.{key}" if path else key, variant))
+
+
+def _table(variants: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The keys of a mapping, whose variants belong to different walkers; keys that mean the same share a row."""
+    rows = dict[tuple[str, str], dict[str, None]]()
+    for key, value in ((key, value) for variant in variants for key, value in variant["properties"].items()):
+        required = all(key in variant.get("required", ()) for variant in variants)
+        default = "" if value.get("default") in (None, "", {}) else f"default `{_yaml(value['default'])}`"
+        cells = filter(None, (_kind(value), "required" if required else default))
+        rows.setdefault((_cell(value.get("description", "")), _cell("; ".join(cells))), {})[f"`{key}`"] = None
+    if len(variants) > 1 and any(
+        variant["properties"].keys() != variants[0]["properties"].keys() for variant in variants
+    ):
+        yield "The keys depend on the walker.\n"
+    yield "| key | meaning | value |\n|---|---|---|"
+    yield from (f"| {', '.join(keys)} | {words} | {kind} |" for (words, kind), keys in rows.items())
+
+
+def _yaml(value: Any) -> str:
+    return str(value).replace("'", "")
 
 
 def _named(path: str, variant: Mapping[str, Any]) -> str:
@@ -85,14 +110,17 @@ def _kind(value: Mapping[str, Any]) -> str:
     variants = (*value.get("oneOf", ()), *value.get("anyOf", ()))
     if variants:
         kinds = ["an unknown" if v.get("description") == "an unknown" else _kind(v) for v in variants]
-        return " or ".join(dict.fromkeys(kinds))
+        return " or ".join(kind for kind in dict.fromkeys(kinds) if kind != "any")
     kind = value.get("type", "any")
     if kind == "array":
         return f"list of {_kind(value.get('items', {}))}"
     if kind == "string" and "deg" in value.get("pattern", ""):
         return "angle"
-    limits = [(words, value[key]) for key, words in BOUNDS if key in value and abs(value[key]) != LARGEST]
-    bounds = " and ".join("more than 0" if x == SMALLEST else f"{words} {x:.6g}" for words, x in limits)
+    limits = {key: value[key] for key in ("minimum", "maximum") if abs(value.get(key, LARGEST)) != LARGEST}
+    words = {"minimum": "at least", "maximum": "at most"}
+    bounds = " and ".join("more than 0" if x == SMALLEST else f"{words[key]} {x:.6g}" for key, x in limits.items())
+    if limits.keys() == words.keys() and limits["minimum"] != SMALLEST:
+        bounds = f"{limits['minimum']:.6g} to {limits['maximum']:.6g}"
     return f"{'mapping' if kind == 'object' else kind}{f', {bounds}' if bounds else ''}"
 
 
@@ -101,4 +129,5 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")

@@ -128,7 +128,7 @@ CycleEnd = Annotated[
     Literal["touchdown", "clock"] | MarginSection,
     Field(
         description="what ends a cycle: the landing of a foot, the end of the control law's period, or a margin that "
-        "falls to zero; of walkers with several contacts"
+        "falls to zero; for walkers with several contacts"
     ),
 ]
 
@@ -141,14 +141,14 @@ class StepSection(Section):
 
 
 class GaitSection(StepSection):
-    """A gait that repeats itself after one step, and a first guess."""
+    """A gait with a cycle of one step, and a first guess."""
 
     section: CycleEnd = "touchdown"
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations")]
 
 
 class CycleSection(Section):
-    """A gait that repeats itself after several steps, and a first guess."""
+    """A gait with a cycle of several steps, and a first guess."""
 
     section: CycleEnd = "touchdown"
     steps: Annotated[
@@ -160,7 +160,7 @@ class CycleSection(Section):
 class OpenGaitSection(Section):
     """A gait with an open mode sequence."""
 
-    phases: Annotated[Literal["auto"], Field(description="the modes are to be found")]
+    phases: Annotated[Literal["auto"], Field(description="the mode sequence is searched")]
     section: CycleEnd = "touchdown"
     impact: Annotated[
         Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
@@ -170,7 +170,7 @@ class OpenGaitSection(Section):
 
 
 class GuessSection(Section):
-    """First guess: state after impact, and phase durations."""
+    """State just after the impact, and durations of the phases."""
 
     state: Annotated[
         dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
@@ -181,14 +181,14 @@ class GuessSection(Section):
 
 
 class FirstGuessSection(Section):
-    """A first guess without a known motion: how far the feet are apart, or some postures, and the time of the step."""
+    """A guess from nothing: the distance of the feet, or some postures, and the duration of the step."""
 
     step_length: Annotated[
         Positive | None,
         Field(description="distance of the feet just after the impact [m], near the walker's typical posture"),
         Within(unit="length", possible=(0, 2)),
     ] = None
-    duration: Annotated[Duration, Field(description="of the step [s]"), DURATION]
+    duration: Annotated[Duration, Field(description="duration of the step [s]"), DURATION]
     postures: Annotated[
         tuple[dict[str, Angle], ...] | None,
         Field(
@@ -372,7 +372,7 @@ def _gait(walkers: Any) -> dict[str, Any]:
             choices: list[dict[str, Any]] = [needed, {"required": ["section"]}]
             gait["anyOf"] = choices
         gait["properties"]["guess"] = {"description": guess["description"], "oneOf": [guess, first]}
-    return {"description": "phases and impact of one step, of several steps, or to be found", "oneOf": gaits}
+    return {"description": "phases and impact of one step, of several steps, or an open mode sequence", "oneOf": gaits}
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:
