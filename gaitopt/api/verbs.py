@@ -31,7 +31,7 @@ from gaitopt.api.stored import compared, save, stored_gait
 from gaitopt.callbacks import Stop
 from gaitopt.errors import GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
-from gaitopt.gait.gait import Attractor, Gait, Method, method_of
+from gaitopt.gait.gait import Attractor, Gait, Method, method_of, require_gait
 from gaitopt.model.control import Control
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
@@ -543,6 +543,7 @@ def prove(
     from gaitopt.store.files import make_folder, write_whole
     from gaitopt.store.formats import json_text
 
+    require_gait(start, "prove")
     gait = start.gait if isinstance(start, SpecialPoint) else start
     if isinstance(start, SpecialPoint):
         if parameter is None:

@@ -14,7 +14,7 @@ import numpy as np
 from gaitopt.branches.monitors import BIFURCATIONS, TestFunction
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import TERMINAL, SpecialPoint
-from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.gait import Gait, Status, require_gait
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import STATIC_KINETIC
 from gaitopt.model.system import HybridSystem
@@ -66,10 +66,12 @@ class Request:
         UnknownNameError
             If the gait has no such continuous parameter, or an event has the name of a type of special point.
         ProblemError
-            If the parameter cannot have the value of a target, has it already, or a target lies beyond a bound.
+            If a problem is given, or the parameter cannot have the value of a target, has it already, or a target
+            lies beyond a bound.
         SolveError
             If there is no gait.
         """
+        require_gait(start, "continuation")
         stated = start if isinstance(start, Gait) else start.gait
         if stated is None:
             raise SolveError(f"there is no gait at the special point {start!r}")

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
-from gaitopt.errors import SolveError, UnknownNameError
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import contact_record, control_record, observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
@@ -422,6 +423,13 @@ class Gait(WalkerMotion):
                 for first, step in zip(cycle.first_phases, self.steps, strict=True)
             ]
         return record
+
+
+def require_gait(start: object, call: str) -> None:
+    """Raise ProblemError if a problem, or its name, is given in place of its gait."""
+    if isinstance(start, str | Path | Problem):
+        words = f"solve({str(start)!r})" if isinstance(start, str | Path) else "solve(problem)"
+        raise ProblemError(f"{call} takes a gait, not a problem; give {words}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -35,7 +35,7 @@ from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.reading import Known, read_statement
-from gaitopt.problem.source import find_problem, parse_source, read_text
+from gaitopt.problem.source import SUFFIXES, find_problem, parse_source, read_text
 from gaitopt.problem.statement import (
     ProblemStatement,
     changed_values,
@@ -325,8 +325,9 @@ def parse_problem(
     ProblemError
         As ``load_problem``; or if there is no text.
     """
-    if text is None:
-        remedy = "" if path is None else f": load_problem({str(path)!r}) reads a file"
+    if text is None or (text.endswith(SUFFIXES) and "\n" not in text):
+        given = text or path
+        remedy = "" if given is None else f": load_problem({str(given)!r}) reads a file"
         raise ProblemError(f"parse_problem reads a YAML text, which is missing{remedy}")
     return _parse(text, passed_classes(walkers, controls), () if path is None else (Path(path),))
 

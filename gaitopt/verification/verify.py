@@ -25,7 +25,7 @@ from gaitopt.arrays import Array
 from gaitopt.display import Tabulated
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance
+from gaitopt.gait.gait import Gait, floquet_multipliers, multiplier_distance, require_gait
 from gaitopt.gait.measures import friction_ratio, measure, measure_scales, observe, touching_contacts
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Arc, Step, impact_record
@@ -187,6 +187,7 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
     UnknownNameError
         If the engine is unknown or not installed.
     """
+    require_gait(gait, "verify")
     simulator = Simulator(gait.dynamics, stepper_class(engine))
     sequence, walked = _simulated_cycle(gait, simulator)
     claims = [sequence, *law_claims(gait)]

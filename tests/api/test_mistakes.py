@@ -36,6 +36,9 @@ def sentence(call):
         (lambda: go.parse_problem(path="x"), "load_problem('x') reads a file"),
         (lambda: go.load_problem(PASSIVE).replace({"mu": 0.1}), "mu: unknown key; did you mean friction?"),
         (lambda: go.load_problem(PASSIVE).replace({"walker.slope": 2}), "did you mean 2 deg?"),
+        (lambda: go.verify(PASSIVE), "verify takes a gait, not a problem; give solve('compass-passive-a')"),
+        (lambda: go.continuation(go.load_problem(PASSIVE), "friction", 0.1), "not a problem; give solve(problem)"),
+        (lambda: go.parse_problem("my.yaml"), "load_problem('my.yaml') reads a file"),
     ],
 )
 def test_a_wrong_call_names_the_right_one(call, words):
