@@ -5,6 +5,7 @@ must be at least tan(slope).
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -28,8 +29,10 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
+from gaitopt.model.reference import TableCurves
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import DURATION, Scales, Within, symmetric, words_and_unit
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 from gaitopt.model.walker import Walker
@@ -51,6 +54,8 @@ LONGEST = 50.0
 """Length [m] above which a walker is probably given in millimetres."""
 LIGHT = 1e-6
 """A mass below this part of the total is probably a mistake."""
+LOOSE = 0.1
+"""Distance of a table's end from its joint above which the table is probably not for this gait [rad, or legs]."""
 MANY_PHASES = 10
 """Phases of a step for which a solution takes many seconds; the time grows with the square of their number."""
 TOO_SLIPPERY = "{} is less than tan(slope) = {}: no steady gait exists on this slope"
@@ -85,11 +90,10 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
 
 def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
     """Faults of the control law with this walker: torques that are not numbers, or jump at a breakpoint."""
-    law, walker = problem.control, type(problem.walker)
+    law = problem.control
     if isinstance(law, NoControl | ConstantTorque) or law.source[0]:  # a gait that is to be tracked is not known yet
         return
-    key = (walker, problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
-    yield from torque_faults(problem, law, lambda: _controlled(_Controlled(key=key, problem=problem)))
+    yield from torque_faults(problem, law, lambda: _controlled_system(problem))
 
 
 def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], HybridSystem]) -> Iterator[Fault]:
@@ -136,6 +140,42 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
             at_end = np.asarray(function(times[segment], z, p, law.data(segment))).ravel()
 
 
+def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
+    """Remarks: ends of a table far from its joint, just after an impact and just before the next, at the guess.
+
+    The shape before the impact is that of the guess with the legs relabelled.
+    """
+    law, walker = problem.control, type(problem.walker)
+    tables = {name: target for name, target in law.targets.items() if isinstance(target, TableCurves)}
+    known_law = isinstance(law, ProportionalDerivative | VirtualConstraints)
+    if not (tables and known_law) or problem.start is None or problem.is_open or walker.contacts or walker.flies:
+        return
+    ((key, table),) = tables.items()
+    names = law.outputs if isinstance(law, VirtualConstraints) else table.names
+    system, mode, n = _controlled_system(problem), problem.cycle.phases[0], len(walker.shape)
+    p, after = system.values(problem.parameters), np.array([*problem.start.state.values()])
+    relabelled = system.impact(Mode.STICK)
+    before = np.asarray(relabelled(after, p)[0]).ravel()
+    again = np.asarray(relabelled(before, p)[0]).ravel()
+    ends = [("first", "just after the impact", after, 0.0)]
+    if np.allclose(again[:n], after[:n], atol=SINGULAR):
+        durations, last = problem.start.durations, max(law.breakpoints, default=0.0)
+        ends.append(("last", "just before the impact", before, min(sum(durations or [last]), last)))
+    for row, where, z, time in ends:
+        known = system.quantities(mode)(t=time, z=z, p=p, r=law.data(bisect_left(law.breakpoints, time)))
+        for name, error in zip(names, np.asarray(known["outputs"]).ravel().tolist(), strict=True):
+            unit, size = ("m", length) if name in walker.lengths else ("rad", 1.0)
+            if abs(error) > LOOSE * size:
+                words = f"the {row} value of {name} is {abs(error):.3g} {unit} from its joint {where}, at the guess"
+                yield Fault(("control", key, "table"), f"{table.table.file}: {words}; the torques jump at the impact")
+
+
+def _controlled_system(problem: ProblemStatement) -> HybridSystem:
+    """The system of a problem whose law needs no other gait, shared by problems that differ in parameters alone."""
+    structure = (problem.impact_law, problem.friction_law, problem.cycle_end, *problem.control.structure)
+    return _controlled(_Controlled(key=(type(problem.walker), *structure), problem=problem))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Controlled:
     """``key`` determines a system's functions; ``problem`` builds them the first time."""
@@ -175,6 +215,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
         yield Fault(("walker",), words)
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
+    yield from _loose_ends(problem, scales.length)
     needed = least_friction(problem)
     if problem.static_friction < needed:
         yield Fault(("friction",), TOO_SLIPPERY.format(*told_apart(problem.static_friction, needed)))

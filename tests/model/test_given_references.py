@@ -114,6 +114,20 @@ def test_results_state_how_far_the_ends_of_a_table_are_from_the_joint() -> None:
     assert not {"control", "tracking_errors"} & {*named("compass-passive-b").to_record()}
 
 
+def test_ends_of_a_table_far_from_the_joint_are_remarked() -> None:
+    """After the impact the joint is at -0.085; before it the legs have each other's angle, with the other sign."""
+    assert not go.load_problem(NAME).remarks
+    loose = with_reference({"table": {"t": [0, 0.4, 0.8], "theta2": [0.2, 0, -0.1]}, "beyond_end": "off"})
+    words = [line.partition("table: table: ")[2] for line in loose.remarks]
+    end = "at the guess; the torques jump at the impact"
+    assert words == [
+        f"the first value of theta2 is 0.285 rad from its joint just after the impact, {end}",
+        f"the last value of theta2 is 0.185 rad from its joint just before the impact, {end}",
+    ]
+    over_phase = {"table": {"theta1": [-0.085, 0, 0.085], "theta2": [-0.085, 0, 0.2]}, "degree": 2, "phase": "theta1"}
+    assert ["last value of theta2 is 0.115 rad" in line for line in with_reference(over_phase).remarks] == [True]
+
+
 def test_joints_may_follow_those_of_another_walker() -> None:
     other = named("torso-passive")
     problem = with_reference({"gait": "torso-passive", "joints": {"theta2": "torso"}, "beyond_end": "hold"})
