@@ -60,9 +60,6 @@ def _class_faults(law: type[Control]) -> Iterator[str]:
     for name in ("jumps", "restarts"):
         if not isinstance(getattr(law, name), bool):
             yield f"{name} is {shown(getattr(law, name))}, but must be True or False"
-    if not law.restarts:
-        words = "only of laws whose clock restarts at every impact: leave it out; with several contacts a cycle may end"
-        yield f"restarts is False, but gaitopt computes gaits {words} with the law's period, gait: {{section: clock}}"
     for name, field in law.model_fields.items():
         if name not in Control.model_fields:
             yield from (f"the key {name} {why}" for why in _field_faults(name, field))
@@ -110,8 +107,9 @@ def check_clock(law: Control) -> None:
         raise ProblemError(f"{name}: breakpoints are {shown(times)}, but must be increasing times above 0 [s]")
     if not (horizon == inf or (_is_time(horizon) and horizon > max(times, default=0.0))):
         raise ProblemError(f"{name}: horizon is {shown(horizon)}, but must be a time after the breakpoints [s]")
-    if not (period is None or _is_time(period)):
-        raise ProblemError(f"{name}: period is {shown(period)}, but must be a time above 0 [s], or None")
+    if not (_is_time(period) or (period is None and law.restarts)):
+        other = "or None" if law.restarts else "because restarts is False: the cycle of a gait ends with it"
+        raise ProblemError(f"{name}: period is {shown(period)}, but must be a time above 0 [s], {other}")
     for segment, data in enumerate(stated["data"]):
         numbers = isinstance(data, np.ndarray) and data.ndim == 1 and data.dtype.kind in "iuf"
         if not (numbers and np.isfinite(data).all()):

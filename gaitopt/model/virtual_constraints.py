@@ -2,8 +2,14 @@
 
     y = h(q) - h_d(s),    s = (phi(q) - s0) / (s1 - s0)
 
-with the angles h of some joints or motors, a phase variable phi that is monotone along a step, and Bezier curves h_d,
-which continue as polynomials outside of the span from s0 to s1; or constants, or polynomials that fit a table. With
+with the angles h of some joints or motors, a phase variable phi that is monotone along a step, and Bezier curves h_d;
+or constants, or polynomials that fit a table or a gait. Outside of the span from s0 to s1 the curves continue as
+polynomials. With a width w of ``clamp`` they are held there, because h_d then has the argument
+
+    c(s) = (1 + sqrt(s^2 + w^2) - sqrt((s - 1)^2 + w^2)) / 2,
+
+which is smooth: at most about w / 2 from s inside of the span, at its ends, and from 0 or 1 outside. A clamp with kinks
+would make the torques jump where the phase passes an end, an event at a state that no mode sequence has. With
 shape accelerations ddq = drift + response u, for a foot that is held or in the actual mode, and J = dy/dq, the law is
 
     linearising    u = (J response)^-1 (-J drift - dJ/dt dq - kp y - kd dy),    so that ddy + kd dy + kp y = 0
@@ -21,7 +27,7 @@ from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated
 
-from casadi import SX, jacobian, jtimes, solve, vertcat, vertsplit
+from casadi import SX, jacobian, jtimes, solve, sqrt, vertcat, vertsplit
 from pydantic import Field
 
 from gaitopt.model.control import Control, Instant
@@ -31,6 +37,8 @@ from gaitopt.model.walker import WalkerType
 
 GAINS = ("kp", "kd")
 LARGEST_GAIN = 1e9
+SMALLEST_CLAMP = 1e-3
+"""Least width of a clamp: a narrower one is stiff, the integration resolves it by tiny steps."""
 Gain = Annotated[NonNegative, Field(le=LARGEST_GAIN)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 
@@ -64,6 +72,17 @@ class VirtualConstraints(Control):
         Field(min_length=2, max_length=2, description="phase variable at the start and the end of the curves"),
     ]
     reference: Annotated[OverPhase, Field(description="curves of the outputs over the phase")]
+    clamp: Annotated[
+        float | None,
+        Field(
+            ge=SMALLEST_CLAMP,
+            le=0.5,
+            allow_inf_nan=False,
+            strict=True,
+            description="outside of the span the curves are held, smoothly: the width, in parts of the span, on which "
+            "the phase saturates at its ends; the curves go on as polynomials if left out",
+        ),
+    ] = None
     law: Annotated[
         Law,
         Field(
@@ -180,7 +199,11 @@ class VirtualConstraints(Control):
         angles = dict(zip(walker.actuators, motors, strict=True)) | vars(now.s)
         span = (self.span[0], self.span[1])
         assert not isinstance(self.reference, GaitCurves | FreeCurves)  # which are replaced once the gait is known
-        curves = self.reference.curves(now.p.reference, self.outputs, angles[self.phase], span)
+        phase = angles[self.phase]
+        if self.clamp is not None:
+            s, w = (phase - span[0]) / (span[1] - span[0]), self.clamp
+            phase = span[0] + (span[1] - span[0]) * (1 + sqrt(s**2 + w**2) - sqrt((s - 1) ** 2 + w**2)) / 2
+        curves = self.reference.curves(now.p.reference, self.outputs, phase, span)
         y = vertcat(*(angles[name] for name in self.outputs)) - curves
         return y, jacobian(y, now.robot.q[: len(walker.shape)])
 

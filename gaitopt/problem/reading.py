@@ -110,6 +110,14 @@ class _StatementReader:
         self._modes, guess = self._read_gait()
         fields |= {"walker": self._walker, "control": self._control, "modes": self._modes, "start": guess}
         fields["cycle_end"] = self._cycle_end
+        if self._control and self._model and not self._control.restarts and self._cycle_end != CLOCK:
+            why = "end the cycle with its period, gait: {section: clock}"
+            if not self._model.contacts:
+                why = (
+                    f"a step of the {self._model.model} begins at an unknown phase of it, no coordinate of its section"
+                )
+                why += "; walkers with several contacts may end a cycle with its period, gait: {section: clock}"
+            self._fault(("control", "type"), f"the clock of {self._control.type} does not restart at impacts: {why}")
         if self._model:
             objective, constraints = self._read_objective(), self._read_constraints()
             if not self._faults:

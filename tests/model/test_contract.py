@@ -5,11 +5,14 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import pytest
 from casadi import SX, Function, jacobian, sqrt, vertcat
+from named import named
 from oracles import CASES, numbers
 from pydantic import Field
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
+from gaitopt.model.clocked import Alternating
+from gaitopt.model.contract import check_clock
 from gaitopt.model.control import Control, Fixed, Instant
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -201,13 +204,46 @@ def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:
     assert words in str(caught.value)
 
 
+class Running(Alternating):
+    """Alternates with a clock that the impacts do not restart."""
+
+    type = "running"
+    restarts = False
+
+
+def test_a_clock_that_does_not_restart_ends_the_cycle_of_a_walker_with_several_contacts() -> None:
+    text = go.load_problem("crawler").text.replace("type: alternating", "type: running")
+    gait, source = go.solve(go.parse_problem(text, controls=[Running])), named("crawler")
+    assert gait.converged
+    assert gait.multipliers == pytest.approx(source.multipliers, abs=1e-9)
+    with pytest.raises(ProblemError, match="does not restart at impacts: end the cycle with its period"):
+        go.parse_problem(text.replace("section: clock", "section: touchdown"), controls=[Running])
+    with pytest.raises(ProblemError, match=r"control.type: the clock of running does not restart at impacts: a step"):
+        stated(Running, "{type: running, cycle: 1, first: {hip: 1}, second: {hip: -1}}")
+
+
+def test_a_clock_that_does_not_restart_has_a_period() -> None:
+    class Timeless(Running):
+        type = "timeless"
+
+        @property
+        def period(self) -> float | None:
+            return None
+
+    text = go.load_problem("crawler").text.replace("type: alternating", "type: timeless")
+    with pytest.raises(ProblemError, match="clock needs a control law with a period of its own"):
+        go.parse_problem(text, controls=[Timeless])
+    with pytest.raises(ProblemError, match=r"period is None, but must be a time above 0 \[s\], because restarts is Fa"):
+        check_clock(Timeless(cycle=1, first={}, second={}))
+
+
 @pytest.mark.parametrize(
     ("attributes", "words"),
     [
         ({"type": 3}, "type is 3, but must be a word"),
         ({"type": "x", "version": 2}, "version is 2, but must be a word, such as '1'"),
         ({"type": "x", "jumps": "no"}, "jumps is 'no', but must be True or False"),
-        ({"type": "x", "restarts": False}, "only of laws whose clock restarts at every impact"),
+        ({"type": "x", "restarts": 0}, "restarts is 0, but must be True or False"),
         ({"type": "x", "__annotations__": {"a__b": float}, "a__b": 1.0}, "the key a__b must have a name of ASCII"),
         (
             {"type": "x", "__annotations__": {"k": Annotated[float, Field(alias="kk")]}, "k": 1.0},

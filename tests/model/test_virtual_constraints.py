@@ -52,9 +52,9 @@ def curve(theta1):
     return tuple(bezier(POINTS, s, order) / (2 * END) ** order for order in range(3))
 
 
-def torque(q, v):
-    """The linearising hip torque of a foot that sticks."""
-    h, slope, bend = curve(q[0])
+def torque(q, v, known=None):
+    """The linearising hip torque of a foot that sticks; ``known`` are angle, slope and bend of another curve."""
+    h, slope, bend = known or curve(q[0])
     J, inverse = np.array([-slope, 1.0]), np.linalg.inv(inertia(q))
     y, dy = q[1] - h, v[1] - slope * v[0]
     free = J @ (-inverse @ forces(q, v)) - bend * v[0] ** 2
@@ -188,6 +188,34 @@ def test_curves_continue_as_polynomials_outside_of_their_span():
     z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
     y = float(dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])["outputs"])
     assert y == pytest.approx(0.3 - bezier(POINTS, 1.25), rel=1e-12)
+
+
+@pytest.mark.parametrize("width", [0.2, 0.01])
+def test_a_clamp_holds_the_curves_outside_of_their_span(width):
+    """The torque of a linearising law with c(s), its slope and bend written out, inside, at an end and far outside."""
+    dynamics = dynamics_of({"control.clamp": width})
+    for theta1 in (0.03, 0.1, 0.3, -0.4):
+        z = np.array([theta1, 0.05, 0, 0.4, -0.2, 0])
+        s = (theta1 + END) / (2 * END)
+        first, second = np.hypot(s, width), np.hypot(s - 1, width)
+        clamped, slope = (1 + first - second) / 2, (s / first - (s - 1) / second) / 2
+        bend = width**2 / 2 * (first**-3 - second**-3)
+        curves = [bezier(POINTS, clamped, order) for order in range(3)]
+        chain = (curves[0], curves[1] * slope / (2 * END), (curves[2] * slope**2 + curves[1] * bend) / (2 * END) ** 2)
+        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])
+        expected = torque(z[:2], z[3:5], chain)
+        assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, expected], rel=1e-10)
+        if abs(s - 0.5) > 1:
+            assert curves[0] == pytest.approx(POINTS[0 if s < 0 else -1], abs=width**2)
+
+
+def test_a_gait_that_leaves_the_span_of_clamped_curves():
+    changes = {"control.span": [-0.1, 0.08], "control.law": "pd", "control.gains": {"kp": 60, "kd": 10}}
+    guess = {"gait.guess.state.dtheta1": 0.48}
+    gait = go.solve(go.load_problem(NAME).replace({"control.clamp": 0.02, **changes, **guess}))
+    assert spread(gait)[:, 0].max() > 0.081
+    assert go.verify(gait).passed
+    assert gait.to_record()["zero_dynamics"]["delta_squared"] is None
 
 
 @pytest.mark.portable
@@ -412,6 +440,8 @@ def test_a_singular_decoupling_matrix_is_named():
         ({"control.phase": "hip"}, "no phase variable 'hip'; it has theta1, theta2"),
         ({"control.phase": "theta2"}, "theta2 is the phase variable"),
         ({"control.span": [0.1, 0.1]}, "is empty: both ends are 0.1"),
+        ({"control.clamp": 0}, "control.clamp: 0 must be at least 0.001"),
+        ({"control.clamp": True}, "control.clamp: "),
         ({"control.span": [0.1, 0.2, 0.3]}, "has 3 entries, must have 2"),
         ({"control.gains": {"kp": 1}}, "control.gains.kd: is missing"),
         ({"control.gains.ki": 1}, "unknown key; allowed: kp, kd"),
