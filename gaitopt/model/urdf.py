@@ -25,7 +25,7 @@ from pydantic import Field
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import NAME, NAME_WORDS, state_tree
+from gaitopt.model.declaration import FOOT_COORDINATES, NAME, NAME_WORDS, RESERVED, state_tree
 from gaitopt.model.links import SAME, Link, Tree
 from gaitopt.model.units import Inertia, Positive, Slope
 from gaitopt.model.walker import Mechanism, Walker
@@ -367,6 +367,7 @@ class _Reader:
             body.mass += mass
             body.moment = body.moment + mass * com
             body.inertia += inertia + mass * float(com @ com)  # about the origin of the plane, so far
+        taken = {*FOOT_COORDINATES, *(f"d{name}" for name in (*FOOT_COORDINATES, *(body.name for body in made)))}
         for body in made:
             link = self._links[body.name]
             if not body.mass > 0:
@@ -375,6 +376,10 @@ class _Reader:
             body.inertia = max(body.inertia, 0.0)
             if not NAME.fullmatch(body.name):
                 self.refuse(link, f"moves, and its name is a coordinate, which must have {NAME_WORDS}: rename it")
+            if body.name in taken:
+                self.refuse(link, "moves, and has the name of a coordinate of the foot, or of a link's rate: rename it")
+            if body.joint is not None and body.joint.attributes["name"] in RESERVED:
+                self.refuse(body.joint, "has a name with another meaning in problem files: rename it")
             if body.joint is not None and not NAME.fullmatch(body.joint.attributes["name"]):
                 self.refuse(body.joint, f"moves, and its name is a motor's, which must have {NAME_WORDS}: rename it")
         return bodies

@@ -251,6 +251,9 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
             "swing-thigh",
             r"link swing-thigh: moves, and its name is a coordinate, which must have a name",
         ),
+        ("swing_thigh", "x", "link x: moves, and has the name of a coordinate of the foot, or of a link's rate"),
+        ("swing_thigh", "dtorso", "link dtorso: moves, and has the name of a coordinate of the foot, or of a link's r"),
+        ("swing_knee", "mode", "joint mode: has a name with another meaning in problem files: rename it"),
         ("swing_knee", "swing.knee", r"joint swing.knee: moves, and its name is a motor's, which must have a name"),
     ],
 )
