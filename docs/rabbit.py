@@ -1,4 +1,4 @@
-"""Draws docs/rabbit.png: one step of four gaits of RABBIT.
+"""Draws docs/rabbit.png, one step of four gaits of RABBIT, and docs/rabbit.gif, the last of them.
 
 Run it from the root of a clone: ``python docs/rabbit.py``.
 """
@@ -48,3 +48,4 @@ if __name__ == "__main__":
         ):
             draw(axes, gait, title)
         figure.savefig(PICTURE, dpi=110)
+    branch.points[-1].gait.animate().save(PICTURE.with_suffix(".gif"))

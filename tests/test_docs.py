@@ -87,9 +87,11 @@ def test_the_energy_of_virtual_passive_walking_grows_with_the_position_of_the_ma
 
 
 @pytest.mark.portable
-@pytest.mark.parametrize("text", blocks("yaml"))
+@pytest.mark.parametrize(
+    "text", [pytest.param(text, marks=pytest.mark.slow if "urdf:" in text else ()) for text in blocks("yaml")]
+)
 def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
-    gait = solve(parse_problem(text))
+    gait = solve(parse_problem(text, ROOT / "docs" / "examples" / "shown.yaml"))
     assert gait.converged, gait.message
     assert verify(gait).passed
 
