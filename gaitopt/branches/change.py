@@ -105,7 +105,7 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     """The named contact, or the group of contacts, of which a monitor vanishes; empty where contacts have no names.
 
     In the impact that ends a step it has its name after the feet have swapped places, as in ``impact``. Of a phase that
-    shrinks to nothing it is the contact that does something of its own there.
+    vanishes it is the contact that does something of its own there.
     """
     if not walker.contacts:
         return ""
@@ -282,7 +282,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     if key.phase is None:
         reason = margin(key.kind).lost
     else:
-        lost = " shrinks to nothing" if key.kind == "duration" else f": {margin(key.kind).lost}"
+        lost = " vanishes" if key.kind == "duration" else f": {margin(key.kind).lost}"
         reason = f"{curve.cycle.phase_words(key.phase)}{lost}"
     for side in (ahead, -ahead):
         walked = list[Cycle]()

@@ -78,7 +78,9 @@ def continue_(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Continue a gait in a parameter, through folds and changes of the mode sequence.
+    """Follow the family of a gait along a parameter.
+
+    Folds and changes of the mode sequence are passed; special points are located.
 
     RUN@special.K continues the other branches through a special point: at a period doubling the cycles with twice as
     many steps, at a branch point the crossing curve, at a change of modes the other mode sequences.
@@ -162,9 +164,10 @@ def front(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Solve a chain of designs over one key, in both directions, and mark the Pareto front.
+    """Solve a chain of designs, such as cost versus speed.
 
-    Every design is stored as soon as it is found. Repeat the command to resume.
+    The designs run over one key in both directions, and the Pareto front is marked. Every design is stored as soon as
+    it is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.api.pictures import save_figures
@@ -202,9 +205,10 @@ def sweep(
     from_guess: GuessOption = False,
     output: OutOption = None,
 ) -> int:
-    """Solve and verify a problem on a grid of parameter values, each as `solve --set` does.
+    """Solve and verify a problem on a grid of parameters.
 
-    A point without a gait is a result. Every result is stored as soon as it is found. Repeat the command to resume.
+    Each point is solved as by `solve --set`. A point without a gait is a result. Every result is stored as soon as it
+    is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.problem.scalars import SCALARS
@@ -240,10 +244,11 @@ def attractors(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Find what walks settle on at each value of a parameter: cycles of any length, or chaos.
+    """Find what walks settle on along a parameter.
 
-    Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Finished values are stored;
-    repeat the command to resume. `gaitopt plot FOLDER --over RUN` draws the diagram over a branch.
+    At each value these are cycles of any length, or chaos. Each attractor has its largest Lyapunov exponent per step,
+    which is positive for chaos. Finished values are stored; repeat the command to resume. `gaitopt plot FOLDER --over
+    RUN` draws the diagram over a branch.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_attractors
@@ -278,10 +283,11 @@ def basin(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Simulate a walk from every state of a grid until it settles on a gait or fails.
+    """Compute basins of attraction on a grid of states.
 
-    The other coordinates are those of RUN's gait. Finished tiles are stored; repeat the command to resume.
-    `gaitopt solve RUN@attractor.K` solves the gait of the K-th attractor; RUN is the folder that basin prints.
+    A walk starts from every state, until it settles on a gait or fails. The other coordinates are those of RUN's gait.
+    Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the gait of the K-th
+    attractor; RUN is the folder that basin prints.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_basin

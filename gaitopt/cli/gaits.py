@@ -226,7 +226,7 @@ def find(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Find all gaits at the parameters of a problem, with any mode sequence.
+    """Find all gaits of a walker, with any mode sequence.
 
     Candidates come from simulations of many start states, from a nonlinear program without a mode sequence, and from
     families. Each gait is solved, verified and listed once, stable ones first. Repeat the command to resume.
@@ -254,7 +254,10 @@ def explain(
     workers: WorkersOption = None,
     changes: SetOption = None,
 ) -> int:
-    """Explain why a problem has no gait: violated conditions, existing gaits, and the nearest values with a gait."""
+    """Explain why a problem has no gait.
+
+    The answer lists violated conditions, existing gaits, and the nearest parameter values with a gait.
+    """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_explanation
 
@@ -291,7 +294,7 @@ def prove(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Prove that a gait exists, with its mode sequence and its stability.
+    """Prove existence, mode sequence and stability of a gait.
 
     Ball arithmetic encloses the orbit, its mode sequence and its multipliers. The certificate is stored in the run
     folder. --set KEY=LO..HI proves the gait for all values of an interval. RUN@special.K proves a special point of a
@@ -370,10 +373,11 @@ def replay(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Replay a gait in another physics engine, and measure its errors versus time step.
+    """Replay a gait in another physics engine.
 
-    The engine starts from the gait's state and walks one cycle at each time step. The result is stored in the run
-    folder; `report` draws the motion of the engine over that of the gait.
+    The errors of the engine are measured versus time step. The engine starts from the gait's state and walks one cycle
+    at each time step. The result is stored in the run folder; `report` draws the motion of the engine over that of the
+    gait.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.engines.replay import adapter

@@ -18,7 +18,10 @@ REPORT, COMPARISON_REPORT = "report.html", "comparison.html"
 
 
 def list_problems(terminal: Terminal) -> int:
-    """List the included problems, with period, radius and stability if their run is in results/."""
+    """List the included problems.
+
+    Period, radius and stability are shown for problems whose run is in results/.
+    """
     from gaitopt.problem.problem import load_problem
     from gaitopt.problem.source import problem_names
 
@@ -51,7 +54,10 @@ def show(
         typer.Option("--format", help="Print the problem file as it is, or the walker's links for other programs."),
     ] = None,
 ) -> int:
-    """Print a problem in SI units, with all defaults; or its YAML file; or its walker as URDF or MJCF (MuJoCo)."""
+    """Print a problem, in SI units with all defaults.
+
+    --format prints its YAML file as it is, or its walker as URDF or MJCF (MuJoCo).
+    """
     from gaitopt.show.tables import print_problem
 
     loaded = load(problem, changes)
@@ -138,7 +144,9 @@ def plot(
         ),
     ] = None,
 ) -> int:
-    """Draw figures of a gait, walk, branch, basin, sweep, front or attractors; several gaits or branches are compared.
+    """Draw figures and animations of results.
+
+    Results are gaits, walks, branches, basins, sweeps, fronts and attractors; several gaits or branches are compared.
 
     Gait: portrait, force, slip, torques, force_over_COORDINATE, multipliers, roads (NLP and simulation), animation (an
     HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force, slip, torques, animation.
@@ -178,10 +186,10 @@ def report(
         typer.Option("-o", "--output", metavar="FILE", help="The page. Default: RUN/report.html.", show_default=False),
     ] = None,
 ) -> int:
-    """Write a page about a gait, a walk or a branch, or about several gaits side by side.
+    """Write one offline page about a result.
 
-    The page is one file that needs no network. Several gaits are written to comparison.html in the working folder,
-    or to the file given by -o.
+    The result is a gait, a walk or a branch, or several gaits side by side. Several gaits are written to
+    comparison.html in the working folder, or to the file given by -o.
     """
     from gaitopt.api import pictures
     from gaitopt.api.stored import stored_replays
@@ -217,7 +225,9 @@ def reproduce(
         ),
     ] = None,
 ) -> int:
-    """Draw the figures of a paper, and compare its printed numbers with computed ones in a table.
+    """Reproduce the figures and numbers of a paper.
+
+    A table compares printed numbers with computed ones.
 
     Gaits and families are read from the run folders in results/, or computed on all cores and stored there.
     """

@@ -324,9 +324,9 @@ def print_explanation(console: Console, record: Record) -> None:
         console.print(f"from the guess: {walk['steps']} steps, {walk['status']}: {walk['message']}")
     for nearest in record["nearest"]:
         where = f"{nearest['parameter']} = {nearest['value']:.10g}"
-        console.print(f"the phases begin to exist at {where} ({_words(nearest['type'])}): {nearest['reason']}")
+        console.print(f"this mode sequence begins at {where} ({_words(nearest['type'])}): {nearest['reason']}")
     if record["instead"]:
-        _print_list(console, "gaits that there are", record["instead"])
+        _print_list(console, "existing gaits", record["instead"])
     else:
         console.print("no gait of any other mode sequence was found here")
 
@@ -371,7 +371,7 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str) ->
             )
         )
     between = [f"{end} [{unit}]" if unit else end for end in ("from", "to")]
-    columns = ("branch", "mode sequence", *between, "points", "|multiplier|", "joints")
+    columns = ("branch", "mode sequence", *between, "points", "|multiplier|", "special points")
     section(console, "branches", columns, rows, numbers=(2, 3, 4))
     for k, special in enumerate(specials):
         guess = "" if special["status"] == "converged" else " (only bracketed)"

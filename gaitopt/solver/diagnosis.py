@@ -78,7 +78,7 @@ def violations(at: Solution) -> list[Cause]:
 
 
 def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
-    """The cause that a phase shrinks to nothing."""
+    """The cause that a phase vanishes."""
     words = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
     return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 

@@ -61,4 +61,4 @@ def test_a_crawl_goes_on_where_several_phases_change_at_once(
 def test_a_conservative_runner_loses_its_flight_at_a_steep_angle_of_attack() -> None:
     branch = family("run", "walker.attack", 1.25)
     assert {special.type for special in branch.specials} >= {"period_doubling", "end"}
-    assert "shrinks to nothing" in branch.specials[-1].reason
+    assert "vanishes" in branch.specials[-1].reason

@@ -90,7 +90,7 @@ def test_explain_prints_cause_gaits_and_nearest_values(run, empty_folder):
     code, out, _ = run("explain", "rimless-wheel-stick", "--set", "friction=0.8", "--starts", "1", "--workers", "1")
     assert code == 0
     assert "needs friction 0.9141, has 0.8" in out
-    assert "begin to exist at friction = 0.91412" in out
+    assert "begins at friction = 0.91412" in out
     assert "stick, slip_forward; stick" in out
 
 

@@ -188,7 +188,7 @@ def test_a_constraint_of_ones_own_lifts_the_foot_at_the_expense_of_the_objective
 def test_a_constraint_that_no_gait_meets_ends_where_the_mode_sequence_ends():
     nlp = go.nlp("compass-torque-efficient")
     _, too_high = lifted_foot(nlp, 0.0105)
-    assert "phase 1 (slip_forward) shrinks to nothing" in nlp.gait(too_high).message
+    assert "phase 1 (slip_forward) vanishes" in nlp.gait(too_high).message
 
 
 def test_points_that_are_no_gait_are_refused_in_words():
