@@ -45,23 +45,23 @@ SMALL = 60
 def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | None = None) -> Axes:
     """Draw one figure of a result, and show it in a notebook.
 
-    What your Matplotlib style sheet sets stays as it is.
+    Settings of your Matplotlib style sheet take precedence.
 
     Parameters
     ----------
-    result : a gait, several gaits, a walk, a branch, a sweep, a front, a basin or a nonlinear program. Or gaits by
-        their names in the legend; or branches over one parameter by their names, each as a ``Branch`` or as the
-        records that ``load_records`` and ``continuation_records`` return.
-    what : of gaits ``portrait`` (if not given), ``force``, ``force_over_COORDINATE``, ``slip``, ``torques``,
-        ``multipliers`` or ``roads``; of a walk ``section``, ``portrait``, ``force``, ``slip`` or ``torques``; of a
+    result : a gait, several gaits, a walk, a branch, a sweep, a front, a basin or a nonlinear program; or a mapping
+        from names in the legend to gaits, or to branches over one parameter, each a ``Branch`` or the records from
+        ``load_records`` or ``continuation_records``.
+    what : for gaits ``portrait`` (default), ``force``, ``force_over_COORDINATE``, ``slip``, ``torques``,
+        ``multipliers`` or ``roads``; for a walk ``section``, ``portrait``, ``force``, ``slip`` or ``torques``; of a
         branch ``multipliers``, or a scalar of the result; of a sweep or of several branches a scalar. A scalar that is
         not given is ``spectral_radius``.
 
-    ax : axes to draw into, several for a figure with several panels; by default a figure of its own.
+    ax : axes to draw into, several for a figure with several panels; by default a new figure.
 
     Returns
     -------
-    axes : of the figure's largest panel, or ``ax``; ``axes.figure.savefig(path)`` writes it.
+    axes : those of the largest panel, or ``ax``; ``axes.figure.savefig(path)`` writes it.
 
     Raises
     ------
@@ -90,19 +90,19 @@ def save_figures(
 ) -> list[Path]:
     """Draw figures of a result into a folder.
 
-    The same figure gives the same bytes. In a run folder the files get their checksums in the manifest.
+    Equal figures give equal bytes. In a run folder, checksums of the files are added to the manifest.
 
     Parameters
     ----------
-    result : as for ``plot``. Or a Matplotlib figure, whose name is then the only entry of ``what``.
-    folder : made if it is missing.
-    what : names of figures as for ``plot``, and ``animation`` of a gait or a walk; by default all that show something.
-    formats : of ``svg``, ``png``, ``pdf`` for figures; of ``html`` (if none is given), ``gif``, ``mp4`` for the
-        animation. If all are of the animation, no figures are drawn.
+    result : as for ``plot``; or a Matplotlib figure, whose name is then the only entry of ``what``.
+    folder : created if it is missing.
+    what : names of figures as for ``plot``, and ``animation`` for a gait or a walk; by default all figures that apply.
+    formats : ``svg``, ``png``, ``pdf`` for figures; ``html`` (default), ``gif``, ``mp4`` for the animation. If only
+        formats of the animation are given, no figures are drawn.
 
     Returns
     -------
-    paths : of the files.
+    paths : paths of the files.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def _is_run(folder: Path) -> bool:
 
 
 def animate(result: Gait | Walk) -> Page:
-    """The moving walker as a page: a gait repeats itself, a walk is shown from its start to its end."""
+    """Animate a gait or a walk as an offline page; a gait repeats, a walk plays from start to end."""
     page = figures_of(result).animation
     if page is None:
         raise TypeError(f"a {type(result).__name__} does not move")
@@ -176,11 +176,11 @@ def animate(result: Gait | Walk) -> Page:
 
 
 def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
-    """Everything about a gait, a walk or a branch as one page, or several gaits side by side.
+    """Report on a gait, a walk or a branch, or on several gaits side by side, as one offline page.
 
     Parameters
     ----------
-    replays : of the gait in other engines, whose motions are drawn over its own; as ``replay`` returns them.
+    replays : results of ``replay``, whose motions are drawn over that of the gait.
     """
     first = results[0]
     if isinstance(first, Branch):

@@ -109,7 +109,7 @@ def load_run(
 
     Parameters
     ----------
-    path : the folder. Or a part of the result in it: ``RUN@BRANCH.INDEX`` is a point of a branch, ``RUN@special.K`` its
+    path : the folder; or a part of the result in it: ``RUN@BRANCH.INDEX`` is a point of a branch, ``RUN@special.K`` its
         K-th special point and ``RUN@attractor.K`` the K-th attractor of a basin, both from 0; the rest of the branch is
         not restored.
     walkers, controls : classes of the run's walker and control law, if they are not registered.
@@ -144,12 +144,12 @@ def _loaded(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attracto
 
 
 def load_records(path: str | Path) -> list[dict[str, Any]]:
-    """The JSON objects of the result in a run folder, with the keys of the command line; no motion is restored.
+    """Load the result in a run folder as JSON objects, with the keys of the command line, without motions.
 
     Returns
     -------
-    records : of a branch its request (``record: "continuation"``, with ``parameter`` and targets ``to``), and then its
-        points and special points in the order of the continuation; one object of everything else.
+    records : for a branch its request (``record: "continuation"``, with ``parameter`` and targets ``to``), then its
+        points and special points in order; for other results one object.
 
     Raises
     ------

@@ -899,15 +899,15 @@ def run_parallel(
 
     Parameters
     ----------
-    task : function of a module that the processes can import, of one argument.
-    arguments : of the calls; arguments and results are pickled.
+    task : function of one argument, in a module that the processes can import.
+    arguments : the arguments of the calls; they and the results are pickled.
     workers, scheduler : as for ``sweep``; with one worker the calls are made in this process.
-    should_stop : polled; True drops the calls that are not finished.
+    should_stop : polled; True cancels the calls that are not finished.
 
     Yields
     ------
-    number, result : index of an argument and result of its call, as calls finish. Instead of the result of a call that
-        failed in another process there is a ``FailedJob``, whose ``reason`` names the error.
+    number, result : index of an argument and result of its call, in the order in which calls finish. If a call fails
+        in another process, the result is a ``FailedJob`` with a ``reason``.
 
     Raises
     ------

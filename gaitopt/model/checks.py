@@ -70,7 +70,7 @@ NEWTON_STEPS = 20
 
 
 def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] | None = None) -> None:
-    """Check the class of a walker, and that its mechanism agrees with itself where its feet swap roles.
+    """Check the class of a walker, and the consistency of its mechanism when the feet swap roles.
 
     Parameters
     ----------

@@ -70,23 +70,23 @@ def reproduce(
     progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> list[Path]:
-    """Write the figures of a paper, and a table of its printed numbers beside the computed ones.
+    """Reproduce the figures of a paper, and compare its printed numbers with computed ones in a table.
 
-    Gaits and families are taken from the run folders in ``results``, or computed and kept there.
+    Gaits and families are read from the run folders in ``results``, or computed and stored there.
 
     Parameters
     ----------
-    paper : ``gamus-or-2013``, the only one so far.
+    paper : ``gamus-or-2013``.
     only : names of figures such as ``fig9``, and ``table``; empty for everything.
     output : folder of figures and table, by default ``results/PAPER``.
     workers : number of processes; by default one per core.
     narrate : called with a description of what is computed next.
-    progress : called with the finished part of the work in percent, and 100.
+    progress : called with the percentage done, and 100.
     should_stop : polled; True ends the call with a KeyboardInterrupt.
 
     Returns
     -------
-    paths : of the files.
+    paths : paths of the files.
 
     Raises
     ------

@@ -303,7 +303,7 @@ def load_problem(name_or_path: str | Path, *, walkers: Walkers = (), controls: C
     Parameters
     ----------
     name_or_path : a name out of ``problem_names()``, or the path of a .yaml file.
-    walkers, controls : classes that the file may name in addition to the registered ones.
+    walkers, controls : classes of walkers and control laws that are not registered.
 
     Raises
     ------
@@ -318,12 +318,12 @@ def load_problem(name_or_path: str | Path, *, walkers: Walkers = (), controls: C
 def parse_problem(
     text: str | None = None, path: str | Path | None = None, *, walkers: Walkers = (), controls: Controls = ()
 ) -> Problem:
-    """The problem stated by a YAML text; ``path`` names it in messages, and references are relative to it.
+    """Load a problem from a YAML text; messages name ``path``, and references are relative to it.
 
     Raises
     ------
     ProblemError
-        As ``load_problem``; or if there is no text.
+        As ``load_problem``; or if the text is missing, or is a path.
     """
     if text is None or (text.endswith(SUFFIXES) and "\n" not in text):
         given = text or path
@@ -333,12 +333,12 @@ def parse_problem(
 
 
 def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:
-    """The class of the planar robot in a URDF file, for ``walkers=[...]`` and ``check_walker``.
+    """Read a planar robot from a URDF file as a class, for ``walkers=[...]`` and ``check_walker``.
 
     Parameters
     ----------
     path : the file.
-    feet : names of two links whose origins are the feet; the first one stands in the first step.
+    feet : names of two links whose origins are the feet; the first one is the stance foot of the first step.
 
     Raises
     ------

@@ -261,7 +261,7 @@ NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
 
 
 def problem_schema() -> dict[str, Any]:
-    """JSON Schema of a problem file, with every registered walker and every control law."""
+    """The JSON schema of problem files, with all registered walkers and control laws."""
     walkers = registered_walkers()
     head = _section(HeadSection, may_be_free=("friction",))
     coefficients = _section(FrictionCoefficients, may_be_free=tuple(FrictionCoefficients.model_fields))

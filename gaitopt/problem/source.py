@@ -63,7 +63,7 @@ class Source:
 
 
 def problem_names() -> tuple[str, ...]:
-    """The names of all named problems, in alphabetical order."""
+    """The names of all included problems, in alphabetical order."""
     return tuple(sorted(path.stem for path in _folder().glob("*.yaml")))
 
 

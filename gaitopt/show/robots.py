@@ -27,7 +27,7 @@ UNLIMITED = 1e4
 
 
 def robot_description(walker: Walker, format: Format = "urdf") -> str:  # noqa: A002 - as the option of the command
-    """The links of a walker, at its parameters, as the text of an XML file.
+    """Write the links of a walker, at its parameters, as URDF or MJCF text.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def robot_description(walker: Walker, format: Format = "urdf") -> str:  # noqa: 
     Raises
     ------
     ProblemError
-        If the walker declares no links, or is not a format.
+        If the walker declares no links, or the format is unknown.
     """
     if format not in ("urdf", "mjcf"):
         raise ProblemError(f"format is {format!r}, but must be urdf or mjcf")

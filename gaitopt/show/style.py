@@ -78,9 +78,9 @@ STILL = tuple(_NO_DATE)
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Settings of Matplotlib with which gaitopt draws, within the block; one thread at a time.
+    """Context manager: the Matplotlib settings of gaitopt; for one thread at a time.
 
-    What the reader's style sheet sets stays as it is, and so does everything in axes that the reader has made.
+    Settings of your style sheet take precedence, and axes that you made are not changed.
     """
     with _STYLING:
         ours = {k: v for k, v in STYLE.items() if mpl.rcParams[k] == mpl.rcParamsDefault[k] and _AXES.get() is None}
