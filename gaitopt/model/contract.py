@@ -12,7 +12,25 @@ from typing import Any
 from weakref import WeakSet
 
 import numpy as np
-from casadi import SX, tanh, vertcat
+from casadi import (
+    OP_CEIL,
+    OP_CONST,
+    OP_COPYSIGN,
+    OP_EQ,
+    OP_FLOOR,
+    OP_FMOD,
+    OP_INPUT,
+    OP_LE,
+    OP_LT,
+    OP_NE,
+    OP_OUTPUT,
+    OP_REMAINDER,
+    OP_SIGN,
+    SX,
+    Function,
+    tanh,
+    vertcat,
+)
 from pydantic.fields import FieldInfo
 
 from gaitopt.errors import ProblemError
@@ -21,6 +39,12 @@ from gaitopt.model.declaration import MODEL, NAME, NAME_WORDS, Reader, calling, 
 from gaitopt.model.units import UNITS, Within
 
 ATTRIBUTES = ("type", "version", "jumps", "restarts")
+JUMPING = {
+    **dict.fromkeys((OP_LT, OP_LE, OP_EQ, OP_NE), "a comparison"),
+    OP_SIGN: "sign", OP_FLOOR: "floor", OP_CEIL: "ceil", OP_FMOD: "fmod", OP_REMAINDER: "remainder",
+    OP_COPYSIGN: "copysign",
+}  # fmt: skip
+"""Operations whose values jump."""
 _PASSED: WeakSet[type[Control]] = WeakSet()
 """Classes that have passed ``check_law``."""
 
@@ -128,6 +152,24 @@ def check_clock(law: Control) -> None:
         if not same:
             words = "depends on a parameter, which may vary: annotate that one as Annotated[float, Fixed]"
             raise ProblemError(f"{name}: {key} {words}")
+
+
+def jumping_operations(torques: Function) -> tuple[str, ...]:
+    """Names of the operations with jumps in a function (t, z, p, r) that depend on time or state."""
+    moves = [False] * torques.sz_w()
+    found = dict[str, None]()
+    for k in range(torques.n_instructions()):
+        operation, operands = torques.instruction_id(k), torques.instruction_input(k)
+        if operation == OP_OUTPUT:
+            continue
+        if operation in (OP_CONST, OP_INPUT):
+            moved = operation == OP_INPUT and operands[0] < 2
+        else:
+            moved = any(moves[operand] for operand in operands)
+        if moved and operation in JUMPING:
+            found[JUMPING[operation]] = None
+        moves[torques.instruction_output(k)[0]] = moved
+    return tuple(found)
 
 
 def _is_time(value: object) -> bool:

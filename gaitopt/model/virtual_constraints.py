@@ -155,7 +155,9 @@ class VirtualConstraints(Control):
         if self.span[0] == self.span[1]:
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
         names = self.targets["reference"].names
-        if {*names} != {*self.outputs}:
+        if {*names} != {*self.outputs} and (
+            names or not isinstance(self.reference, FreeCurves)
+        ):  # or points are missing
             given, kind = ", ".join(names) or "no output", next(iter(type(self.reference).model_fields))
             yield ("reference", kind), f"has curves of {given}; the outputs are {', '.join(self.outputs)}"
         if (

@@ -22,8 +22,8 @@ from gaitopt.display import told_apart
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
-from gaitopt.model.contract import check_clock
-from gaitopt.model.control import ConstantTorque, Control, NoControl
+from gaitopt.model.contract import check_clock, jumping_operations
+from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
 from gaitopt.model.declaration import state_mechanism
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction
@@ -115,6 +115,14 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
         return
     z = np.zeros(system.n_z) if problem.start is None else np.array([*problem.start.state.values()])
     p, times, name = system.values(problem.parameters), law.breakpoints, type(law).__name__
+    jumps = () if type(law).__module__.startswith(OWN_PACKAGE) else jumping_operations(function)
+    if jumps:
+        words = f"{name}: torques uses {', '.join(jumps)} of time or state, which may jump where no mode ends"
+        remedy = (
+            "jumps in time are breakpoints; write others smoothly, such as tanh(x / width), and kinks by fmax or fmin"
+        )
+        yield Fault(("control",), f"{words}: {remedy}")
+        return
     where = "with all coordinates zero" if problem.start is None else "at the guess"
     if isinstance(law, VirtualConstraints) and law.law is Law.LINEARISING and problem.start is not None:
         known = system.quantities(mode)(t=0, z=z, p=p, r=law.data(0))

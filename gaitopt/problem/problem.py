@@ -383,14 +383,16 @@ def check_installed(record: Mapping[str, Any]) -> None:
         If one of them is not.
     """
     passed = _PASSED.get()
-    kinds = {
-        ("walker", "model"): ("walker", {**registered_walkers(), **refused_walkers(), **passed.walkers}),
-        ("control", "type"): ("control law", {**registered_controls(), **refused_controls(), **passed.controls}),
+    kinds: dict[tuple[str, str], tuple[str, Mapping[str, object], Mapping[str, str]]] = {
+        ("walker", "model"): ("walker", {**registered_walkers(), **passed.walkers}, refused_walkers()),
+        ("control", "type"): ("control law", {**registered_controls(), **passed.controls}, refused_controls()),
     }
-    for (section, key), (kind, known) in kinds.items():
+    for (section, key), (kind, known, refused) in kinds.items():
         stated = record.get(section)
         name = stated.get(key) if isinstance(stated, Mapping) else None
         if isinstance(name, str) and name not in known:
+            if name in refused:
+                raise ProblemError(f"the run needs the {kind} {shown(name)}: {refused[name]}")
             words = f"no {kind} is called {shown(name)} here; the run needs the package that registers it"
             remedy = f"load_run(..., {'walkers' if section == 'walker' else 'controls'}=[...]) takes its class"
             raise ProblemError(f"{words}, because classes that are passed to a function are not stored; {remedy}")
@@ -481,8 +483,8 @@ def _build(
             remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
             faults.append(Fault(key, f"{subject} {words}: say which of them each joint follows, {remedy}"))
         if len(reference.cycle.steps) > 1:
-            words = "has several steps, but its clock restarts at every impact: name a gait of one step"
-            faults.append(Fault(key, f"{subject} {words}"))
+            why = "the curves are those of one" if control.phase_variable else "its clock restarts at every impact"
+            faults.append(Fault(key, f"{subject} has several steps, but {why}: name a gait of one step"))
     raise_faults(faults, place)
     path = files[-1] if files else None
     problem = Problem(**fields, reference=reference, path=path, text=text, place=place)

@@ -4,7 +4,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pytest
-from casadi import SX, Function, jacobian, sqrt, vertcat
+from casadi import SX, Function, floor, fmax, if_else, jacobian, sign, sqrt, vertcat
 from named import named
 from oracles import CASES, numbers
 from pydantic import Field
@@ -202,6 +202,34 @@ def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:
     with pytest.raises(ProblemError) as caught:
         stated(law)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("torque", "name"),
+    [
+        (lambda now: if_else(now.q.theta1 > 0, 1, -1), "a comparison"),
+        (lambda now: -now.p.kp * sign(now.dq.theta1), "sign"),
+        (lambda now: now.q.theta1 * floor(now.t), "floor"),
+        (lambda now: fmax(now.q.theta1, 0) + if_else(now.p.kp > 1, 1, 2) * now.q.theta2, None),
+    ],
+)
+def test_torques_that_jump_at_a_state_are_named(torque: Any, name: str | None) -> None:
+    """A kink, and a choice by a parameter, are allowed."""
+
+    class Bang(Regulator):
+        type = "bang"
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            return {"hip": torque(now)}
+
+    if name is None:
+        assert stated(Bang).control.type == "bang"
+        return
+    with pytest.raises(ProblemError) as caught:
+        stated(Bang)
+    assert f"control: Bang: torques uses {name} of time or state, which may jump where no mode ends: " in str(
+        caught.value
+    )
 
 
 class Running(Alternating):
