@@ -312,23 +312,23 @@ def print_gaits(console: Console, record: Record) -> None:
 
 
 def print_explanation(console: Console, record: Record) -> None:
-    """The reasons why there is no gait, gaits of other mode sequences, and the nearest values with the gait."""
+    """The reasons why there is no gait, gaits with other mode sequences, and the nearest values with the gait."""
     if record["exists"]:
         console.print(f"{record['problem']}: this gait exists; `gaitopt solve` shows it", style="bold")
         return
-    console.print(f"{record['problem']}: there is no such gait", style="bold")
+    console.print(f"{record['problem']}: this gait does not exist", style="bold")
     for cause in record["causes"]:
         console.print(f"  {cause['words']}")
     if record["simulated"]:
         walk = record["simulated"]
-        console.print(f"from the guess: {walk['steps']} steps, {walk['status']}: {walk['message']}")
+        console.print(f"simulated from the guess: {walk['status']}: {walk['message']}")
     for nearest in record["nearest"]:
         where = f"{nearest['parameter']} = {nearest['value']:.10g}"
         console.print(f"this mode sequence begins at {where} ({_words(nearest['type'])}): {nearest['reason']}")
     if record["instead"]:
         _print_list(console, "existing gaits", record["instead"])
     else:
-        console.print("no gait of any other mode sequence was found here")
+        console.print("no gait with another mode sequence was found")
 
 
 def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:
