@@ -5,6 +5,7 @@ depth and number of values are bounded, which bounds the time of parsing. Data a
 Named problems are files shipped with the package, or those of the folder ``problems`` of a checkout.
 """
 
+import difflib
 from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -30,7 +31,7 @@ from ruamel.yaml.nodes import ScalarNode
 from ruamel.yaml.reader import ReaderError
 
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.problem.faults import Fault, Key, near_miss, plain, shown
+from gaitopt.problem.faults import Fault, Key, plain, shown
 
 SUFFIXES = (".yaml", ".yml")
 MAX_BYTES = 256 * 1024
@@ -82,9 +83,9 @@ def find_problem(name_or_path: str | Path, folder: Path | None = None) -> Path:
         return (folder or Path()) / name_or_path
     names = problem_names()
     if text not in names:
-        raise UnknownNameError(
-            f"no problem is called {text!r}{near_miss(text, names)} (or give the path of a .yaml file)"
-        )
+        near = difflib.get_close_matches(text, names, n=2)
+        words = f"did you mean {' or '.join(near)}?" if near else "`gaitopt list` shows all names"
+        raise UnknownNameError(f"no problem is called {shown(text)}; {words} (or give the path of a .yaml file)")
     return _folder() / f"{text}.yaml"
 
 
@@ -108,7 +109,7 @@ def read_text(path: Path, limit: int = MAX_BYTES) -> str:
     is_problem = limit == MAX_BYTES
     try:
         if not path.exists():
-            remedy = "; `gaitopt list` shows the problems that have a name" if is_problem else ""
+            remedy = "; `gaitopt list` shows the included problems" if is_problem else ""
             raise _refusal(path, f"no such file{remedy}")
         if not path.is_file():  # a device could be read endlessly
             remedy = "; give the path of one problem file (.yaml)" if is_problem else ""
