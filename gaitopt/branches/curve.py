@@ -27,12 +27,14 @@ from gaitopt.gait.gait import Gait, Method
 from gaitopt.integration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.mesh import Mesh, MeshArc
 from gaitopt.solver.newton import Solution, extrapolation, halved, refine
 from gaitopt.solver.rollout import Rollout, retraced, rolled_again
 from gaitopt.solver.shooting import MultipleShooting, transcribe
+from gaitopt.solver.solve import free_parameters
 from gaitopt.solver.sparse import ScaledMatrix
 from gaitopt.threads import cached_property
 
@@ -150,14 +152,15 @@ class CurvePoint:
 
     @cached_property
     def gait(self) -> Gait:
-        """The gait."""
-        return assemble_gait(
-            self.problem,
-            self.at,
-            message="continued",
-            solver={"method": Method.NEWTON.value, "iterations": float(self.iterations)},
-            errors=np.zeros(self.at.equations.n_phases),
-        )
+        """The gait; the values that a design has found, which stay along the curve, are among its freed parameters."""
+        solver: dict[str, float | str] = {"method": Method.NEWTON.value, "iterations": float(self.iterations)}
+        errors, system, law = np.zeros(self.at.equations.n_phases), self.at.equations.system, self.problem.control
+        found = [*free_parameters(self.problem, system)]
+        if isinstance(law, OpenLoop) and law.duration is not None:
+            found += [f"control.{name}.{k}" for name in law.values for k in range(law.count)]
+            solver["duration"] = law.duration
+        gait = assemble_gait(self.problem, self.at, message="continued", solver=solver, errors=errors)
+        return replace(gait, freed={key: gait.dynamics.parameter(key) for key in found} | dict(gait.freed))
 
     @cached_property
     def monitors(self) -> dict[MonitorKey, MonitorValue]:

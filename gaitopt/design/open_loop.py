@@ -116,6 +116,7 @@ def optimise(
     known = dict(zip((*keys, *free), (*values.tolist(), *freed), strict=True))
     first = dict(zip(system.state_names, blocks["states"][0].tolist(), strict=True))
     fixed = problem.with_torques(known, first, durations.tolist())
+    solver["duration"] = float(sum(durations))  # of the law: the gait's period differs by the error of the collocation
     return OpenLoopOptimum(problem=fixed, collocation=collocation, x=result.w, solver=solver)
 
 

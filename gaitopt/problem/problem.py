@@ -226,7 +226,11 @@ class Problem(ProblemStatement):
         return plain.replace({key: values[key] for key in self.free})
 
     def with_torques(
-        self, values: Mapping[str, float], state: Mapping[str, float], durations: Sequence[float]
+        self,
+        values: Mapping[str, float],
+        state: Mapping[str, float],
+        durations: Sequence[float],
+        duration: float | None = None,
     ) -> "Problem":
         """The problem with open-loop torques that are found, fixed in time, without objective and constraints.
 
@@ -234,12 +238,12 @@ class Problem(ProblemStatement):
         ----------
         values : of the torques, and of free numbers, by dotted key.
         state, durations : of the gait just after the impact, and of its phases [s]: the guess.
+        duration : of the law [s]; that of all phases if left out, from which the gait's period differs by rounding.
         """
         law = self.control
         assert isinstance(law, OpenLoop)
-        plain = replace(
-            self, control=law.fixed(values, float(sum(durations))), free={}, objective={}, constraints={}, file=None
-        )
+        control = law.fixed(values, float(sum(durations)) if duration is None else duration)
+        plain = replace(self, control=control, free={}, objective={}, constraints={}, file=None)
         names = self.walker.section_names(slipping=self.cycle.impact.slips)
         changes: dict[str, object] = {f"gait.guess.state.{name}": float(state[name]) for name in names}
         changes["gait.guess.durations"] = [float(duration) for duration in durations]

@@ -24,7 +24,7 @@ from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, Spec
 from gaitopt.problem.problem import Problem
 from gaitopt.store.files import lines_text
 from gaitopt.store.formats import Table, csv_text, damaged, validated
-from gaitopt.store.gaits import branch_point, special_point
+from gaitopt.store.gaits import branch_point, special_point, with_stored_torques
 from gaitopt.store.run import Run
 
 BRANCH_FILE, BRANCH_TABLE = "branch.jsonl", "branch.csv"
@@ -143,6 +143,8 @@ class BranchPlan:
 def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
     """Problem, parameter and records of the branch in a run folder, without the request.
 
+    The problem of an optimum over open-loop torques has these torques.
+
     Raises
     ------
     StorageError
@@ -153,7 +155,8 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
     request, records = read_branch(run, problem)
     if request is None or not any(record["record"] == "point" for record in records):
         raise StorageError(f"{folder / BRANCH_FILE} contains no branch yet; `gaitopt continue` writes one")
-    return problem, request["parameter"], records
+    first: Any = next(record for record in records if record["record"] == "point")
+    return with_stored_torques(problem, first), request["parameter"], records
 
 
 def restore_branch(folder: Path) -> Branch:

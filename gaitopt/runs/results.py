@@ -18,7 +18,6 @@ from gaitopt.gait.measures import measure
 from gaitopt.gait.records import CheckedGait, WalkRecord
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.modes import Mode
-from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.transitions import Ending
 from gaitopt.runs.attractors import ATTRACTORS_FILE, Attractors, read_attractors
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
@@ -26,7 +25,7 @@ from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.store.formats import Table, check_agrees, validated
-from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps
+from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps, with_stored_torques
 from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, WALK_FILES, Run
 from gaitopt.systems import problem_dynamics
@@ -51,9 +50,7 @@ def restore_gait(folder: Path) -> Gait:
     record = validated(CheckedGait, stored, path, states=problem.walker.state_names())
     if problem.is_open:
         problem = replace(problem.with_gait(record), origin=problem)
-    elif isinstance(problem.control, OpenLoop) and problem.control.duration is None:
-        durations = [phase["duration"] for phase in record["phases"]]
-        problem = problem.with_torques(freed_values(record), record["state"], durations)
+    problem = with_stored_torques(problem, record)
     try:
         dynamics = problem_dynamics(problem).at(freed_values(record))
         periods = [float(step["period"]) for step in record.get("steps", [record])]

@@ -21,6 +21,7 @@ from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import UNTIL, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.solver.interval import integrate_to
@@ -74,6 +75,17 @@ def gait_from_record(
         verification=record["verification"],
         timed=Cycle.from_record(record).timed,
     )
+
+
+def with_stored_torques(problem: Problem, record: GaitRecord) -> Problem:
+    """The problem of a gait, whose open-loop torques are those of the gait's record where the problem seeks them."""
+    law = problem.control
+    if not isinstance(law, OpenLoop) or law.duration is not None or problem.is_open:
+        return problem
+    durations = [phase["duration"] for phase in record["phases"]]
+    duration = record["solver"].get("duration")  # of the law; earlier versions did not store it
+    known = float(duration) if isinstance(duration, int | float) else None
+    return problem.with_torques(freed_values(record), record["state"], durations, known)
 
 
 def branch_gait(family: Gait, parameter: str, value: float, record: GaitRecord) -> Gait:

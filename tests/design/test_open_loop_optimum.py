@@ -63,13 +63,26 @@ def test_the_optimum_is_a_gait_under_torques_that_are_fixed_in_time(compass, tmp
     assert compass.scalar("speed") == pytest.approx(0.4, rel=1e-7)
     loaded = go.load_run(compass.save(tmp_path / "run"))
     assert loaded.freed == compass.freed
+    assert loaded.problem.control == compass.problem.control
+    assert go.verify(loaded).passed
     assert loaded.scalar("work") == pytest.approx(compass.scalar("work"), rel=1e-9)
 
 
-def test_its_law_can_be_followed_to_another_friction(compass):
+def test_its_law_can_be_followed_to_another_friction(compass, tmp_path):
     branch = go.continuation(compass, "friction", to=0.125)
-    assert branch.points[-1].value == pytest.approx(0.125)
-    assert branch.points[-1].gait.problem.control == compass.problem.control
+    last = branch.points[-1]
+    assert last.value == pytest.approx(0.125)
+    assert last.gait.problem.control == compass.problem.control
+    stored = go.continuation(compass, "friction", to=0.125, output=tmp_path / "run").points[-1].gait
+    assert stored.problem.control == compass.problem.control
+    np.testing.assert_array_equal(stored.state, last.gait.state)
+
+
+def test_a_stored_branch_of_a_design_has_the_values_of_the_design(tmp_path):
+    design = named("compass-torque-efficient")
+    stored = go.continuation(design, "friction", to=0.125, output=tmp_path / "run").points[-1].gait
+    assert {key: stored.freed[key] for key in design.freed} == design.freed
+    assert stored.dynamics.parameter("friction") == pytest.approx(0.125)
 
 
 @pytest.mark.slow
