@@ -223,12 +223,15 @@ def measure_scales(scales: Scales) -> dict[str, float]:
 
 
 def friction_ratio(force: Array) -> Array:
-    """f_t / f_n along an arc from its contact force (m, 2); where a spring's force is zero at an end, its limit."""
+    """f_t / f_n along an arc from its contact force (m, 2); where a spring's force is zero at an end, its limit.
+
+    Without any force, as in an arc without duration, it is zero.
+    """
     nothing, full = WITHOUT_FORCE * np.abs(force).max(), force.copy()
     for end in (0, -1):
         if abs(force[end, 1]) <= nothing:
             full[end] = [curves.slopes(column, ENDS)[end] for column in force.T]
-    return np.asarray(full[:, 0] / full[:, 1])
+    return np.divide(full[:, 0], full[:, 1], out=np.zeros(len(full)), where=full.any(axis=1))
 
 
 class _Measured:

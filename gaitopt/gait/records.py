@@ -89,11 +89,11 @@ State = Annotated[dict[Word, Number], AfterValidator(_named)]
 class PhaseRecord(TypedDict):
     """A phase; stops and switches of its mode have their states under their names. ``until`` marks a timed phase.
 
-    ``impact`` is the mode just after the impact of a named contact with which it begins.
+    A phase that vanishes at a special point has no duration there. ``impact`` is the mode just after the impact of a named contact with which it begins.
     """
 
     mode: ModeText
-    duration: Positive
+    duration: NotNegative
     until: NotRequired[Literal["breakpoint"]]
     impact: NotRequired[ModeText]
 
@@ -308,13 +308,15 @@ def _consistent(record: GaitRecord) -> GaitRecord:
     return record
 
 
-def _with_multipliers(record: GaitRecord) -> GaitRecord:
+def _regular(record: GaitRecord) -> GaitRecord:
     if record["spectral_radius"] is None:
         raise PydanticCustomError("radius", "spectral_radius must be a number")
+    if not all(phase["duration"] for phase in record["phases"]):
+        raise PydanticCustomError("duration", "Every duration must be greater than 0")
     return record
 
 
-Complete = (AfterValidator(_consistent), AfterValidator(_with_multipliers))
+Complete = (AfterValidator(_consistent), AfterValidator(_regular))
 CheckedGait = Annotated[GaitRecord, *Complete]
 
 

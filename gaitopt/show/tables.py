@@ -466,10 +466,12 @@ def print_optima(console: Console, optima: Sequence[Optimum], starts: int) -> No
 def print_proof(console: Console, record: Record) -> None:
     """Print a theorem and its claims, with bounds that are rounded for reading; the JSON has all digits."""
     verdict = "proved" if record["proved"] else "NOT PROVED"
+    if not record["statement"]:  # proofs do not cover this gait
+        console.print(f"{verdict}: {record['claims'][0]['words']}", style="bold")
+        return
     stability = {True: ", stable", False: ", unstable", None: ""}[record["stable"]]
     console.print(f"{record['problem']}: {verdict}{stability}", style="bold")
-    if record["statement"]:  # none of a gait that proofs do not cover
-        section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
+    section(console, "statement", ("hypothesis", "value"), _theorem_rows(record["statement"]))
     claims = (
         (c["claim"], "yes" if c["proved"] else "NO", f"{float(c['margin']):.3g}" if c["margin"] else "")
         for c in record["claims"]

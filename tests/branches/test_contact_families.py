@@ -1,8 +1,11 @@
 """Families of gaits of walkers with several contacts: changes of what any contact does, located and named."""
 
+from pathlib import Path
+
 import pytest
 from contact_problems import contact_gait
 
+from gaitopt.api.stored import load_run
 from gaitopt.api.verbs import continuation
 from gaitopt.gait.branch import Branch
 from gaitopt.search.solve import solve
@@ -55,6 +58,21 @@ def test_a_crawl_goes_on_where_several_phases_change_at_once(
     assert branch.specials[-1].value == to
     assert [special.contact for special in branch.specials[:-1]] == contacts
     assert all(special.status == "converged" for special in branch.specials)
+    assert verify(branch.points[-1].gait).passed
+
+
+@pytest.mark.slow
+def test_with_less_energy_a_flight_between_the_stances_becomes_an_overlap(tmp_path: Path) -> None:
+    branch = continuation(contact_gait("bounding"), "walker.energy", to=85.0, output=tmp_path)
+    assert load_run(tmp_path).to_records() == branch.to_records()  # the flight has no duration where it vanishes
+    change, end = branch.specials
+    assert (change.type, change.status, change.contact) == ("impact_change", "converged", "front")
+    assert change.reason == "phase 3 (flight) shrinks to nothing"
+    assert change.value == pytest.approx(85.718884880, abs=1e-8)
+    assert end.value == 85
+    flights, overlap = ([mode.brief for mode in side.phases] for side in (change.before, change.after))
+    assert flights == ["flight", "front stick", "flight", "back stick", "flight"]
+    assert overlap == ["flight", "front stick", "front stick + back stick", "back stick", "flight"]
     assert verify(branch.points[-1].gait).passed
 
 

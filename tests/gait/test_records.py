@@ -77,6 +77,10 @@ SPOILED = {
     "no multipliers": (lambda record: record.update(multipliers=[], spectral_radius=None), "spectral_radius"),
     "speed": (lambda record: record.update(speed=2 * record["speed"]), "speed times period"),
     "number of steps": (lambda record: record.update(n_steps=2), "number or the impact"),
+    "no duration": (
+        lambda record: record["phases"].append({**record["phases"][0], "duration": 0.0}),
+        "Every duration must be greater than 0",
+    ),
     "huge number": (lambda record: record["solver"].update(iterations=10**400), "solver"),
     "control character": (lambda record: record.update(message="\x1b[31m"), "Control characters"),
 }

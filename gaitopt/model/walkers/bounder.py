@@ -51,7 +51,7 @@ class Bounder(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """Sections: ``apex``, where the centre of mass begins to fall; ``level``, where the nose rises past level."""
+        """Sections: ``apex``, where the centre of mass begins to fall; ``level``, where the nose falls past level."""
         hips, legs = cls._hips(q, p), cls._legs(q)
         angles, natural_speed = {"front": p.front_angle, "back": p.back_angle}, sqrt(p.gravity * p.leg_length)
         contacts = {}
@@ -67,7 +67,7 @@ class Bounder(Walker):
                 name: p.stiffness / 2 * (p.leg_length - sqrt(sumsqr(leg))) ** 2 for name, leg in legs.items()
             },
             contacts=contacts,
-            sections={"apex": lambda dq: dq.y / natural_speed, "level": lambda dq: q.pitch},
+            sections={"apex": lambda dq: dq.y / natural_speed, "level": lambda dq: -q.pitch},
             length=SX(p.leg_length),
         )
 
