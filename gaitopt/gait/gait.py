@@ -439,7 +439,7 @@ class Attractor(ReadOnlyArrays):
     Attributes
     ----------
     problem : the problem of its walker.
-    state : ndarray, shape (k,) - section coordinates.
+    state : ndarray, shape (k,) - section coordinates; with several contacts the whole state.
     period : steps per cycle.
     phases, impact : modes of the step that leads there.
     count : number of states of the grid that converge to it.
@@ -456,3 +456,10 @@ class Attractor(ReadOnlyArrays):
         sticks = [mode.sticks for mode in self.phases]
         kind = "sticking" if all(sticks) and self.impact.sticks else "stick-slip" if any(sticks) else "slipping"
         return f"{kind}{'' if self.period == 1 else f', period {self.period}'}"
+
+    @property
+    def named_state(self) -> dict[str, float]:
+        """The values of ``state`` by name."""
+        walker = self.problem.walker
+        names = walker.state_names() if walker.contacts else walker.section_names(slipping=True)
+        return dict(zip(names, self.state.tolist(), strict=True))

@@ -89,7 +89,8 @@ State = Annotated[dict[Word, Number], AfterValidator(_named)]
 class PhaseRecord(TypedDict):
     """A phase; stops and switches of its mode have their states under their names. ``until`` marks a timed phase.
 
-    A phase that vanishes at a special point has no duration there. ``impact`` is the mode just after the impact of a named contact with which it begins.
+    A phase that vanishes at a special point has no duration there. ``impact`` is the mode just after the impact of a
+    named contact with which it begins.
     """
 
     mode: ModeText

@@ -7,7 +7,7 @@ On the disk a basin is a part of a run: tiles of states, stored as they finish, 
 
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
 from io import BytesIO
@@ -29,12 +29,12 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.runs.jobs import Plan, Stored
-from gaitopt.simulation.engine import Engine, choose_engine
-from gaitopt.simulation.outcomes import ENDINGS, phase_names
+from gaitopt.simulation.engine import Engine
+from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import check_agrees, json_file, validated
 from gaitopt.store.run import Run
-from gaitopt.verification.step_map import StepMap, section_coordinates, step_map
+from gaitopt.verification.step_map import map_engine, map_names, section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
@@ -62,7 +62,8 @@ class Outcomes:
     periods : ndarray, shape (n,) - steps per cycle of the gait that a state settled on; 0 if on none.
     endings : ndarray, shape (n,) - index in ``Ending`` of how the walk failed, ``UNDECIDED``, or 0 where it settled.
     steps : ndarray, shape (n,) - completed steps until then.
-    states : ndarray, shape (n, k) - section coordinates there; of a cycle the smallest in lexical order.
+    states : ndarray, shape (n, k) - section coordinates there, with several contacts the whole state; of a cycle the
+        smallest in lexical order.
     phases, impacts : ndarray, shape (n,) - codes of the step that led there, see ``Returns``.
     """
 
@@ -74,13 +75,15 @@ class Outcomes:
     impacts: Codes
 
 
-def follow(step_map: StepMap, xi: Array, max_steps: int, *, should_stop: Stop = None) -> Outcomes:
+def follow(
+    step_map: Callable[[Array], StepOutcomes], xi: Array, max_steps: int, *, should_stop: Stop = None
+) -> Outcomes:
     """Walk from every state until it settles, fails, or has made ``max_steps`` steps.
 
     Parameters
     ----------
-    step_map : the return map.
-    xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included.
+    step_map : the return map of section coordinates, or of whole states.
+    xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included; or whole states.
     should_stop : polled before every step.
     """
     n = len(xi)
@@ -138,6 +141,8 @@ def assign_gaits(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -
     The list does not depend on how the grid is cut into tiles, as long as their order is the same.
     """
     labels, unassigned, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
+    modes = problem.walker.modes()
+    impacts = modes if problem.walker.contacts else CONTACTS
     while unassigned.size:
         if index == len(gaits):
             row = unassigned[0]
@@ -146,8 +151,8 @@ def assign_gaits(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -
                     problem=problem,
                     state=outcomes.states[row],
                     period=int(outcomes.periods[row]),
-                    phases=phase_names(int(outcomes.phases[row]), problem.walker.modes()),
-                    impact=CONTACTS[outcomes.impacts[row]],
+                    phases=phase_names(int(outcomes.phases[row]), modes),
+                    impact=impacts[outcomes.impacts[row]],
                     count=0,
                 )
             )
@@ -220,15 +225,14 @@ class Basin(Plotted, ReadOnlyArrays):
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object: the gaits with their shares, and the failures by name."""
-        names = self.problem.walker.section_names(slipping=True)
         codes, counts = np.unique(self.endings[self.endings != 0], return_counts=True)
         gaits = [
             {
                 "kind": str(gait),
                 "period": gait.period,
-                "phases": [str(mode) for mode in gait.phases],
-                "impact": str(gait.impact),
-                "state": dict(zip(names, gait.state.tolist(), strict=True)),
+                "phases": [mode.brief for mode in gait.phases],
+                "impact": gait.impact.brief,
+                "state": gait.named_state,
                 "states": gait.count,
                 "share": gait.count / self.grid.size,
             }
@@ -330,14 +334,13 @@ class BasinPlan(Plan[Basin]):
     @classmethod
     def around(cls, start: Problem | Gait, grid: Grid, *, max_steps: int, engine: str, folder: Path) -> Self:
         """The basin of a grid around the state of a gait, or around a problem's guess."""
-        (start.problem if isinstance(start, Gait) else start).check_one_foot("a basin")
         if isinstance(start, Gait):
             problem, p = start.problem, tuple(start.p.tolist())
             state = dict(zip(start.system.state_names, start.state.tolist(), strict=True))
         else:
             problem, p, state = start, None, dict(start.guess.state)
         varied = {axis.key for axis in grid.axes}
-        names = (name for name in problem.walker.section_names(slipping=True) if name not in varied)
+        names = (name for name in map_names(problem) if name not in varied)
         base = {name: float(state[name]) for name in names}
         return cls(problem=problem, p=p, base=base, grid=grid, max_steps=max_steps, engine=engine, folder=folder)
 
@@ -348,8 +351,8 @@ class BasinPlan(Plan[Basin]):
 
     def check(self) -> None:
         """Refuse a grid over something else than section coordinates, an unknown engine, or too many states."""
-        self.grid.check_keys(self.problem.walker.section_names(slipping=True), "a coordinate just after an impact")
-        choose_engine(self.engine)
+        self.grid.check_keys(map_names(self.problem), "a coordinate just after an impact")
+        _ = self.chosen_engine
         check_room(self.grid.size, self.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
     @contextmanager
@@ -394,7 +397,7 @@ class BasinPlan(Plan[Basin]):
     @property
     def chosen_engine(self) -> Engine:
         """The engine that ``engine`` means for the number of states."""
-        return choose_engine(self.engine, steps=self.grid.size * STEPS_OF_A_STATE)
+        return map_engine(self.problem, self.engine, self.grid.size * STEPS_OF_A_STATE)
 
     @property
     def tile_size(self) -> int:
@@ -412,7 +415,9 @@ def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop
     plan, tile = argument
     numbers = np.arange(tile * plan.tile_size, min((tile + 1) * plan.tile_size, plan.grid.size))
     values = dict(zip([axis.key for axis in plan.grid.axes], plan.grid.points(numbers).T, strict=True))
-    names = plan.problem.walker.section_names(slipping=True)
+    names = map_names(plan.problem)
     xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
-    walk = step_map(plan.problem, plan.p, plan.chosen_engine)
-    return follow(walk, section_coordinates(plan.problem, xi), plan.max_steps, should_stop=should_stop)
+    mapped, xi = step_map(plan.problem, plan.p, plan.chosen_engine), section_coordinates(plan.problem, xi)
+    if plan.problem.walker.contacts:  # a walk may leave the section of its gait, where more contacts slip or touch
+        return follow(mapped.walk, mapped.lift(xi), plan.max_steps, should_stop=should_stop)
+    return follow(mapped, xi, plan.max_steps, should_stop=should_stop)

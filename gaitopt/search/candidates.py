@@ -24,7 +24,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.records import CandidateRecord, SearchRecord, phase_record
+from gaitopt.gait.records import CandidateRecord, PhaseRecord, SearchRecord, phase_record, phase_records
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
@@ -38,7 +38,6 @@ from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap, step_map
 
-Phases = tuple[tuple[Mode, float], ...]
 Within = Mapping[str, tuple[float, float]]
 
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
@@ -274,7 +273,7 @@ def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list
                 raise KeyboardInterrupt
             if isinstance(result, Proposal):
                 sequences = [
-                    (tuple(zip(step.phases, durations, strict=True)), step.impact)
+                    ([phase_record(mode, t) for mode, t in zip(step.phases, durations, strict=True)], step.impact)
                     for step, durations in zip(result.cycle.steps, result.durations, strict=True)
                 ]
                 start = f"{job.method} {job.number}.{number}"
@@ -322,13 +321,13 @@ def family(gait: Gait, request: Request, should_stop: Stop) -> Iterator[BranchPo
 
 def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> CandidateRecord:
     """The candidate of a simulated cycle."""
-    sequences = [(step.phases, step.final_impact.mode) for step in steps]
+    sequences = [(phase_records(step), step.final_impact.mode) for step in steps]
     return _record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
 
 
 def _record(
     system: HybridSystem,
-    steps: Sequence[tuple[Phases, Mode]],
+    steps: Sequence[tuple[list[PhaseRecord], Mode]],
     states: Sequence[Array],
     freed: Mapping[str, float],
     start: str,
@@ -342,10 +341,7 @@ def _record(
     n = next(n for n in range(least, len(steps) + 1, least) if len(steps) % n == 0 and repeats(n))
     first = min(range(0, n, least), key=lambda k: tuple(states[k]))
     return {
-        "steps": [
-            {"phases": [phase_record(mode, t) for mode, t in phases], "impact": impact.words}
-            for phases, impact in (*steps[first:n], *steps[:first])
-        ],
+        "steps": [{"phases": phases, "impact": impact.words} for phases, impact in (*steps[first:n], *steps[:first])],
         "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),
         "parameters": dict(freed),
         "start": start,

@@ -11,13 +11,14 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.gait.records import CandidateRecord, phase_records
+from gaitopt.gait.records import CandidateRecord
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import contact_section
 from gaitopt.problem.problem import Problem
+from gaitopt.search.candidates import cycle_record
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
@@ -68,7 +69,7 @@ def contact_candidates(
                     state[section.indices], units[section.indices]
                 )
                 if found is not None:
-                    candidates.append(_candidate(found, names, f"walk {number}.{start}"))
+                    candidates.append(cycle_record(dynamics.system, found, f"walk {number}.{start}"))
     return candidates, STARTS
 
 
@@ -100,13 +101,3 @@ def _cycle(steps: list[Step]) -> Cycle | None:
         return Cycle(tuple(step.sequence for step in steps))
     except ValueError:
         return None
-
-
-def _candidate(steps: tuple[Step, ...], names: tuple[str, ...], start: str) -> CandidateRecord:
-    """The candidate of a simulated cycle."""
-    return {
-        "steps": [{"phases": phase_records(step), "impact": step.final_impact.mode.words} for step in steps],
-        "state": dict(zip(names, map(float, steps[0].arcs[0].states[0]), strict=True)),
-        "parameters": {},
-        "start": start,
-    }

@@ -103,10 +103,15 @@ def solve_attractor(
             f"{problem.name} has free parameters: fix them at the values of the design, then compute its basin"
         )
     dynamics = problem_dynamics(problem, should_stop=should_stop)
-    mode, n_steps = attractor.impact, attractor.period * dynamics.system.walker.steps_per_cycle()
-    xi, section = attractor.state, dynamics.system.section(mode)
-    walked = ReturnMap(Simulator(dynamics), section, n_steps)(xi if mode.slips else xi[:-1])
-    if walked.xi is None:
-        raise SolveError(f"{problem.name}: the simulator does not complete the attractor's {attractor.period} steps")
-    guessed = problem.with_gait(cycle_record(dynamics.system, walked.steps, "attractor"))
+    simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.system.walker.steps_per_cycle()
+    if problem.walker.contacts:
+        walked = simulator.run(attractor.state, n_steps).steps
+        complete = len(walked) == n_steps and walked[-1].impact is not None
+    else:
+        xi, mode = attractor.state, attractor.impact
+        outcome = ReturnMap(simulator, mode, n_steps)(xi if mode.slips else xi[:-1])
+        walked, complete = outcome.steps, outcome.xi is not None
+    if not complete:
+        raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
+    guessed = problem.with_gait(cycle_record(dynamics.system, walked, "attractor"))
     return solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)

@@ -188,9 +188,8 @@ def basin(result: Basin) -> Figure:
             in_given_unit(first), rows, cells, shading="nearest", rasterized=True,
             cmap=ListedColormap(colours), norm=BoundaryNorm(np.arange(len(colours) + 1) - 0.5, len(colours)),
         )  # fmt: skip
-    names = result.problem.walker.section_names(slipping=True)
     for gait in result.attractors:
-        values = [(axis, gait.state[names.index(axis.key)]) for axis in result.grid.axes]
+        values = [(axis, gait.named_state[axis.key]) for axis in result.grid.axes]
         point = [np.degrees(value) if axis.unit == "deg" else value for axis, value in values]
         place = point if second else (*point, 0.0)
         axes.plot(*place, "+", color="white", markersize=12, markeredgewidth=3.5)

@@ -17,7 +17,7 @@ from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import Problem
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.outcomes import ARRAYS, StepOutcome, StepOutcomes, stack_outcomes
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
@@ -51,16 +51,10 @@ def return_map(
         If ``states`` does not have such a shape, or is not finite.
     UnknownNameError
         If the engine is unknown or not installed.
-    ProblemError
-        If the engine is heyoka, and the walker has several contacts.
     """
     problem = start.problem if isinstance(start, Gait) else start
     xi = section_coordinates(problem, states)
-    chosen = choose_engine(engine, steps=len(xi))
-    if problem.walker.contacts and engine == Engine.AUTO:
-        chosen = Engine.SCIPY
-    if problem.walker.contacts and chosen is not Engine.SCIPY:
-        problem.check_one_foot("the return map of many states on heyoka")
+    chosen = map_engine(problem, engine, len(xi))
     p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
     arguments = [(problem, p, chosen, chunk) for chunk in chunks]
@@ -77,6 +71,16 @@ def return_map(
     return replace(parts[0], **joined)
 
 
+def map_engine(problem: Problem, engine: str, steps: int) -> Engine:
+    """The engine for some steps; several contacts have many modes, which heyoka compiles only on demand."""
+    return Engine.SCIPY if problem.walker.contacts and engine == Engine.AUTO else choose_engine(engine, steps=steps)
+
+
+def map_names(problem: Problem) -> tuple[str, ...]:
+    """Names of the section coordinates from which any step starts: with ``dx`` where the one foot may slip."""
+    return problem.section_names if problem.walker.contacts else problem.walker.section_names(slipping=True)
+
+
 def section_coordinates(problem: Problem, states: Array) -> Array:
     """The states as floats with all section coordinates, ``dx`` included; shape (n, k).
 
@@ -85,8 +89,7 @@ def section_coordinates(problem: Problem, states: Array) -> Array:
     ValueError
         If their shape is wrong, or they are not finite.
     """
-    several = bool(problem.walker.contacts)
-    names = problem.section_names if several else problem.walker.section_names(slipping=True)
+    several, names = bool(problem.walker.contacts), map_names(problem)
     xi = np.asarray(states, dtype=float)
     if xi.ndim != 2 or xi.shape[1] not in ((len(names),) if several else (len(names) - 1, len(names))):
         raise ValueError(f"states of shape {xi.shape}: one row per state is needed, columns {', '.join(names)}")
@@ -121,19 +124,28 @@ class StepMap:
 
     def __call__(self, xi: Array) -> StepOutcomes:
         """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
-        states = self._lift(xi)
+        walked = self.walk(self.lift(xi))
+        return replace(walked, names=self.names, states=walked.states[:, self._indices])
+
+    def lift(self, xi: Array) -> Array:
+        """The whole states with these section coordinates, shape (n, n_z)."""
+        return self._lift(xi)
+
+    def walk(self, states: Array) -> StepOutcomes:
+        """As a call, from whole states, shape (n, n_z), to whole states, which may leave the section."""
         first, *others = self._steps
         walked = first(states)
         for step in others:
             rows = np.flatnonzero(walked.completed)
             if rows.size:
                 walked = walked.followed_by(step(walked.states[rows]), rows)
-        return replace(walked, names=self.names, states=walked.states[:, self._indices])
+        return walked
 
     @cached_property
     def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
         """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
-        if self.engine is Engine.HEYOKA:
+        several = bool(self.dynamics.system.walker.contacts)
+        if self.engine is Engine.HEYOKA and not several:
             from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
 
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
@@ -142,7 +154,7 @@ class StepMap:
             outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
             return stack_outcomes(outcomes, states, simulator.system)
 
-        return [partial(one_by_one, simulator) for simulator in Simulator(self.dynamics).per_step]
+        return [partial(one_by_one, each) for each in Simulator(self.dynamics, stepper_class(self.engine)).per_step]
 
 
 @per_thread(maxsize=8)

@@ -247,3 +247,27 @@ def test_basin_is_the_same_when_it_is_read_again(gait, basin, tmp_path):
     again = read_basin(plan.run.place)
     assert again.to_record() == basin.to_record()
     np.testing.assert_array_equal(again.labels, basin.labels)
+
+
+@pytest.mark.parametrize(
+    ("name", "over", "share"),
+    [
+        ("heel-toe", {"dtheta1": (1.13, 1.17, 2)}, 1.0),
+        ("crawler", {"gap": (0.3, 0.6, 2)}, 1.0),
+        ("slip-walk", {"dy": (-0.4, -0.39, 2)}, 0.0),  # unstable
+    ],
+)
+def test_walkers_with_several_contacts_have_basins(name, over, share, tmp_path):
+    """Walks go on from whole states: an impact may leave the section of the gait."""
+    gait = named(name)
+    result = go.basin(gait, over, steps=40, output=tmp_path, workers=1)
+    (run, *others) = result.attractors or (None,)
+    assert not others
+    if run is None:
+        assert share == 0
+        assert sum(result.to_record()["failures"].values()) == result.grid.size
+        return
+    assert run.count / result.grid.size == share
+    assert run.phases == gait.cycle.phases
+    assert run.state == pytest.approx(gait.state, abs=1e-5)
+    assert go.solve(run).state == pytest.approx(gait.state, abs=1e-10)
