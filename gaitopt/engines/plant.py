@@ -273,13 +273,13 @@ def _refuse(gait: Gait) -> None:
     present = [part for part, there in parts.items() if there]
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
-        raise ProblemError(f"{name}: a {walker.model} has {' and '.join(present)}; the adapters have no law for that")
+        raise ProblemError(f"{name}: a {walker.model} has {' and '.join(present)}; the engines cannot model that")
     if not has_links(walker):
-        raise ProblemError(f"{name}: {walker.model} declares no links, from which an engine could build it")
+        raise ProblemError(f"{name}: {walker.model} declares no links; an engine needs them")
     if gait.dynamics.friction_drops:
         raise ProblemError(f"{name}: static friction above kinetic friction; the engines have one coefficient")
     if any(float(viscous) for _, _, viscous in gait.system.contact_coefficients(gait.dynamics.p).values()):
-        raise ProblemError(f"{name}: viscous drag of the ground; the engines have dry friction alone")
+        raise ProblemError(f"{name}: viscous drag of the ground; the engines only have dry friction")
     if slips and gait.system.law is not ImpactLaw.COULOMB:
         raise ProblemError(f"{name}: a slipping impact without friction; impacts of the engines have friction")
 
@@ -363,7 +363,7 @@ def _forces(gait: Gait) -> tuple[Array, Function | None]:
     expressions, n = gait.system.expressions, len(gait.system.walker.shape)
     eom = expressions.eom
     if not eom.E[:n, :].is_constant():
-        raise ProblemError(f"{gait.problem.name}: the levers of its motors change; the adapters have no law for that")
+        raise ProblemError(f"{gait.problem.name}: the lever arms of its motors vary; the engines cannot model that")
     potential = SX(eom.mechanism.potential)
     springs = [potential, eom.force_of(potential)[:n] + jacobian(eom.dissipation, eom.dq[:n]).T / 2]
     function = (

@@ -189,7 +189,7 @@ def adapter(engine: str | type[Simulator]) -> type[Simulator]:
     if not isinstance(engine, str):
         return engine
     if engine not in ENGINES:
-        words = f"{shown(engine)}: there is no adapter of this name; use {', '.join(ENGINES)}"
+        words = f"{shown(engine)}: no such engine; use {', '.join(ENGINES)}"
         raise UnknownNameError(words).concerning("engine")
     if find_spec(ENGINES[engine]) is None:
         raise UnknownNameError(f"{engine}: is not installed; {INSTALL}").concerning("engine")

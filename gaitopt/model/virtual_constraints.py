@@ -147,7 +147,7 @@ class VirtualConstraints(Control):
                 words = ", ".join(dict.fromkeys((*angles, *walker.actuators)))
                 yield ("outputs", k), f"{walker.model} has no angle {name!r}; it has {words}"
             elif name in self.outputs[:k]:
-                yield ("outputs", k), f"{name} is listed twice, so that the decoupling matrix would be singular"
+                yield ("outputs", k), f"{name} is listed twice, which makes the decoupling matrix singular"
             elif name == self.phase:
                 yield ("outputs", k), f"{name} is the phase variable, of which an output cannot be a function"
         if self.phase not in angles:

@@ -213,7 +213,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
                 ("walker", name), f"{value:g} m is unusual; did you mean {value:g} mm, which is {value / 1000:g}?"
             )
         if unit == "kg" and 0 < value < LIGHT * scales.mass:
-            yield Fault(("walker", name), f"{value:g} is unusual: {value / scales.mass:.1g} of the whole mass")
+            yield Fault(("walker", name), f"{value:g} is unusual: {value / scales.mass:.1g} of the total mass")
     steps = () if problem.is_open else problem.cycle.steps
     for k, step in enumerate(steps):
         if len(step.phases) > MANY_PHASES:

@@ -738,7 +738,7 @@ class _StatementReader:
         if self._control and self._model:
             unknowns += len(self._control.unknowns(self._model))
         if unknowns and isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
-            remedy = "give numbers in place of free parameters, or a gait of one step"
+            remedy = "give numbers instead of free parameters, or a gait of one step"
             self._fault(("gait", "steps"), f"a design cannot have several steps: {remedy}")
         if unknowns and self._model and self._model.contacts:
             words = f"a design of the {self._model.model}, which has several contacts, is not possible"

@@ -44,7 +44,7 @@ STARTS = 1000
 MOST_STARTS = 1_000_000
 """Maximum number of start states; more would take days, and fill the memory with candidates."""
 GUESSED = 8
-"""Number of guesses of the search by complementarity."""
+"""Number of guesses of the complementarity search."""
 ATTEMPTS = 3
 """Maximum number of candidates of one gait from which it is solved."""
 BOXES = 5

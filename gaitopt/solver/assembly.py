@@ -35,7 +35,7 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
         If the gait is a failed attempt, or comes from a file or the simulator, so that its nodes are not known.
     """
     if gait.shooting is None:
-        raise ValueError(f"{gait.problem.name}: a gait without its shooting nodes cannot be followed; solve it first")
+        raise ValueError(f"{gait.problem.name}: a gait without its shooting nodes cannot be followed; solve it again")
     durations = np.array([duration for _, duration in gait.phases])
     mesh = mesh_of(gait.cycle, durations, gait.system.control.breakpoints)
     equations = transcribe(gait.system, mesh.refined(list(gait.shooting.intervals)), free)

@@ -155,7 +155,7 @@ def test_replays_are_kept_with_the_run_and_drawn_on_its_page(tmp_path):
 
 def test_unknown_and_missing_engines_are_exit_code_2(capsys, monkeypatch):
     assert main(["replay", "compass-passive-a", "--engine", "gazebo"]) == 2
-    assert "--engine 'gazebo': there is no adapter of this name; use mujoco, drake, pybullet" in capsys.readouterr().err
+    assert "--engine 'gazebo': no such engine; use mujoco, drake, pybullet" in capsys.readouterr().err
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     assert main(["replay", "compass-passive-a", "--engine", "drake"]) == 2
     assert "--engine drake: is not installed; pip install 'gaitopt[engines]'" in capsys.readouterr().err
@@ -193,7 +193,7 @@ def test_the_command_prints_one_object_per_setting(capsys, monkeypatch, tmp_path
 def test_settings_of_ones_own_and_wrong_time_steps():
     with pytest.raises(ProblemError, match="time step: none is given"):
         go.replay("compass-passive-stick", Simulator, time_steps=[], progress=False)
-    with pytest.raises(UnknownNameError, match="no adapter"):
+    with pytest.raises(UnknownNameError, match="no such engine"):
         go.replay("compass-passive-stick", "bullet", progress=False)
     mine = {"mine": {"sweeps": 2}}
     (result,) = go.replay("compass-passive-stick", Simulator, settings=mine, time_steps=[4e-3], progress=False)

@@ -74,7 +74,7 @@ def test_what_no_walker_can_have_is_refused_with_its_range(name, key, value, wor
         (PASSIVE, "friction", 0.01, "0.01 is less than tan(slope) = 0.01746: no steady gait"),
         (PASSIVE, "walker.slope", 0, "no source of energy: a passive walker on level or uphill ground"),
         (PASSIVE, "walker.slope", "-1 deg", "no source of energy"),
-        (PASSIVE, "walker.leg_mass", 1e-8, "5e-09 of the whole mass"),
+        (PASSIVE, "walker.leg_mass", 1e-8, "5e-09 of the total mass"),
         (PASSIVE, "gait.guess.state.dtheta1", 20, "20, that is 8.08 sqrt(g/l) is unusual"),
         (WHEEL, "walker.spokes", 200, "200 is unusual; usually from 3 to 100"),
         (
