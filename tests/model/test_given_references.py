@@ -13,7 +13,7 @@ import pytest
 from casadi import SX, log, sin
 from named import named
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import BPoly, CubicSpline
 
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError
@@ -310,6 +310,23 @@ def test_a_phase_that_the_walker_names() -> None:
     assert torque(problem, 1.0) == pytest.approx(pd(bezier(s), bezier(s, 1) * rate), abs=1e-12)
     with pytest.raises(ProblemError, match="no phase variable 'hip'; it has theta1, theta2, hip_x; clock is the time"):
         base.replace({"control.reference": {**curve, "phase": "hip"}})
+
+
+def test_a_gait_is_followed_over_a_phase_that_the_walker_names(tmp_path: Path) -> None:
+    """The gait follows a curve over theta1, hence over the position of the hip, l sin(theta1)."""
+    source = go.load_problem("compass-virtual-constraint")
+    rows = source.control.reference.bezier["theta2"]  # type: ignore[attr-defined]
+    (tmp_path / "source.yaml").write_text(source.text.replace("compass_biped", "hip_compass"))
+    text = go.load_problem(NAME).text.replace("compass_biped", "hip_compass")
+    reference = "gait: source.yaml, phase: hip_x, joints: {theta2: theta2}, degree: 10"
+    text = text.replace("table: compass-table.csv, beyond_end: hold", reference)
+    problem = go.parse_problem(text, tmp_path / "follower.yaml", walkers=[HipCompass])
+    law = problem_dynamics(problem).system.control
+    assert law.reference.span == pytest.approx((-1.6 * np.sin(0.1), 1.6 * np.sin(0.1)), abs=1e-9)  # type: ignore[attr-defined]
+    assert law.reference.fit_errors["theta2"] < 1e-6  # type: ignore[attr-defined]
+    s = (STATE[0] + 0.1) / 0.2
+    angle = BPoly([[c] for c in rows], [0, 1])
+    assert torque(problem, 1.0) == pytest.approx(pd(angle(s), angle.derivative()(s) * STATE[3] / 0.2), abs=1e-3)
 
 
 # files
