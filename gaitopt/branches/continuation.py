@@ -309,11 +309,15 @@ class Continuation:
                 if reordered is not None and not reordered.lost(here):
                     return length, reordered, None
             elif point is not None:
-                zeros = [
-                    (here.locate(point, length, partial(CurvePoint.monitor, key=key)), key) for key in point.lost(here)
-                ]
+                zeros, event = list[tuple[Location, MonitorKey]](), None
+                lost = point.lost(here)
+                every = any(key.kind == BREAKPOINT for key in lost)
+                for key in lost:
+                    if event is None or every or event[0].point.monitor(key) <= 0:  # or its zero comes later
+                        zeros.append((here.locate(point, length, partial(CurvePoint.monitor, key=key)), key))
+                        event = min(zeros, key=lambda zero: zero[0].length)
                 vanishing = _vanishing_slip(zeros)
-                event = vanishing or min(zeros, key=lambda zero: zero[0].length, default=None)
+                event = vanishing or event
                 if event is None or vanishing is not None or event[0].status == "converged":
                     if point.iterations > MANY_ITERATIONS:
                         self.length = length / 2
