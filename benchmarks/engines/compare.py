@@ -234,7 +234,7 @@ def tables(results: dict) -> str:
             found = {c["case"]: c["error"] for c in results["closed"] if (c["engine"], c["setting"]) == (name, setting)}
             lines.append(f"| {name}, {setting} | {' | '.join(number(abs(found[case])) for case in CASES)} |")
     changes = list(dict.fromkeys(flag["change"] for flag in results["flags"]))
-    lines += ["", "Whether an engine with a small error is told from the gait (best settings).", ""]
+    lines += ["", "Small modelling errors: does the comparison detect them? (best settings)", ""]
     lines += [f"| error | {' | '.join(ENGINES)} |", "|---|" + "---|" * len(ENGINES)]
     for change in changes:
         found = {flag["engine"]: flag["flagged"] for flag in results["flags"] if flag["change"] == change}
