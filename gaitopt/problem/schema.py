@@ -11,9 +11,10 @@ from typing import Annotated, Any, Literal, Self, get_args, get_origin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, create_model, model_validator
 from pydantic.fields import FieldInfo
 
-from gaitopt.model.control import NoControl, is_parameter
+from gaitopt.model.control import ConstantTorque, NoControl, is_parameter
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import registered_controls, registered_walkers
 from gaitopt.model.units import (
     ANGLE_UNITS,
@@ -258,6 +259,11 @@ ANGLE_TEXT = {
 LIMIT_NAMES = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 """JSON Schema's names of limits; pydantic writes its own where a validator is between type and limits."""
 NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
+STATE_OF_ROBOT = {
+    "type": "object",
+    "description": "of a robot from a file: angles and rates of its links by name [rad, rad/s], and dx [m/s]",
+    "additionalProperties": NUMBER_OR_ANGLE,
+}
 
 
 def problem_schema() -> dict[str, Any]:
@@ -281,6 +287,8 @@ def problem_schema() -> dict[str, Any]:
         bound: dict[str, Any] = {**number, "minimum": 0} if scalar.within.possible[0] >= 0 else number
         words = "; ".join(filter(None, (scalar.description, str(scalar.within))))
         constraints[name] = {"description": words, "anyOf": [bound, _range(number, bound)]}
+    controls, states = _controls(walkers.values()), [_section(state_section(walker)) for walker in walkers.values()]
+    of_robot = {law["properties"]["type"]["const"]: _with_any_motor(law) for law in controls if _has_motors(law)}
     head["properties"] |= {
         "walker": {
             "description": "the walker and its parameters",
@@ -288,10 +296,10 @@ def problem_schema() -> dict[str, Any]:
         },
         "control": {
             "description": "what the motors do",
-            "oneOf": _controls(walkers.values()),
+            "anyOf": [*controls, *of_robot.values()],
             "default": {"type": "none"},
         },
-        "gait": _gait(walkers.values()),
+        "gait": _gait([*states, STATE_OF_ROBOT]),
         "objective": {
             "description": f"what is minimised: {scalars}; a negative weight maximises",
             "anyOf": [
@@ -306,6 +314,13 @@ def problem_schema() -> dict[str, Any]:
             "additionalProperties": {"anyOf": [*NUMBER_OR_ANGLE["anyOf"], _range(NUMBER_OR_ANGLE, NUMBER_OR_ANGLE)]},
         },
     }
+    stated = {"properties": {"guess": {"properties": {"state": {"anyOf": states}}}}}
+    head[
+        "anyOf"
+    ] = [  # the links and motors of a robot from a file may have any names, those of other walkers are known
+        {"properties": {"walker": {"required": ["urdf"]}}},
+        {"properties": {"control": {"anyOf": controls}, "gait": stated}},
+    ]
     head["required"] += ["walker", "gait"]
     head["description"] = "One periodic gait of a walker that may slip. SI units; angles in rad, or with deg."
     return {"$schema": DIALECT, "title": "gaitopt problem", **head}
@@ -357,9 +372,22 @@ def _same_law(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     return bool(one["required"] == other["required"] and one["properties"]["type"] == other["properties"]["type"])
 
 
-def _gait(walkers: Any) -> dict[str, Any]:
+def _has_motors(law: Mapping[str, Any]) -> bool:
+    """Whether an entry of a law has keys that are motors."""
+    return law["properties"]["type"]["const"] in (ConstantTorque.type, OpenLoop.type)
+
+
+def _with_any_motor(law: Mapping[str, Any]) -> dict[str, Any]:
+    """The entry of such a law for motors of any names."""
+    section = ConstantTorque if law["properties"]["type"]["const"] == ConstantTorque.type else OpenLoop
+    own = {key: value for key, value in law["properties"].items() if key in ("type", *section.model_fields)}
+    motors = [value for key, value in law["properties"].items() if key not in own]
+    required = [key for key in law["required"] if key in own]
+    return {**law, "properties": own, "required": required, "additionalProperties": motors[0]}
+
+
+def _gait(states: list[dict[str, Any]]) -> dict[str, Any]:
     guess, first = _section(GuessSection), _section(FirstGuessSection)
-    states = [_section(state_section(walker)) for walker in walkers]
     guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
     gaits = [_section(GaitSection), _section(CycleSection), _section(OpenGaitSection)]
     for gait in gaits:

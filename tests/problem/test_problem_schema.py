@@ -116,3 +116,23 @@ def test_the_integer_spokes_cannot_be_free_and_the_slope_takes_degrees():
     assert not accepts(schema, wheel | {"walker": wheel["walker"] | {"spokes": {"free": [3, 9], "guess": 5}}})
     assert accepts(schema, wheel | {"walker": wheel["walker"] | {"slope": {"free": ["1 deg", 0.3], "guess": "5deg"}}})
     assert not accepts(schema, wheel | {"walker": wheel["walker"] | {"slope": 1.6}})
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        {"type": "open_loop", "intervals": 1, "bounds": {"left_hip": [-1, 1]}, "left_hip": [0, 0]},
+        {"type": "constant_torque", "left_hip": {"free": [0, 1], "guess": 0.5}},
+        {"type": "pd", "kp": 1, "kd": 1, "reference": {"constant": {"left_hip": 1}}},
+    ],
+)
+def test_a_robot_from_a_file_has_links_and_motors_of_any_names_and_no_other_walker_has(control):
+    robot = {
+        **data_of("compass-torque-stick"),
+        "walker": {"urdf": "robot.urdf", "feet": ["left_foot", "right_foot"]},
+        "control": control,
+        "gait": {"phases": ["stick"], "impact": "stick", "guess": {"state": {"left_leg": "3 deg", "dleft_leg": 1}}},
+    }
+    assert accepts(problem_schema(), robot)
+    assert not accepts(problem_schema(), robot | {"walker": data_of("compass-torque-stick")["walker"]})
+    assert not accepts(problem_schema(), robot | {"control": {"type": "constant_torque", "left_hip": "much"}})
