@@ -42,6 +42,8 @@ GAITS = (
     "compass-unequal",
     "round-feet-passive",
     "torso-passive",
+    "torso-upright",
+    "rimless-wheel-slip",
 )
 STEPS = (*TIME_STEPS, 0.000125)
 SHOWN = 0.001

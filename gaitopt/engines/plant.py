@@ -38,6 +38,8 @@ POINT_RADIUS = 1e-6
 """Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
 HEIGHTS = 200
 """Samples of a step in which the scuffing of the swing foot is looked for."""
+TURN_DIGITS = 12
+"""Digits of the angle by which a body turns where the feet swap roles."""
 ENDS = 0.03
 """Fraction of a step at both ends in which a foot near the ground does not scuff."""
 
@@ -138,6 +140,7 @@ class Reference:
     friction : coefficient of friction.
     starts : times of the impacts, 0 first [s]; the last is the period.
     length, time : natural units [m, s].
+    turn : angle by which all bodies are turned where the feet swap roles, as those of a wheel; else 0 [rad].
     windows : for each step the times since its impact at which the swing foot may scuff: first and last.
 
     Raises
@@ -158,6 +161,10 @@ class Reference:
         self.starts = np.cumsum([0.0, *(step.period for step in gait.steps)])
         self._places = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
         self.windows = [_window(step) for step in gait.steps]
+        self.turn = 0.0
+        ends = (self.coordinates(t)[0] for t in (np.nextafter(self.starts[1], 0.0), self.starts[1]))
+        before, after = map(self.tree.angles, ends)
+        self.turn = float(np.round(before - after, TURN_DIGITS)[0])
 
     def stance(self, step: int) -> int:
         """The foot that stands in a step: 0 or 1."""
@@ -202,7 +209,7 @@ class Reference:
         (step, _), number = self.step_at(t), len(self.gait.steps)
         p = self.gait.steps[step % number].arcs[0].dynamics.p[: len(self.system.walker.model_fields)]
         angles, rates, origins, velocities = buffered(self._poses)(self.state(t), p)
-        roles = self._roles(step)
+        angles, roles = angles + step * self.turn, self._roles(step)
         shift = self._places[step % number] + (self._places[-1] if step >= number else 0.0)
         place, velocity = (values.reshape(-1, 2)[roles[0]] for values in (origins, velocities))
         return (
@@ -234,7 +241,7 @@ class Reference:
     def shape_state(self, step: int, q: Array, v: Array) -> Array:
         """The state (n_z,) of the gait that the coordinates of an engine are in a step."""
         roles = self._roles(step)
-        shape = self._inverse @ (self.tree.angles(q)[roles] - self._offset)
+        shape = self._inverse @ (self.tree.angles(q)[roles] - step * self.turn - self._offset)
         rates = self._inverse @ self.tree.angles(v)[roles]
         place, velocity = self.tree.foot(self.stance(step), q, v)
         return np.concatenate([shape, place[:1], rates, velocity[:1]])
@@ -273,7 +280,7 @@ def _refuse(gait: Gait) -> None:
     present = [part for part, there in parts.items() if there]
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
-        raise ProblemError(f"{name}: a {walker.model} has {' and '.join(present)}; the engines cannot model that")
+        raise ProblemError(f"{name}: {walker.model} has {' and '.join(present)}; the engines cannot model that")
     if not has_links(walker):
         raise ProblemError(f"{name}: {walker.model} declares no links; an engine needs them")
     if gait.dynamics.friction_drops:

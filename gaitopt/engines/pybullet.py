@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.engines.plant import POINT_RADIUS, Body, Foot, Tree
+from gaitopt.engines.plant import POINT_RADIUS, Body, Tree
 from gaitopt.errors import ProblemError
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -26,6 +26,9 @@ SETTINGS: dict[str, dict[str, Any]] = {
     },
 }
 """Best: no artificial damping of the bodies (0.04 /s by default), no slop, a round cone, a converged iteration."""
+
+LIGHT = 1e-9
+"""Mass of a sole, relative to the walker's; without mass it would touch nothing."""
 
 
 class Simulator:
@@ -56,7 +59,7 @@ class Simulator:
         client.changeDynamics(self._ground, -1, lateralFriction=1.0, restitution=0.0)
         names = {client.getJointInfo(self._walker, j)[1].decode(): j for j in range(client.getNumJoints(self._walker))}
         self._joints = [names[f"joint{k}"] for k in range(2 + n)]
-        self._feet = [names[f"joint{2 + foot.body}"] for foot in tree.feet]
+        self._feet = [names[f"foot{number}"] for number in range(2)]
         damping = {"linearDamping": settings["damping"], "angularDamping": settings["damping"], "jointDamping": 0.0}
         for joint in range(-1, client.getNumJoints(self._walker)):
             client.changeDynamics(self._walker, joint, lateralFriction=friction, restitution=0.0, **damping)
@@ -87,18 +90,22 @@ class Simulator:
 def _urdf(tree: Tree, radius: float) -> str:
     """The walker behind two sliding joints without mass."""
     root = Element("robot", name="walker")
-    _link(root, "base", None, ())
+    _link(root, "base", None)
     for k, (name, axis) in enumerate((("slide", "1 0 0"), ("lift", "0 0 1"))):
-        _link(root, name, None, ())
-        _joint(root, k, "prismatic", ("base", "slide")[k], name, (0.0, 0.0), axis)
+        _link(root, name, None)
+        _joint(root, f"joint{k}", "prismatic", ("base", "slide")[k], name, (0.0, 0.0), axis)
     for k, body in enumerate(tree.bodies):
-        _link(root, f"body{k}", body, tuple(foot for foot in tree.feet if foot.body == k), radius)
+        _link(root, f"body{k}", body)
         parent = "lift" if body.parent < 0 else f"body{body.parent}"
-        _joint(root, 2 + k, "continuous", parent, f"body{k}", body.position, "0 1 0")
+        _joint(root, f"joint{2 + k}", "continuous", parent, f"body{k}", body.position, "0 1 0")
+    for number, foot in enumerate(tree.feet):  # a link of its own: contacts are switched link by link
+        link = _link(root, f"sole{number}", Body("", -1, (0.0, 0.0), LIGHT * tree.mass, (0.0, 0.0), 0.0, 0.0))
+        SubElement(SubElement(SubElement(link, "collision"), "geometry"), "sphere", radius=repr(foot.radius or radius))
+        _joint(root, f"foot{number}", "fixed", f"body{foot.body}", f"sole{number}", foot.tip)
     return tostring(root, encoding="unicode")
 
 
-def _link(root: Element, name: str, body: Body | None, feet: tuple[Foot, ...], radius: float = 0.0) -> None:
+def _link(root: Element, name: str, body: Body | None) -> Element:
     link = SubElement(root, "link", name=name)
     x, z = (0.0, 0.0) if body is None else body.com
     inertial = SubElement(link, "inertial")
@@ -106,14 +113,13 @@ def _link(root: Element, name: str, body: Body | None, feet: tuple[Foot, ...], r
     SubElement(inertial, "mass", value=repr(0.0 if body is None else body.mass))
     inertia = repr(0.0 if body is None else max(body.inertia, 1e-12))
     SubElement(inertial, "inertia", ixx=inertia, ixy="0", ixz="0", iyy=inertia, iyz="0", izz=inertia)
-    for foot in feet:
-        collision = SubElement(link, "collision")
-        SubElement(collision, "origin", xyz=f"{foot.tip[0]!r} 0 {foot.tip[1]!r}")
-        SubElement(SubElement(collision, "geometry"), "sphere", radius=repr(foot.radius or radius))
+    return link
 
 
-def _joint(root: Element, k: int, kind: str, parent: str, child: str, place: tuple[float, float], axis: str) -> None:
-    joint = SubElement(root, "joint", name=f"joint{k}", type=kind)
+def _joint(
+    root: Element, name: str, kind: str, parent: str, child: str, place: tuple[float, float], axis: str = "0 1 0"
+) -> None:
+    joint = SubElement(root, "joint", name=name, type=kind)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     SubElement(joint, "origin", xyz=f"{place[0]!r} 0 {place[1]!r}")

@@ -47,7 +47,17 @@ def test_a_simulator_of_ones_own_converges_to_the_gait():
     assert fine.creep < 1e-5
 
 
-@pytest.mark.parametrize("name", ["compass-unequal", "compass-pd-impact-slip", "torso-passive", "round-feet-passive"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "compass-unequal",
+        "compass-pd-impact-slip",
+        "torso-passive",
+        "round-feet-passive",
+        "torso-upright",
+        "rimless-wheel-slip",
+    ],
+)
 def test_cycles_of_two_steps_control_laws_springs_and_round_feet_are_replayed(name):
     fine = outcome(name, Simulator, 2e-3, {"sweeps": 5})
     assert fine.ending == "completed"
@@ -165,8 +175,8 @@ def test_what_an_engine_has_no_law_for_is_exit_code_3(capsys, monkeypatch, tmp_p
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
     monkeypatch.setattr(engines, "import_module", lambda name: sys.modules["numpy_engine"])
-    assert main(["replay", "rimless-wheel-stick", "--engine", "mujoco", "--quiet"]) == 3
-    assert "rimless_wheel declares no links" in capsys.readouterr().err
+    assert main(["replay", "slip-run", "--engine", "mujoco", "--quiet"]) == 3
+    assert "slip_runner has flight and massless feet; the engines cannot model that" in capsys.readouterr().err
     assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--setting", "wild", "--quiet"]) == 2
     assert "--setting 'wild': numpy-engine has no setting of this name; use default, best" in capsys.readouterr().err
     assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--dt", "0", "--quiet"]) == 3

@@ -6,9 +6,10 @@
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import SX, pi, vertcat
+from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
+from gaitopt.model.links import Link
 from gaitopt.model.units import Positive, Slope, Within
 from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
 
@@ -40,6 +41,17 @@ class RimlessWheel(Walker):
             touchdown=q.theta - half_angle,
             upright=q.theta + half_angle,  # zero where the wheel falls back on the previous spoke
             relabel=SX(q.theta - 2 * half_angle),
+        )
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """The hub with all mass, the stance spoke and the next one; the others never touch the ground in a step."""
+        turn = 2 * pi / p.spokes
+        spoke = {"angle": q.theta, "parent": "hub", "foot": True}
+        return (
+            Link(name="hub", angle=q.theta, mass=p.mass, inertia=p.inertia_ratio * p.mass * p.radius**2),
+            Link(name="stance_spoke", tip=(0, -p.radius), **spoke),
+            Link(name="swing_spoke", tip=(p.radius * sin(turn), -p.radius * cos(turn)), **spoke),
         )
 
     @classmethod

@@ -111,3 +111,10 @@ class DrivenTorso(TorsoWalker):
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         """That of ``TorsoWalker``; positive torques turn the torso, and the swing leg, forward."""
         return replace(super().mechanism(q, p), motors=(q.torso - q.theta1, q.torso + q.theta2))
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """Those of ``TorsoWalker``, with joints whose angles are those of the motors."""
+        motors = {"hip": ("stance_hip", 1), "swing_hip": ("swing_hip", -1), "": ("", 1)}
+        joints = [(link, *motors[link.joint]) for link in super().links(q, p)]
+        return tuple(replace(link, joint=name, sign=sign) for link, name, sign in joints)
