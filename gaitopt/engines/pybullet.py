@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.engines.plant import POINT_RADIUS, Body, Tree
+from gaitopt.engines.plant import POINT_RADIUS, Body, Foot, Tree
 from gaitopt.errors import ProblemError
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -26,9 +26,6 @@ SETTINGS: dict[str, dict[str, Any]] = {
     },
 }
 """Best: no artificial damping of the bodies (0.04 /s by default), no slop, a round cone, a converged iteration."""
-
-LIGHT = 1e-9
-"""Mass of a sole, relative to the walker's; without mass it would touch nothing."""
 
 
 class Simulator:
@@ -59,7 +56,7 @@ class Simulator:
         client.changeDynamics(self._ground, -1, lateralFriction=1.0, restitution=0.0)
         names = {client.getJointInfo(self._walker, j)[1].decode(): j for j in range(client.getNumJoints(self._walker))}
         self._joints = [names[f"joint{k}"] for k in range(2 + n)]
-        self._feet = [names[f"foot{number}"] for number in range(2)]
+        self._tree, self._feet = tree, [names[f"joint{2 + foot.body}"] for foot in tree.feet]
         damping = {"linearDamping": settings["damping"], "angularDamping": settings["damping"], "jointDamping": 0.0}
         for joint in range(-1, client.getNumJoints(self._walker)):
             client.changeDynamics(self._walker, joint, lateralFriction=friction, restitution=0.0, **damping)
@@ -75,37 +72,37 @@ class Simulator:
     def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
         """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
         client, forces = self._client, np.zeros((2, 2))
-        for foot, on in zip(self._feet, touching, strict=True):
+        for foot in self._feet:  # those of a wheel are on one link, and switched together
+            on = any(touching[k] for k, other in enumerate(self._feet) if other == foot)
             client.setCollisionFilterPair(self._walker, self._ground, foot, -1, int(on))
         client.setJointMotorControlArray(self._walker, self._joints, client.TORQUE_CONTROL, forces=list(force))
         client.stepSimulation()
+        states = client.getJointStates(self._walker, self._joints)
+        q, v = (np.array([state[k] for state in states]) for k in range(2))
+        places = [self._tree.foot(k, q, v)[0][0] for k in range(2)]
         for point in client.getContactPoints(self._walker, self._ground):
             normal, first, second = (np.array(point[k]) for k in (7, 11, 13))
             world = point[9] * normal + point[10] * first + point[12] * second
-            forces[self._feet.index(point[3])] += world[0], world[2]
-        states = client.getJointStates(self._walker, self._joints)
-        return np.array([state[0] for state in states]), np.array([state[1] for state in states]), forces
+            on_link = [k for k, foot in enumerate(self._feet) if foot == point[3]]
+            forces[min(on_link, key=lambda k: abs(places[k] - point[5][0]))] += world[0], world[2]
+        return q, v, forces
 
 
 def _urdf(tree: Tree, radius: float) -> str:
     """The walker behind two sliding joints without mass."""
     root = Element("robot", name="walker")
-    _link(root, "base", None)
+    _link(root, "base", None, ())
     for k, (name, axis) in enumerate((("slide", "1 0 0"), ("lift", "0 0 1"))):
-        _link(root, name, None)
-        _joint(root, f"joint{k}", "prismatic", ("base", "slide")[k], name, (0.0, 0.0), axis)
+        _link(root, name, None, ())
+        _joint(root, k, "prismatic", ("base", "slide")[k], name, (0.0, 0.0), axis)
     for k, body in enumerate(tree.bodies):
-        _link(root, f"body{k}", body)
+        _link(root, f"body{k}", body, tuple(foot for foot in tree.feet if foot.body == k), radius)
         parent = "lift" if body.parent < 0 else f"body{body.parent}"
-        _joint(root, f"joint{2 + k}", "continuous", parent, f"body{k}", body.position, "0 1 0")
-    for number, foot in enumerate(tree.feet):  # a link of its own: contacts are switched link by link
-        link = _link(root, f"sole{number}", Body("", -1, (0.0, 0.0), LIGHT * tree.mass, (0.0, 0.0), 0.0, 0.0))
-        SubElement(SubElement(SubElement(link, "collision"), "geometry"), "sphere", radius=repr(foot.radius or radius))
-        _joint(root, f"foot{number}", "fixed", f"body{foot.body}", f"sole{number}", foot.tip)
+        _joint(root, 2 + k, "continuous", parent, f"body{k}", body.position, "0 1 0")
     return tostring(root, encoding="unicode")
 
 
-def _link(root: Element, name: str, body: Body | None) -> Element:
+def _link(root: Element, name: str, body: Body | None, feet: tuple[Foot, ...], radius: float = 0.0) -> None:
     link = SubElement(root, "link", name=name)
     x, z = (0.0, 0.0) if body is None else body.com
     inertial = SubElement(link, "inertial")
@@ -113,13 +110,14 @@ def _link(root: Element, name: str, body: Body | None) -> Element:
     SubElement(inertial, "mass", value=repr(0.0 if body is None else body.mass))
     inertia = repr(0.0 if body is None else max(body.inertia, 1e-12))
     SubElement(inertial, "inertia", ixx=inertia, ixy="0", ixz="0", iyy=inertia, iyz="0", izz=inertia)
-    return link
+    for foot in feet:
+        collision = SubElement(link, "collision")
+        SubElement(collision, "origin", xyz=f"{foot.tip[0]!r} 0 {foot.tip[1]!r}")
+        SubElement(SubElement(collision, "geometry"), "sphere", radius=repr(foot.radius or radius))
 
 
-def _joint(
-    root: Element, name: str, kind: str, parent: str, child: str, place: tuple[float, float], axis: str = "0 1 0"
-) -> None:
-    joint = SubElement(root, "joint", name=name, type=kind)
+def _joint(root: Element, k: int, kind: str, parent: str, child: str, place: tuple[float, float], axis: str) -> None:
+    joint = SubElement(root, "joint", name=f"joint{k}", type=kind)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     SubElement(joint, "origin", xyz=f"{place[0]!r} 0 {place[1]!r}")
