@@ -58,3 +58,8 @@ class RimlessWheel(Walker):
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         """The wheel stands on two spokes: theta = -pi/spokes."""
         return (-pi / p.spokes,)
+
+    @classmethod
+    def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
+        """None: figures draw all spokes, whose number is no symbol."""
+        return ()
