@@ -87,11 +87,11 @@ def optimise(
         values = np.array(
             [start.dynamics.parameter(f"control.{name}.{k}") for name in law.values for k in range(law.count)]
         )
-    places, iterations = tuple[tuple[int, float], ...](), 0
+    places, iterations, again = tuple[tuple[int, float], ...](), 0, None
     for _ in range(MAX_EXCHANGES):
         collocation = Collocation(problem, system, durations, free=free, places=places)
         result = collocation.solve(
-            states, values, durations, freed, progress=progress, should_stop=should_stop, again=bool(places)
+            states, values, durations, freed, progress=progress, should_stop=should_stop, again=again
         )
         iterations += result.iterations
         solver = {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
@@ -111,7 +111,7 @@ def optimise(
         more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED))
         if not more:
             break
-        places = (*places, *more)
+        places, again = (*places, *more), (collocation, result)
     keys = [f"control.{name}.{k}" for name in law.values for k in range(law.count)]
     known = dict(zip((*keys, *free), (*values.tolist(), *freed), strict=True))
     first = dict(zip(system.state_names, blocks["states"][0].tolist(), strict=True))

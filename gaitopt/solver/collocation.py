@@ -47,8 +47,11 @@ from gaitopt.solver.shooting import transcribe
 TOLERANCE = 1e-9
 """Of IPOPT."""
 MAX_ITERATIONS = 200
-NEARBY: dict[str, Any] = {"mu_init": 1e-6, "bound_push": 1e-8, "bound_frac": 1e-8}
-"""IPOPT stays near the start of a search whose solution is close."""
+NEARBY: dict[str, Any] = {"mu_init": 1e-3, "warm_start_init_point": "yes"} | {
+    f"warm_start_{what}": 1e-7
+    for what in ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
+}
+"""IPOPT stays near the start of a search whose solution and multipliers are close."""
 DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
@@ -180,6 +183,7 @@ class _Rows:
 
     def __init__(self) -> None:
         self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
+        self.place, self.places = -1, list[int]()  # the number of the place to which rows belong
         self._entries = list[tuple[int, int, float]]()
 
     def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
@@ -188,6 +192,7 @@ class _Rows:
         self.lower += [low] * count
         self.upper += [high] * count
         self.names += [name] * count
+        self.places += [self.place] * count
         return [*range(first, first + count)]
 
     def linear(self, row: int, column: int, value: float) -> None:
@@ -378,6 +383,7 @@ class Collocation:
                 self.points.append(Point(interval=k, fraction=float(self._tau[j]), state=states, dynamic=True))
                 states += 1
             self.phase_ends[interval.phase] = states - 1
+        self._own = states
         for k, fraction in self.places:
             self.points.append(Point(interval=k, fraction=fraction, state=states, dynamic=False))
             states += 1
@@ -439,6 +445,7 @@ class Collocation:
                 rows.linear(rows.new(1, name, span.minimum, span.maximum)[0], own, 1.0)
         self._rate_rows(rows)
         self.lbg, self.ubg, self.row_names = np.array(rows.lower), np.array(rows.upper), tuple(rows.names)
+        self._row_places = np.array(rows.places)
         return assembled([each for each in elements if each is not None], rows.matrix(self.n_x), len(self.dynamics.p))
 
     @property
@@ -474,6 +481,7 @@ class Collocation:
             t, data = interval.start + pt.fraction * h, self._data(interval.segment)
             constants.append(np.concatenate([t, h, [interval.segment, weight, self._arch], data]))
             columns.append([*self._state_columns(pt.state), *self._value_columns(interval.segment), *self._tail])
+            rows.place = max(-1, pt.state - self._own)
             own = rows.new(n, "defect") if dynamic else list[int]()
             states = [self._first[pt.interval], *range(inner := self._inner(pt.interval), inner + self._degree)]
             if dynamic:
@@ -494,6 +502,7 @@ class Collocation:
                 count = {"peak_torque": 2 * len(self.system.walker.actuators), "min_normal_force": 1}.get(name, 0)
                 own += rows.new(2 if name == "required_friction" and mode.sticks else count, name, 0.0, np.inf)
             places.append(own + (integrals if dynamic else []))
+        rows.place = -1
         if not places:
             return None
         function = self._point_function(mode, dynamic=dynamic)
@@ -660,9 +669,9 @@ class Collocation:
         *,
         progress: Valued = None,
         should_stop: Stop = None,
-        again: bool = False,
+        again: "tuple[Collocation, IpoptResult] | None" = None,
     ) -> IpoptResult:
-        """IPOPT's solution from a motion; ``again`` from one that misses the conditions only at a few new points."""
+        """IPOPT's solution from a motion; ``again`` is the same program without the last places, and its solution."""
         lower, upper = self.bounds()
         program = Program(
             unknowns=(Block(name="unknowns", expression=self.program.x, lower=lower, upper=upper),),
@@ -674,7 +683,16 @@ class Collocation:
         )
         options = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "bound_relax_factor": 0.0} | (NEARBY if again else {})
         ipopt = Ipopt(program, options=options, exact=True, derivatives=self.program.derivatives)
-        return ipopt.solve(progress=progress, should_stop=should_stop)
+        multipliers = None if again is None else self._extended(*again)
+        return ipopt.solve(multipliers=multipliers, progress=progress, should_stop=should_stop)
+
+    def _extended(self, before: "Collocation", result: IpoptResult) -> tuple[Array, Array]:
+        """Multipliers of the bounds and the rows: those of a program without the last places, and zero there."""
+        n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self._row_places.size)
+        kept = np.ones(self.n_x, dtype=bool)
+        kept[n * before.n_states : n * self.n_states] = False
+        bounds[kept], rows[self._row_places < len(before.places)] = result.bound_multipliers, result.multipliers
+        return bounds, rows
 
     def on_mesh(self, x: Array, dynamics: Dynamics) -> Solution:
         """The motion of a solution on a mesh of multiple shooting, under the law of ``dynamics``."""

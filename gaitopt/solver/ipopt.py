@@ -248,7 +248,12 @@ class Ipopt:
         self._solver = FINISHED.watch(solver)
 
     def solve(
-        self, program: Program | None = None, *, progress: Valued = None, should_stop: Stop = None
+        self,
+        program: Program | None = None,
+        *,
+        multipliers: tuple[Array, Array] | None = None,
+        progress: Valued = None,
+        should_stop: Stop = None,
     ) -> IpoptResult:
         """Solve from the start of the program, or of another one with the same expressions.
 
@@ -256,6 +261,7 @@ class Ipopt:
 
         Parameters
         ----------
+        multipliers : of the bounds and of the rows at the start, for a warm start with an exact Hessian.
         progress, should_stop : called at every iteration.
 
         Raises
@@ -273,7 +279,8 @@ class Ipopt:
         with RUNNING:
             FINISHED.free()
             self._watch.begin(lbg, ubg, progress, should_stop)
-            end = self._solver(x0=given.x0 / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg)
+            known = {} if multipliers is None else dict(zip(("lam_x0", "lam_g0"), multipliers, strict=True))
+            end = self._solver(x0=given.x0 / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg, **known)
             stats = self._solver.stats()
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")

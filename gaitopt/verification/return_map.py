@@ -43,6 +43,7 @@ LONGEST = 0.5
 DAMPING = (1.0, 0.5, 0.25, 0.125, 0.0625)
 DAMPED_STEPS = 25
 LARGEST, SIZES = 2.0**-12, 16
+SMALL = LARGEST / 2**12
 """Largest deviation of a difference, in natural units, and number of deviations, each half as large as the one before.
 At the smallest, 7e-9, the rounding of a step is 1e-6 to 1e-5 of the deviation."""
 
@@ -280,11 +281,16 @@ def directional_derivative(
         return ahead(-h)
 
     def central(h: float) -> Array | None:
-        one, other = ahead(h), ahead(-h)
+        one = ahead(h)
+        other = None if one is None else ahead(-h)
         return None if one is None or other is None else (one + other) / 2
 
-    best, error = extrapolated(central, power=2, goal=goal)
-    for one_sided in (ahead, behind):
+    best, error, sides = None, np.inf, [ahead, behind]
+    if central(LARGEST) is None:  # where a small deviation to a side has other modes, so do larger ones
+        sides = [side for side in sides if side(SMALL) is not None] or sides
+    if len(sides) == 2:
+        best, error = extrapolated(central, power=2, goal=goal)
+    for one_sided in sides:
         if error > enough:
             derivative, its_error = extrapolated(one_sided, power=1, goal=goal)
             if its_error < error:
