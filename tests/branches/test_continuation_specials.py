@@ -216,5 +216,5 @@ def test_wheel_begins_to_slip_at_the_friction_of_the_closed_form() -> None:
 def test_wheel_has_no_gait_where_friction_is_below_the_slope() -> None:
     walked = branch(family("rimless-wheel-slip", "friction", 0.27, 0.22))
     assert walked.specials[-1].type == "end"
-    assert "no mode sequence goes on" in walked.specials[-1].reason
+    assert "no other mode sequence continues the family" in walked.specials[-1].reason
     assert walked.specials[-1].value == pytest.approx(tan(radians(13)), rel=0, abs=AGREEMENT)
