@@ -43,7 +43,7 @@ class Instant:
 
     Attributes
     ----------
-    t : SX - time since the last impact [s].
+    t : SX - time since the last impact, or with named contacts since the start of the cycle [s].
     q, dq : coordinates and rates by name: the shape, x and y [rad, m, rad/s, m/s]. On the ground y = dy = 0.
     s, ds : phase variables of the walker and their rates by name; every shape coordinate is one too.
     p : parameters of the law by name; those of a mapping by key, ``p.limits.hip``, and of a list as a column.

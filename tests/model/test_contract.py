@@ -4,7 +4,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pytest
-from casadi import SX, Function, floor, fmax, if_else, jacobian, sign, sqrt, vertcat
+from casadi import SX, Function, floor, fmax, if_else, jacobian, sign, sin, sqrt, vertcat
 from named import named
 from oracles import CASES, numbers
 from pydantic import Field
@@ -248,6 +248,22 @@ def test_a_clock_that_does_not_restart_ends_the_cycle_of_a_walker_with_several_c
         go.parse_problem(text.replace("section: clock", "section: touchdown"), controls=[Running])
     with pytest.raises(ProblemError, match=r"control.type: the clock of running does not restart at impacts: a step"):
         stated(Running, "{type: running, cycle: 1, first: {hip: 1}, second: {hip: -1}}")
+
+
+def test_a_free_offset_makes_a_gait_as_long_as_the_period_of_a_clock() -> None:
+    class Entrained(Control):
+        type = "entrained"
+        offset: float = 0.0
+        period_of_clock: Annotated[float, Fixed] = 0.75
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            return {"hip": 0.2 * sin(2 * np.pi * (now.t + now.p.offset) / self.period_of_clock)}
+
+    lines = [line for line in go.load_problem("compass-passive-stick").text.splitlines() if "control" not in line]
+    lines += ["control: {type: entrained, offset: {free: [0, 0.75], guess: 0.2}}", "constraints: {period: 0.75}"]
+    gait = go.solve(go.parse_problem("\n".join(lines), controls=[Entrained]))
+    assert gait.period == pytest.approx(0.75, abs=1e-9)
+    assert go.verify(gait).passed
 
 
 def test_a_clock_that_does_not_restart_has_a_period() -> None:
