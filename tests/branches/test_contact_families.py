@@ -67,7 +67,7 @@ def test_with_less_energy_a_flight_between_the_stances_becomes_an_overlap(tmp_pa
     assert load_run(tmp_path).to_records() == branch.to_records()  # the flight has no duration where it vanishes
     change, end = branch.specials
     assert (change.type, change.status, change.contact) == ("impact_change", "converged", "front")
-    assert change.reason == "phase 3 (flight) shrinks to nothing"
+    assert change.reason == "phase 3 (flight) vanishes"
     assert change.value == pytest.approx(85.718884880, abs=1e-8)
     assert end.value == 85
     flights, overlap = ([mode.brief for mode in side.phases] for side in (change.before, change.after))

@@ -196,7 +196,7 @@ BAD_LISTS = {
 def test_a_class_attribute_that_is_no_tuple_of_known_names_is_named(name: str, kind: str) -> None:
     line = refusal(altered(CompassBiped, {name: BAD_LISTS[kind]}))
     assert "Bad: " in line
-    assert name in line or "no shape coordinate" in line
+    assert name in line or "not a shape coordinate" in line
 
 
 # ------------------------------------------------------------------------------------------------------------- by hand

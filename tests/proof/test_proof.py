@@ -462,7 +462,7 @@ def test_parameters_are_read_as_the_file_writes_them():
         assert ball("0.1").overlaps(arb(1) / 10)
         assert not ball("0.1").contains(arb(0.1))
         assert ball("180 deg").overlaps(arb.pi())
-    with pytest.raises(ValueError, match="no exact value"):
+    with pytest.raises(ValueError, match="not an exact value"):
         ball("1 grad")
 
 

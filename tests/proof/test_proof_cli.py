@@ -73,7 +73,7 @@ def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
     Path("proof.json").write_text(content)
     code, _, err = run("prove", "--check", "proof.json")
     assert code == 6
-    assert "proof.json is not a certificate" in err
+    assert "proof.json is not a proof certificate" in err
 
 
 def test_a_certificate_of_another_format_is_exit_4(run, empty_folder):
@@ -84,7 +84,8 @@ def test_a_certificate_of_another_format_is_exit_4(run, empty_folder):
 
 
 def test_what_is_no_file_is_exit_6(run, empty_folder):
-    for target, words in (("/dev/zero", "no regular file"), (".", "no regular file"), ("nothing.json", "is missing")):
+    irregular = "not a regular file"
+    for target, words in (("/dev/zero", irregular), (".", irregular), ("nothing.json", "is missing")):
         code, _, err = run("prove", "--check", target)
         assert code == 6
         assert words in err

@@ -40,7 +40,7 @@ def test_every_row_of_the_equalities_names_what_it_compares(name):
 
 
 def test_unknowns_of_a_gait_without_nodes_are_refused():
-    with pytest.raises(ValueError, match=r"compass-passive-a: .* solve it first"):
+    with pytest.raises(ValueError, match=r"compass-passive-a: .* solve it again"):
         solution_of(replace(named("compass-passive-a"), shooting=None))
 
 
