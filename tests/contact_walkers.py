@@ -17,6 +17,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Body, Contact, Mechanism, Walker, inclined
 from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.model.walkers.heel_toe import HeelToe
+from gaitopt.model.walkers.inchworm import Inchworm
 from gaitopt.model.walkers.slip_walker import SlipWalker
 
 Array = NDArray[np.float64]
@@ -134,6 +135,51 @@ def frame(half: float, height: float, *, slope: float = 0.0, inertia: float | No
         hip=Point(()),
     )
     return ContactCase(walker, oracle, feet)
+
+
+@dataclass(frozen=True)
+class Along:
+    """A point that is carried by coordinates along x and y, besides those of the base point."""
+
+    carried: tuple[int, ...] = ()
+
+    def position(self, q: Array) -> Array:
+        return q[-2:] + (q[list(self.carried)] if self.carried else 0)
+
+    def jacobian(self, q: Array) -> Array:
+        J = np.zeros((2, q.size))
+        J[:, -2:] = np.eye(2)
+        J[:, list(self.carried)] += np.eye(2)[:, : len(self.carried)]
+        return J
+
+    def velocity(self, q: Array, dq: Array) -> Array:
+        return self.jacobian(q) @ dq
+
+    def centripetal(self, q: Array, dq: Array) -> Array:
+        return np.zeros(2)
+
+
+def crawler(walker: Crawler) -> ContactCase:
+    rear, front = Along(), Along((0, 1))
+    masses = (Mass(walker.rear_mass, rear), Mass(walker.front_mass, front))
+    oracle = Oracle(masses=masses, swing_foot=rear, gravity=slope_gravity(walker.gravity, walker.slope), hip=rear)
+    return ContactCase(walker, oracle, {"rear": rear, "front": front})
+
+
+def inchworm(walker: Inchworm) -> ContactCase:
+    hinge = Point(())
+    coms, feet = (
+        [Point((Link(-length, index, sign=sign),)) for index, sign in ((0, 1), (1, -1))]
+        for length in (walker.link_com, walker.link_length)
+    )
+    links = [Mass(walker.link_mass, com, walker.link_inertia, index) for index, com in enumerate(coms)]
+    oracle = Oracle(
+        masses=(Mass(walker.hinge_mass, hinge), *links),
+        swing_foot=hinge,
+        gravity=slope_gravity(walker.gravity, walker.slope),
+        hip=hinge,
+    )
+    return ContactCase(walker, oracle, dict(zip(("rear", "front"), feet, strict=True)))
 
 
 CRAWLER = Crawler(rear_mass=1.0, front_mass=1.5, stiffness=20.0, damping=1.5, rest=0.5, gravity=9.81, slope=0.1)

@@ -75,7 +75,7 @@ class Point:
             -link.length * dq[link.index] ** 2 * np.array([np.sin(link.phi(q)), np.cos(link.phi(q))])
             for link in self.links
         ]
-        return np.sum(arms, axis=0)
+        return np.sum(arms, axis=0) if arms else np.zeros(2)
 
 
 @dataclass(frozen=True)

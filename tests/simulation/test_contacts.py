@@ -1,4 +1,4 @@
-"""Motions of walkers with several contacts: closed forms, time stepping without modes, identities, named endings."""
+"""Motions of walkers with several contacts: closed forms, identities, named endings."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, dynamics_of, frame, heel_toe
 from scipy.special import ellipk, ellipkinc
-from time_stepping import walk
 
 from gaitopt.gait import curves
 from gaitopt.gait.gait import trajectory_header
@@ -139,35 +138,6 @@ def test_a_frame_that_slides_with_too_much_friction_has_no_consistent_motion() -
     outcome = Simulator(case.dynamics(critical * 1.01)).step(state)
     assert outcome.step is None
     assert outcome.ending in (Ending.CONTACT_INCONSISTENT, Ending.CONTACT_AMBIGUOUS)
-
-
-@pytest.mark.parametrize("friction", [0.3, pytest.param(0.265, marks=pytest.mark.slow)])
-def test_a_compass_with_feet_rolls_over_heel_and_toe_as_time_stepping_does(friction: float) -> None:
-    case = heel_toe()
-    q, dq = on_heel(case, HEEL_STRIKES[friction])
-    step = Simulator(case.dynamics(friction)).step(case.state(q, dq)).step
-    assert step.impact.state[[0, 1]] == pytest.approx(HEEL_STRIKES[friction][:2], abs=1e-7)
-    assert step.impact.state[[4, 5]] == pytest.approx(HEEL_STRIKES[friction][2:], abs=1e-6)
-    end = step.arcs[-1].end * 0.98  # in front of the next heel strike, past the impact of the toe
-    exact = Simulator(case.dynamics(friction))
-    last = [arc for arc in step.arcs if arc.start < end][-1]
-    reference = exact.stepper.sample(last.mode, 0, last.states[0], np.array([last.start, end]))[-1]
-    expected = np.concatenate(coordinates(case, reference))
-    expected[2] += q[2]  # x is counted from where the step starts
-    errors = []
-    for steps in (500, 1000, 2000):
-        place, rates, _ = walk(
-            case.oracle,
-            case.points,
-            dict.fromkeys(case.points, friction),
-            (q, dq),
-            end,
-            steps,
-            counts=lambda name, q: not name.startswith("swing") or q[0] > 0.05,
-        )
-        errors.append(np.abs(np.concatenate([place, rates]) - expected).max())
-    assert errors[-1] < 0.01
-    assert errors[-1] < 0.75 * errors[0]
 
 
 def test_energy_of_spring_mass_walking_is_conserved_through_double_support() -> None:
