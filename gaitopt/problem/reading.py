@@ -469,6 +469,9 @@ class _StatementReader:
         if not model.contacts:
             self._fault(path, f"{shown(end)} is for walkers with several contacts: a step of the {model.model} ends "
                         "with a touchdown; leave it out")  # fmt: skip
+        elif model.landing_contacts:
+            words = f"the feet of the {model.model} swap their names there, which ends the cycle; leave it out"
+            self._fault(path, f"{shown(end)} leaves out the landing of {' and '.join(model.landing_contacts)}: {words}")
         elif end == CLOCK and (self._control is None or not self._control.period):
             self._fault(path, "clock needs a control law with a period of its own, such as oscillating")
         elif end != CLOCK and end not in model.sections:

@@ -1,6 +1,7 @@
 """Problem files of walkers with several contacts: their modes, friction, sections and guesses."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import contact_section
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_walker import SlipWalker
-from gaitopt.problem.problem import Problem, parse_problem, restore_problem
+from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
 from gaitopt.problem.statement import cycle_data
 from gaitopt.verification.walk import simulate
 
@@ -90,8 +91,8 @@ def test_every_contact_may_have_friction_of_its_own() -> None:
         ("[{heel: slip", "[{heel: slip_forward, impact: {heel: stick}}, {heel: slip", "the step begins there"),
         ("impact: {heel: stick}", "impact: {toe: slip_forward}", "heel touches the ground in heel slip_forward"),
         ("impact: {heel: stick}", "impact: {heel: slip_backward}", "heel is already slipping"),
-        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: clock", "clock needs a control law with a period"),
-        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: {margin: apex}", "has no section 'apex'"),
+        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: clock", "leaves out the landing of swing_heel"),
+        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: {margin: apex}", "the feet of the heel_toe swap"),
         ("friction: 0.265", "friction: {heel: 0.3}", "friction.toe: is missing: every contact has its friction"),
         ("friction: 0.265", "friction: {heel: 0.3, toe: 1, swing_heel: 1, swing_toe: 1}", "swing_heel: differs from"),
         ("theta2: -0.317", "theta2: 0.9", "0.9 contradicts the section, where it is"),
@@ -105,6 +106,19 @@ def test_a_wrong_statement_is_one_sentence(old: str, new: str, words: str) -> No
     with pytest.raises(ProblemError) as caught:
         heel_toe((old, new))
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "section", "words"),
+    [
+        ("bounding", "clock", "clock needs a control law with a period"),
+        ("bounding", "{margin: vertical}", "the bounder has no section 'vertical'; there are: apex, level"),
+    ],
+)
+def test_a_section_that_a_walker_lacks_is_refused(name: str, section: str, words: str) -> None:
+    text = re.sub(r"section: .*", f"section: {section}", load_problem(name).text)
+    with pytest.raises(ProblemError, match=re.escape(words)):
+        parse_problem(text)
 
 
 def contacts(walker: type, **words: str) -> Mode:

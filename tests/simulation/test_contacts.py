@@ -1,16 +1,18 @@
 """Motions of walkers with several contacts: closed forms, identities, named endings."""
 
+from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
+from casadi import vertcat
 from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, dynamics_of, frame, heel_toe
 from scipy.special import ellipk, ellipkinc
 
 from gaitopt.gait import curves
 from gaitopt.gait.gait import trajectory_header
-from gaitopt.gait.measures import measure, observe
+from gaitopt.gait.measures import contact_record, measure, observe
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -19,9 +21,12 @@ from gaitopt.model.transitions import Ending
 from gaitopt.model.walker import Contact, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
+from gaitopt.problem.problem import load_problem
+from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
 
 BLOCK = {"half": 0.25, "height": 1.0}
 BLOCK_ANGLE = np.arctan2(BLOCK["half"], BLOCK["height"])
@@ -222,6 +227,22 @@ def test_two_contacts_in_one_place_move_as_one(velocity: float) -> None:
         assert {name.removesuffix("_too") for name in theirs.mode.touching} == {*ours.mode.touching}
 
 
+def test_shares_of_forces_and_motions_that_are_undetermined_are_named() -> None:
+    rests = (
+        Simulator(frame(0.3, 0.5, slope=0.1).dynamics(0.5))
+        .step(np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), dense=True)
+        .step
+    )
+    record = contact_record([rests])
+    assert record["undetermined"] == ["left", "right"]
+    assert record["contacts"]["left"]["required_friction"] is None
+    doubled = Doubled(**dict(frame(0.3, 0.5).walker))
+    slides = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 1.0])
+    outcome = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.4, "right": 0.2})).step(slides)
+    assert outcome.ending == Ending.UNDETERMINED
+    assert "contacts of different friction slip together" in outcome.message
+
+
 def test_a_mirrored_frame_on_a_mirrored_slope_moves_as_its_mirror_image() -> None:
     state = np.array([0.2, 0.9, 0.0, -0.3, 0.0, 0.4])
     mirror = np.array([-1, 1, -1, -1, 1, -1])
@@ -233,8 +254,120 @@ def test_a_mirrored_frame_on_a_mirrored_slope_moves_as_its_mirror_image() -> Non
     )
     assert len(one.arcs) > 3
     for ours, theirs in zip(one.arcs, other.arcs, strict=True):
-        assert theirs.states[-1] == pytest.approx(mirror * ours.states[-1], rel=1e-10, abs=1e-10)
+        assert theirs.states[-1] == pytest.approx(mirror * ours.states[-1], rel=1e-12, abs=1e-12)
         assert {swapped[name]: turned[word] for name, word in ours.mode.contacts.items()} == theirs.mode.contacts
+
+
+def test_a_frame_that_slides_to_rest_stops_on_both_feet_at_once() -> None:
+    height, friction, speed = 0.5, 0.3, 1.0
+    for direction, word in ((1, "forward"), (-1, "backward")):
+        state = np.array([0.0, height, 0.0, 0.0, 0.0, direction * speed])
+        slides, rests = Simulator(frame(0.3, height).dynamics(friction)).step(state).step.arcs
+        assert words(slides.mode) == [f"left slip_{word}", f"right slip_{word}"]
+        assert words(rests.mode) == ["left stick", "right stick"]
+        assert slides.end == pytest.approx(speed / (friction * 9.81), rel=1e-12)
+        assert rests.states[0][2] == pytest.approx(direction * speed**2 / (2 * friction * 9.81), rel=1e-12)
+
+
+def test_the_ends_of_a_symmetric_inchworm_change_at_the_same_instants() -> None:
+    """On level ground, with the same friction at both ends, the hinge only moves up and down."""
+    problem = load_problem("inchworm").replace({"walker.slope": 0, "friction.rear": 0.4})
+    angle, rate = 0.6, 0.2
+    y, dy = 0.5 * np.cos(angle), -0.5 * np.sin(angle) * rate
+    step = Simulator(problem_dynamics(problem)).step(np.array([angle, angle, y, 0, rate, rate, dy, 0])).step
+    turned = {"stick": "stick", "off": "off", "slip_forward": "slip_backward", "slip_backward": "slip_forward"}
+    assert len(step.arcs) > 4
+    for arc in step.arcs:
+        assert arc.mode.contacts["rear"] == turned[arc.mode.contacts["front"]]
+        assert arc.states[-1][[0, 4]] == pytest.approx(arc.states[-1][[1, 5]], abs=1e-12)
+        assert arc.states[-1][[3, 7]] == pytest.approx(0, abs=1e-12)
+
+
+class Pushed(Frame):
+    """A frame under any force and torque."""
+
+    model = "pushed"
+
+    along: float
+    down: float
+    torque: float
+
+    @classmethod
+    def mechanism(cls, q, p):
+        gravity = vertcat(p.along, -p.down)
+        return replace(super().mechanism(q, p), gravity=gravity, potential=-p.torque * q.theta)
+
+
+def accelerations(walker: Pushed, friction: dict[str, float]) -> tuple[list[np.ndarray], float]:
+    """All consistent accelerations (theta, x, y) of a frame of mass 1 at rest, and how close the nearest edge is.
+
+    Every combination that moves is solved; the frame rests if some split of the tangential forces is in both cones.
+    """
+    load = np.array([walker.torque, walker.along, -walker.down])
+    inverse, h = np.diag([1 / walker.inertia, 1, 1]), walker.height
+    # rows of a foot aside of the centre by b: its tangential and normal velocity per rate of theta, x, y
+    feet = {"left": -walker.half, "right": walker.half}
+    rows = {name: np.array([[-h, 1, 0], [-b, 0, 1]]) for name, b in feet.items()}
+    found, nearest = [], np.inf
+    for words in product(("off", "stick", 1, -1), repeat=2):
+        touching = {name: word for name, word in zip(feet, words, strict=True) if word != "off"}
+        if len(touching) == 2 and "stick" in touching.values():
+            continue  # one sticking foot and another one on the ground: the frame rests
+        held = [rows[n][[0, 1] if word == "stick" else [1]] for n, word in touching.items()]
+        pushes = [
+            rows[n].T if w == "stick" else (rows[n][1:] - w * friction[n] * rows[n][:1]).T for n, w in touching.items()
+        ]
+        J, W = np.vstack([np.zeros((0, 3)), *held]), np.hstack([np.zeros((3, 0)), *pushes])
+        if np.linalg.det(J @ inverse @ W) / np.linalg.det(J @ inverse @ J.T) <= 0:
+            continue  # Painleve: the forces pull the feet into the ground
+        forces = np.linalg.solve(J @ inverse @ W, -J @ inverse @ load)
+        a, margins, at = inverse @ (load + W @ forces), [], 0
+        for n in feet:
+            word, moved = touching.get(n, "off"), rows[n] @ a
+            if word == "off":
+                margins.append(moved[1])
+            elif word == "stick":
+                f_t, f_n = forces[at : at + 2]
+                margins += [f_n, friction[n] * f_n - abs(f_t)]
+                at += 2
+            else:
+                margins += [forces[at], word * moved[0]]
+                at += 1
+        nearest = min(nearest, abs(min(margins)))
+        if min(margins) > 0:
+            found.append(a)
+    left, right = (walker.down + side * (walker.torque + h * walker.along) / walker.half for side in (-1, 1))
+    reach = friction["left"] * left / 2 + friction["right"] * right / 2 - abs(walker.along)
+    nearest = min(nearest, *np.abs([left, right, reach]))
+    return [*found, *([np.zeros(3)] if min(left, right, reach) > 0 else [])], nearest
+
+
+def test_forces_and_torques_for_which_several_motions_are_consistent_end_with_their_names() -> None:
+    rng, counts = np.random.default_rng(0), Counter[int]()
+    for _ in range(250):
+        half, height, inertia = rng.uniform([0.05, 0.05, 0.005], [1, 1, 0.3])
+        along, down, torque = rng.normal(size=3) * [20, 20, 10]
+        friction = dict(zip(("left", "right"), rng.uniform(0.1, 4, 2), strict=True))
+        walker = Pushed(
+            half=half, height=height, mass=1.0, inertia=inertia, gravity=1.0, slope=0.0, along=along, down=down,
+            torque=torque,
+        )  # fmt: skip
+        expected, nearest = accelerations(walker, friction)
+        if nearest < 1e-6:
+            continue
+        resolver = ContactSetResolver(dynamics_of(walker, friction))
+        chosen = resolver.first_mode(0.0, np.array([0, height, 0, 0, 0, 0]), 0)
+        counts[len(expected)] += 1
+        if len(expected) == 1:
+            assert isinstance(chosen, Mode)
+            flow = dynamics_of(walker, friction).system.flow(chosen)
+            dz = np.asarray(flow(0, np.array([0, height, 0, 0, 0, 0]), dynamics_of(walker, friction).p, [])).ravel()
+            assert dz[[3, 5, 4]] == pytest.approx(expected[0], rel=1e-9, abs=1e-9)
+        else:
+            assert chosen.ending == Ending.CONTACT_AMBIGUOUS
+            assert chosen.reason.count(" and ") == len(expected) - 1  # all are listed
+    assert counts[1] > 200
+    assert counts[2] > 2
 
 
 @pytest.mark.parametrize("factors", [(2.0, 1.0, 1.0), (1.0, 3.0, 1.0), (1.0, 1.0, 0.5), (7.0, 0.2, 4.0)])
@@ -250,9 +383,9 @@ def test_a_compass_with_feet_moves_alike_in_other_units(factors: tuple[float, fl
     one = Simulator(case.dynamics(0.265)).step(case.state(q, dq)).step
     other = Simulator(heel_toe(**changed).dynamics(0.265)).step(case.state(q * unit, dq * unit / time)).step
     assert [arc.mode for arc in other.arcs] == [arc.mode for arc in one.arcs]
-    assert [arc.end / time for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], rel=1e-11)
+    assert [arc.end / time for arc in other.arcs] == pytest.approx([arc.end for arc in one.arcs], rel=1e-12)
     scale = np.concatenate([unit, unit / time])
-    assert other.impact.state / scale == pytest.approx(one.impact.state, rel=1e-11, abs=1e-12)
+    assert other.impact.state / scale == pytest.approx(one.impact.state, rel=1e-12, abs=1e-12)
 
 
 def test_heel_and_toe_that_approach_each_other_approach_point_feet() -> None:
