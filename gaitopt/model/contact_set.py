@@ -34,7 +34,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, vertcat
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -63,8 +63,9 @@ class Structure:
     kept : indices of the independent ones.
     dropped : indices of those that depend on the ones before them.
     pivots : (row, column) of the entries by which the linear system is eliminated, in order.
-    is_determined : whether the motion is the same whatever the shares of the forces.
+    is_determined : whether the motion is the same whatever the shares of the forces, if all have the same friction.
     nulls : ndarray, shape (n, len(dropped)) - a sample of N: the signs of its entries hold in every posture.
+    drags : ndarray, shape (n_q, n) - sampled tangential directions of the constraints whose forces cause friction.
     group : the contacts whose forces are undetermined.
     """
 
@@ -74,6 +75,7 @@ class Structure:
     pivots: tuple[tuple[int, int], ...]
     is_determined: bool
     nulls: Array
+    drags: Array
     group: tuple[str, ...]
 
 
@@ -229,6 +231,17 @@ def contact_motion(
         shares=shares,
         undetermined=undetermined,
     )
+
+
+def friction_of_shares(walker: type[Walker], mode: Mode, kinetic: Mapping[str, SX]) -> SX:
+    """What friction does to the walker where the shares of the forces change: zero if these do not matter, a vector."""
+    structure = _structure(walker, mode)
+    effects = [
+        SX(structure.drags[:, [k]] @ structure.nulls[[k], :]) * kinetic[name]
+        for k, (name, _) in enumerate(structure.constraints)
+        if structure.dropped
+    ]
+    return vec(sum(effects, SX.zeros(1, 1)))
 
 
 def contact_impact(
@@ -452,5 +465,6 @@ def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Arr
         pivots=tuple(pivots),
         is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
         nulls=nulls,
+        drags=(J.T - G) / FRICTION_SAMPLE,
         group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),
     )

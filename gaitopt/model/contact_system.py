@@ -1,9 +1,16 @@
 """A walker with several contacts, its control and the ground in CasADi symbols; see ``gaitopt.model.system``."""
 
-from casadi import SX, jacobian, jtimes, sqrt, substitute, vertcat
+from casadi import SX, if_else, jacobian, jtimes, norm_2, sqrt, substitute, vertcat
 
 from gaitopt.building import BUILT
-from gaitopt.model.contact_set import ContactImpact, ContactMotion, contact_impact, contact_motion
+from gaitopt.model.contact_set import (
+    DEPENDENT,
+    ContactImpact,
+    ContactMotion,
+    contact_impact,
+    contact_motion,
+    friction_of_shares,
+)
 from gaitopt.model.contact_transitions import contact_transitions, impulse_name, share_name
 from gaitopt.model.control import Control
 from gaitopt.model.friction import ContactFriction, ImpactLaw
@@ -159,11 +166,15 @@ class ContactExpressions(Expressions):
         return gap if contact.counts.is_constant() else _either(gap, -contact.counts * self.eom.length)
 
     def decision(self, mode: Mode) -> dict[str, SX]:
-        """What decides whether a mode is consistent: dz, margins, their rates, and normal accelerations of contacts."""
+        """What decides whether a mode is consistent: dz, margins, their rates, and normal accelerations of contacts.
+
+        ``dz`` is NaN where friction depends on the shares of forces that are undetermined.
+        """
         margins, state = self.margins(mode), self.state(mode)
+        depends = norm_2(friction_of_shares(self.walker, mode, self._kinetic)) > DEPENDENT
         rates = jtimes(margins, self.eom.z, state.dz) + jacobian(margins, self.t)
         return {
-            "dz": state.dz,
+            "dz": if_else(depends, SX.nan(), state.dz),
             "margins": margins,
             "rates": rates,
             "separations": vertcat(SX(0, 1), *(state.separations.values())),
