@@ -19,6 +19,7 @@ from gaitopt.model.transitions import Ending
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+GALLERY = sorted((ROOT / "docs" / "examples" / "gallery").glob("*.py"))
 
 
 def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
@@ -120,6 +121,25 @@ def test_the_pages_name_every_claim_and_every_ending():
 def test_the_reference_of_the_problem_file_is_that_of_the_schema():
     script = runpy.run_path(str(ROOT / "docs" / "problem_keys.py"))
     assert {path: path.read_text() for path in script["HEADS"]} == script["pages"]()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", GALLERY, ids=lambda path: path.stem)
+def test_an_example_of_the_gallery_has_its_numbers_and_draws_its_picture(example, tmp_path, monkeypatch):
+    if example.stem == "proof":
+        pytest.importorskip("flint", reason="needs pip install '.[proof]'")
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(example), run_name="__main__")  # asserts its numbers
+    picture = tmp_path / f"{example.stem}.png"
+    assert picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_gallery_shows_every_example_and_its_picture():
+    page = (ROOT / "docs" / "gallery.md").read_text()
+    cards = re.findall(r"^\| \[!\[[^\]]+\]\(gallery/(\w+)\.png\)\]\(#", page, re.MULTILINE)
+    assert sorted(cards) == [example.stem for example in GALLERY]
+    assert len(cards) >= 8
+    assert sorted(re.findall(r"literalinclude\} examples/gallery/(\w+)\.py", page)) == sorted(cards)
 
 
 @pytest.mark.slow

@@ -60,6 +60,8 @@ TestFunction = Callable[[Gait], float]
 """A function of a gait, continuous along a family, whose zeros are to be located."""
 NEUTRAL = 1e-6
 """Imaginary part below which a pair with product one is real: a neutral saddle, not a Neimark-Sacker point."""
+POLE = 0.5
+"""Distance of all multipliers from the critical one beyond which a test function changes its sign at a pole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,15 +108,13 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
             continue
         after = cycle.after(phase)
         zeros = () if after is None else table.ending(cycle, phase).zeros
-        landed = table.zeros_after(cycle, (phase - 1) % len(cycle.phases)) if cycle.phases[phase].is_named else ()
+        landed = table.zeros_after(cycle, (phase - 1) % len(cycle.phases))
         for row, (name, transition) in enumerate(table.of(cycle.phases[phase]).items()):
             if name != "upright" and not transition.margin.rises:
                 slips = kind(name) == "slip_velocity"
                 start = cycle.onset_order(phase, contact_of(name), jump=drops) if slips else int(name in landed)
-                # of a foot only the event itself is zero at the end
-                end = name in zeros if cycle.phases[phase].is_named else name == next(iter(zeros), None)
                 along = [margins[id(arc)][row] for arc in long]
-                values[MonitorKey(name, phase)] = _lowest(along, (start, int(end)), long, arcs)
+                values[MonitorKey(name, phase)] = _lowest(along, (start, int(name in zeros)), long, arcs)
         if phase - 1 in cycle.timed:
             before = phases[phase - 1][-1]
             guard = table.between(before.mode, cycle.phases[phase]).guard
@@ -184,9 +184,13 @@ def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]
 
 
 def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
-    """Whether a zero of a test function is a special point of this type."""
+    """Whether a change of sign of a test function is a special point of this type.
+
+    It is none where a multiplier passes through infinity, as where the flight of a runner shrinks to nothing.
+    """
     if kind != "neimark_sacker":
-        return True
+        critical = -1.0 if kind == "period_doubling" else 1.0
+        return bool(np.abs(multipliers - critical).min() < POLE)
     a, b = min(combinations(multipliers, 2), key=lambda pair: abs(pair[0] * pair[1] - 1))
     return bool(abs(a.imag) > NEUTRAL and abs(b.imag) > NEUTRAL)
 

@@ -52,6 +52,8 @@ CROSSING, ON_CIRCLE = "#d55e00", 1e-3
 MARKERS = "osD^v"
 SMALLEST_REACH, LARGEST_REACH = 1.15, 2.0
 """Half width of the picture: the unit circle with a margin, and a width at which the circle can still be seen."""
+TEXT = np.array([0.12, 0.06])
+"""Size of the value beside a special point, relative to the axes; one that would cover another is left out."""
 SAME_PLACE = 0.1
 """Distance below which crossings share their text."""
 
@@ -165,7 +167,7 @@ def _draw_branch(axes: Axes, branch: Sequence[Record], quantity: str, colour: st
 
 def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quantity: str, colour: str) -> set[str]:
     """Mark special points, each at the height of its own record or of the nearest gait of its branch; their types."""
-    marked = set[str]()
+    marked, texts = set[str](), dict[tuple[float, float], str]()
     for special in specials:
         near = [point for point in points if point["branch"] == special["branch"]]
         if special.get("value") is None or not near:
@@ -178,11 +180,16 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
         size = 7 if len(heights) == 1 else 4
         axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
         marked.add(special["type"])
-        if special["type"] in CROSSINGS:
+        if special["type"] not in TERMINAL:
+            texts[special["value"], heights[0]] = f"{special['value']:.4g}"
+    shown = list[NDArray[np.float64]]()
+    for (value, height), words in texts.items():
+        at = axes.transAxes.inverted().transform(axes.transData.transform((value, height)))
+        if all(np.any(np.abs(at - other) > TEXT) for other in shown):
+            shown.append(at)
             axes.annotate(
-                f"{special['value']:.4g}", (special["value"], heights[0]), xytext=(7, 5),
-                textcoords="offset points", fontsize="small", color=NEUTRAL,
-            )  # fmt: skip
+                words, (value, height), xytext=(7, 5), textcoords="offset points", fontsize="small", color=NEUTRAL
+            )
     return marked
 
 

@@ -55,6 +55,8 @@ from gaitopt.verification.walk import Walk
 
 OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "none"}
 """Look of the region beyond the friction cone, on any background."""
+SLIP_WIDTH = 4.0
+"""Width of the force ratio of a foot that slips [points]."""
 CONE_ROOM = 1.35
 """Half height of the axes relative to the coefficient of friction."""
 VISIBLE = 1e-6
@@ -219,6 +221,8 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colours: Mapping[tuple
         where = began + arc.times if against == "time" else arc.states[:, motion.state_index(against)]
         for contact in touching_contacts(arc, observe(arc)):
             style = {"color": colours[motion.name, contact.names], "linestyle": _line(contact)}
+            if contact.direction:  # on the edge of the cone, whose line would hide it
+                style["linewidth"] = SLIP_WIDTH
             axes.plot(where, friction_ratio(contact.force), **style)
         ends.append(float(where[-1]))
     last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1

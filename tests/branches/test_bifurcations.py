@@ -49,3 +49,9 @@ def test_folds_and_branch_points_of_normal_forms_are_told_apart(name: str) -> No
 
 def test_a_single_multiplier_has_no_pair() -> None:
     assert values(0.7)["neimark_sacker"] == 1.0
+
+
+@pytest.mark.parametrize(("kind", "critical"), [("period_doubling", -1.0), ("fold", 1.0), ("branch_point", 1.0)])
+def test_a_multiplier_that_passes_through_infinity_is_no_bifurcation(kind, critical):
+    assert bifurcations.is_bifurcation(kind, np.array([critical * (1 + 1e-9), 0.2]))
+    assert not bifurcations.is_bifurcation(kind, np.array([-3e12, 0.2]))

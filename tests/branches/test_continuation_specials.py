@@ -218,3 +218,15 @@ def test_wheel_has_no_gait_where_friction_is_below_the_slope() -> None:
     assert walked.specials[-1].type == "end"
     assert "no other mode sequence continues the family" in walked.specials[-1].reason
     assert walked.specials[-1].value == pytest.approx(tan(radians(13)), rel=0, abs=AGREEMENT)
+
+
+def test_running_is_stable_between_the_fold_and_the_period_doubling_of_its_family():
+    """The force of a spring leg is zero at landing and at take-off, where the cone is no limit."""
+    gait = go.solve("slip-run")
+    runs = continuation(gait, "walker.attack", [radians(67), radians(68.6)], verify_every=0)
+    (fold,), (doubling,) = runs.special("fold"), runs.special("period_doubling")
+    assert [runs.special("end")[k].reason.split()[0] for k in range(2)] == ["reached", "reached"]
+    for special, multiplier in ((fold, 1), (doubling, -1)):
+        rates = special.gait.to_record()["state"]["dtheta"] + 1e-5 * np.array([[-1.0], [1.0]])
+        mapped = go.return_map(special.gait, np.hstack([rates, np.zeros((2, 1))]))
+        assert np.diff(mapped.states[:, 0]) / np.diff(rates[:, 0]) == pytest.approx(multiplier, abs=1e-4)
