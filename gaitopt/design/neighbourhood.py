@@ -4,7 +4,7 @@
 
 The check uses no gradient of the search for the design v*. At each neighbour v the gait is solved again by Newton's
 method and measured like any other gait. Violated constraints c are corrected by Gauss-Newton steps, with their Jacobian
-C by finite differences.
+C by finite differences; the first step corrects those that the linear model predicts.
 """
 
 from collections.abc import Callable
@@ -128,8 +128,9 @@ class _Search:
         self._bounds = np.array(list(free.values())).T
         self.freed = np.array([gait.freed[name] for name in free])
         self.sizes = freed_sizes(self.freed, self._bounds)
-        refined = refine(polish(retraced(gait).on_mesh(tuple(free))))
+        refined = refine(polish(retraced(gait).on_mesh()))
         self._equations, self._w = refined.equations, refined.w
+        self._places = [gait.system.parameters.index(name) for name in free]
         self._slopes = np.zeros((self._w.size, self.freed.size))
         slopes, by_freed = [], []
         for step in np.diag(DIFFERENCE * self.sizes):
@@ -139,30 +140,34 @@ class _Search:
             slopes.append((ahead[0] - behind[0]) / (2 * step.sum()))
             by_freed.append((ahead[2] - behind[2]) / (2 * step.sum()))
         self._slopes, self._by_freed = np.array(slopes).T, np.array(by_freed).T
-        self._objective = _objective(gait, self._problem)
+        self._objective, self._rows = _objective(gait, self._problem), _constraints(gait, self._problem)
 
     def feasible(self, freed: Array) -> tuple[float, Array] | None:
         """Relative gain and place of the feasible point next to ``freed``; None where there is none."""
+        freed = np.clip(freed, *self._bounds)
+        rows = self._rows + self._by_freed @ (freed - self.freed)
+        equality = np.arange(rows.size) >= rows.size - self._n_equalities
+        wrong = np.where(equality, np.abs(rows), -rows) > FEASIBLE
         for _ in range(CORRECTIONS):
-            freed = np.clip(freed, *self._bounds)
+            if wrong.any():
+                active = wrong | equality
+                matrix = self._by_freed[active] * self.sizes
+                step = self.sizes * np.linalg.lstsq(matrix, rows[active], rcond=1e-8)[0]
+                freed = np.clip(freed - step, *self._bounds)
             values = self._values(freed)
             if values is None:
                 return None
             _, objective, rows = values
-            equality = np.arange(rows.size) >= rows.size - self._n_equalities
             wrong = np.where(equality, np.abs(rows), -rows) > FEASIBLE
             if not wrong.any():
                 return (self._objective - objective) / abs(self._objective), freed
-            wrong |= equality
-            matrix = self._by_freed[wrong] * self.sizes
-            freed = freed - self.sizes * np.linalg.lstsq(matrix, rows[wrong], rcond=1e-8)[0]
         return None
 
     def _values(self, freed: Array) -> tuple[Array, float, Array] | None:
         """Unknowns, objective and constraints at other freed parameters; None where there is no gait."""
-        w = self._w + self._slopes @ (freed - self.freed)
-        w[-freed.size :] = freed
-        at = polish(Solution(self._equations, w, self._gait.p))
+        w, p = self._w + self._slopes @ (freed - self.freed), self._gait.p.copy()
+        p[self._places] = freed
+        at = polish(Solution(self._equations, w, p))
         if not at.size < SOLVED or not at.in_order:
             return None
         errors = np.zeros(self._equations.n_phases)

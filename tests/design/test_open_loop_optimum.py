@@ -6,6 +6,7 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt.design.neighbourhood import neighbourhood
 from gaitopt.solver.collocation import Collocation
 from gaitopt.systems import build_system
 
@@ -97,8 +98,6 @@ def test_more_intervals_are_never_worse():
 
 
 def test_no_better_neighbour_of_the_optimum_is_found(compass):
-    from gaitopt.design.neighbourhood import neighbourhood
-
     searched = neighbourhood(compass, directions=10)
     assert searched.optimal, searched.words
 
@@ -168,3 +167,10 @@ def test_rabbit_walks_from_nothing_at_the_cost_of_plain_collocation():
     # plain CasADi without gaitopt: its own Lagrangian, Radau degree 4 on 160 intervals, margins at these points alone;
     # with 20, 40, 80 and 160 intervals it gives 330.81103, 330.84291, 330.84472 and 330.84657
     assert gait.scalar("torque_squared") / 0.4 == pytest.approx(330.84657, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_rabbit_has_no_better_neighbour():
+    searched = neighbourhood(named("rabbit-optimal"), directions=40)
+    assert searched.optimal, searched.words
+    assert searched.feasible > 60
