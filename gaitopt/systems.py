@@ -154,10 +154,9 @@ def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearP
             f"{problem.name}: gait.phases: auto leaves the mode sequence open, and so the equations; state the phases"
         )
     if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
-        raise ProblemError(
-            f"{problem.name}: control: the torques of an open loop are unknowns of a collocation, which has no program "
-            "of multiple shooting; solve the problem, and take the program of its gait's problem"
-        )
+        from gaitopt.design.open_loop import open_loop_program
+
+        return open_loop_program(problem, build_system(problem), build_system)
     system = build_system(problem, should_stop=should_stop)
     if not free_parameters(problem, system):
         dynamics = Dynamics(system, system.values(problem.parameters))

@@ -154,7 +154,9 @@ def nlp(problem: Problem | str | Path) -> NonlinearProgram:
     events that end the phases; impacts and periodicity; and the margins of every mode, such as the friction cone. A
     problem without free parameters has as many equations as unknowns, and the objective 0. The program of a design is
     the smoothed problem of its first stage (see the page on designs), with a trust region of the nodes; its optimum is
-    not exactly that of the design.
+    not exactly that of the design. Open-loop torques are unknowns of a direct collocation instead, whose
+    ``derivatives`` are options for ``casadi.nlpsol``. Its margins hold at the collocation points; ``refined(w)`` is the
+    program with more points where a solution violates them in between, or None.
 
     Parameters
     ----------

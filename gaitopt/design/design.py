@@ -26,7 +26,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.diagnosis import rejection_reason
 from gaitopt.solver.newton import Solution, polish, refine
-from gaitopt.solver.program import NonlinearProgram
+from gaitopt.solver.program import ShootingProgram
 from gaitopt.solver.rollout import guessed_motion, retraced, rolled_again
 from gaitopt.solver.solve import free_parameters
 
@@ -61,7 +61,7 @@ def design_gait(
     return design.run_exact(first) if exact_only else design.run(first)
 
 
-def design_program(problem: Problem, system: HybridSystem, first: Gait) -> NonlinearProgram:
+def design_program(problem: Problem, system: HybridSystem, first: Gait) -> ShootingProgram:
     """The program that IPOPT solves first in ``design_gait``."""
     design = _Design(problem, system, None, None)
     return design.smoothed(design.start(first)).program

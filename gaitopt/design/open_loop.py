@@ -7,10 +7,11 @@ points. Places between them where a margin is violated are added until none is (
 then fixed in time, and the gait under them is solved by multiple shooting like any other.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from casadi import Function
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
@@ -21,9 +22,9 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
-from gaitopt.solver.collocation import ROOM, SAMPLES, Collocation, Motion, straight_motion
+from gaitopt.solver.collocation import ROOM, SAMPLES, STRUCTURAL, Collocation, Motion, straight_motion
 from gaitopt.solver.ipopt import IpoptResult
-from gaitopt.solver.program import checked_gait
+from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram, checked_gait, failed_gait
 from gaitopt.solver.rollout import guessed_motion
 
 MAX_EXCHANGES = 8
@@ -112,12 +113,25 @@ def optimise(
         if not more:
             break
         places, again = (*places, *more), (collocation, result)
-    keys = [f"control.{name}.{k}" for name in law.values for k in range(law.count)]
-    known = dict(zip((*keys, *free), (*values.tolist(), *freed), strict=True))
-    first = dict(zip(system.state_names, blocks["states"][0].tolist(), strict=True))
-    fixed = problem.with_torques(known, first, durations.tolist())
-    solver["duration"] = float(sum(durations))  # of the law: the gait's period differs by the error of the collocation
-    return OpenLoopOptimum(problem=fixed, collocation=collocation, x=result.w, solver=solver)
+    return _optimum(problem, collocation, result.w, solver)
+
+
+def _optimum(
+    problem: Problem, collocation: Collocation, x: Array, solver: Mapping[str, float | str]
+) -> OpenLoopOptimum:
+    """A solution with the torques and the free parameters of the problem fixed."""
+    blocks = collocation.unpack(x)
+    values = (*blocks["values"].tolist(), *blocks["freed"].tolist())
+    known = dict(zip((*collocation.value_keys, *collocation.free), values, strict=True))
+    first = dict(zip(collocation.system.state_names, blocks["states"][0].tolist(), strict=True))
+    durations = blocks["durations"].tolist()
+    return OpenLoopOptimum(
+        problem=problem.with_torques(known, first, durations),
+        collocation=collocation,
+        x=x,
+        # of the law: the gait's period differs by the error of the collocation
+        solver={**solver, "duration": float(sum(durations))},
+    )
 
 
 def finished(optimum: OpenLoopOptimum, system: HybridSystem) -> Gait:
@@ -130,6 +144,110 @@ def finished(optimum: OpenLoopOptimum, system: HybridSystem) -> Gait:
     freed = {key: dynamics.parameter(key) for key in [*collocation.free, *collocation.value_keys]}
     objective = sum(weight * gait.scalar(name) for name, weight in origin.objective.items())
     return replace(gait, freed=freed, solver={**optimum.solver, "objective": float(objective)})
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CollocationProgram(NonlinearProgram):
+    """The program of direct collocation, whose unknowns include torques.
+
+    Attributes
+    ----------
+    collocation : its mesh, points and equations.
+    built : the system of a problem whose torques are known.
+    """
+
+    collocation: Collocation
+    built: Callable[[Problem], HybridSystem]
+
+    @property
+    def system(self) -> HybridSystem:
+        """The system whose parameters are p."""
+        return self.collocation.system
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Dotted keys of the torques and the freed parameters."""
+        return (*self.collocation.value_keys, *self.collocation.free)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of points at which the states are unknowns."""
+        return self.collocation.n_states
+
+    @property
+    def derivatives(self) -> dict[str, Function]:
+        """Exact sparse derivatives as options of ``casadi.nlpsol``, which needs seconds to find them by itself."""
+        return self.collocation.program.derivatives
+
+    def node_times(self, durations: Array) -> Array:
+        """Times of the points since the last impact, shape (n_nodes,) [s]."""
+        return self.collocation.point_times(durations)
+
+    def refined(self, w: Array) -> "CollocationProgram | None":
+        """The program with the places between the points at which a solution violates a margin; None if there is none.
+
+        It starts from the solution.
+        """
+        x, collocation = self._checked(w), self.collocation
+        more = tuple(collocation.violated(x, SAMPLES, VIOLATED))
+        if not more:
+            return None
+        blocks, places = collocation.unpack(x), (*collocation.places, *more)
+        begin = _Polynomials(collocation, x), blocks["values"], blocks["durations"], blocks["freed"].tolist()
+        finer = Collocation(self.problem, self.system, blocks["durations"], free=collocation.free, places=places)
+        return _program(self.problem, finer, begin, self.built)
+
+    def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:
+        optimum = _optimum(problem, self.collocation, point, {"method": EXTERNAL})
+        system = self.built(optimum.problem)
+        equal = [k for k, label in enumerate(self.g_labels) if self.lbg[k] == self.ubg[k] and label.name in STRUCTURAL]
+        off = np.asarray(self._constraints(point, p)).ravel()[equal] - self.lbg[equal]
+        worst = int(np.argmax(np.abs(off)))
+        if not abs(off[worst]) <= LARGEST_RESIDUAL:
+            words = f"{self.g_labels[equal[worst]]} is off by {abs(off[worst]):.3g}"
+            cause: Cause | None = Cause(what="motion", words=words, needed=0.0, available=float(off[worst]))
+        else:
+            cause = self._missed(point, p)
+        if cause is not None:
+            at = self.collocation.on_mesh(point, Dynamics.of(system, optimum.problem.parameters))
+            return failed_gait(optimum.problem, at, (cause,), optimum.solver)
+        return finished(optimum, system)
+
+
+def open_loop_program(
+    problem: Problem, system: HybridSystem, built: Callable[[Problem], HybridSystem]
+) -> CollocationProgram:
+    """The program that ``optimise`` solves first; arguments as there, and ``built`` as of ``CollocationProgram``."""
+    law = problem.control
+    assert isinstance(law, OpenLoop)
+    dynamics, free = Dynamics.of(system, problem.parameters), problem.free
+    states, durations = guessed_states(problem, dynamics, None)
+    values = np.array([c for row in law.values.values() for c in row], dtype=float)
+    bounds = {key: (each.lower, each.upper) for key, each in free.items()}
+    collocation = Collocation(problem, system, durations, free=bounds)
+    begin = states, values, durations, [dynamics.parameter(key) for key in free]
+    return _program(problem, collocation, begin, built)
+
+
+def _program(
+    problem: Problem,
+    collocation: Collocation,
+    begin: tuple[Motion, Array, Array, list[float]],
+    built: Callable[[Problem], HybridSystem],
+) -> CollocationProgram:
+    """A collocation as a program for users, which starts from a motion, torques, durations and freed parameters."""
+    unknowns, rows = collocation.blocks
+    return CollocationProgram(
+        unknowns=(replace(unknowns, labels=collocation.x_labels),),
+        rows=(replace(rows, labels=collocation.g_labels),),
+        p=collocation.program.p,
+        f=collocation.program.f,
+        x0=collocation.start(*begin),
+        p0=collocation.dynamics.p,
+        problem=problem,
+        collocation=collocation,
+        built=built,
+    )
 
 
 @dataclass(frozen=True, slots=True)

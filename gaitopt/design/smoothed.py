@@ -37,7 +37,7 @@ from gaitopt.problem.statement import Range
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.solver.newton import Solution
-from gaitopt.solver.program import NonlinearProgram
+from gaitopt.solver.program import ShootingProgram
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
@@ -308,7 +308,7 @@ class SmoothedProblem:
         extremum_labels = [Label(name=name, unit=unit_of(name) or SI["one"]) for name in self._extrema]
         slack_labels = [Label(name="slack", coordinate=name) for name in problem.constraints if elastic]
         meaning = (*equations.unknown_labels, *extremum_labels, *slack_labels)
-        self.program = NonlinearProgram(
+        self.program = ShootingProgram(
             unknowns=(
                 Block(name="unknowns", expression=unknowns, lower=lower, upper=upper, size=sizes, labels=meaning),
             ),

@@ -68,7 +68,9 @@ def _of_row(label: Label, equation: bool) -> str:
     if label.name in SCALARS:
         return "scalars"
     if equation:
-        return {"defect": f"motion{phase}", "reset": "impacts"}.get(label.name, "events")
+        motion, sums = f"motion{phase}", "scalars"
+        kinds = {"defect": motion, "interpolation": motion, "reset": "impacts", "integral": sums, "lengths": sums}
+        return kinds.get(label.name, "events")
     return f"margins{phase}" if phase else "impact" if label.mode is not None else "scalars"
 
 

@@ -34,15 +34,16 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop, Order
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin
+from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS
+from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, state_unit, unit_of
 from gaitopt.problem.statement import Range
 from gaitopt.solver.elements import AssembledProgram, Elements, assembled
 from gaitopt.solver.ipopt import Block, Ipopt, IpoptResult, Program
 from gaitopt.solver.mesh import mesh_of
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import transit_time
-from gaitopt.solver.shooting import transcribe
+from gaitopt.solver.shooting import Label, transcribe
 
 TOLERANCE = 1e-9
 """Of IPOPT."""
@@ -67,6 +68,12 @@ ROOM = 1e-7
 EVENT = "event"
 STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT)
 """Rows that define a motion rather than limit it."""
+MOTION = ("defect", "interpolation", "reset")
+"""Those that compare states, all coordinates in turn."""
+RATES = {"power": "J", "absolute_power": "J", "squared_torque": "N^2 m^2 s"}
+"""Units of integrals."""
+LENGTHS = ("m", "m", "J")
+"""Units of distance, slip, and the work of the push."""
 SAMPLES = 12
 """Points per interval at which margins are examined between the collocation points."""
 
@@ -183,7 +190,7 @@ class _Rows:
 
     def __init__(self) -> None:
         self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
-        self.place, self.places = -1, list[int]()  # the number of the place to which rows belong
+        self.at, self.places = Label(name=""), list[Label]()  # where the next rows are, and where all are
         self._entries = list[tuple[int, int, float]]()
 
     def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
@@ -192,7 +199,7 @@ class _Rows:
         self.lower += [low] * count
         self.upper += [high] * count
         self.names += [name] * count
-        self.places += [self.place] * count
+        self.places += [self.at] * count
         return [*range(first, first + count)]
 
     def linear(self, row: int, column: int, value: float) -> None:
@@ -383,7 +390,6 @@ class Collocation:
                 self.points.append(Point(interval=k, fraction=float(self._tau[j]), state=states, dynamic=True))
                 states += 1
             self.phase_ends[interval.phase] = states - 1
-        self._own = states
         for k, fraction in self.places:
             self.points.append(Point(interval=k, fraction=fraction, state=states, dynamic=False))
             states += 1
@@ -445,7 +451,7 @@ class Collocation:
                 rows.linear(rows.new(1, name, span.minimum, span.maximum)[0], own, 1.0)
         self._rate_rows(rows)
         self.lbg, self.ubg, self.row_names = np.array(rows.lower), np.array(rows.upper), tuple(rows.names)
-        self._row_places = np.array(rows.places)
+        self._row_places = rows.places
         return assembled([each for each in elements if each is not None], rows.matrix(self.n_x), len(self.dynamics.p))
 
     @property
@@ -481,7 +487,7 @@ class Collocation:
             t, data = interval.start + pt.fraction * h, self._data(interval.segment)
             constants.append(np.concatenate([t, h, [interval.segment, weight, self._arch], data]))
             columns.append([*self._state_columns(pt.state), *self._value_columns(interval.segment), *self._tail])
-            rows.place = max(-1, pt.state - self._own)
+            rows.at = Label(name="", mode=mode, phase=interval.phase, node=pt.state)
             own = rows.new(n, "defect") if dynamic else list[int]()
             states = [self._first[pt.interval], *range(inner := self._inner(pt.interval), inner + self._degree)]
             if dynamic:
@@ -502,7 +508,7 @@ class Collocation:
                 count = {"peak_torque": 2 * len(self.system.walker.actuators), "min_normal_force": 1}.get(name, 0)
                 own += rows.new(2 if name == "required_friction" and mode.sticks else count, name, 0.0, np.inf)
             places.append(own + (integrals if dynamic else []))
-        rows.place = -1
+        rows.at = Label(name="")
         if not places:
             return None
         function = self._point_function(mode, dynamic=dynamic)
@@ -519,8 +525,11 @@ class Collocation:
     def _impact_element(self, rows: "_Rows", lengths: list[int], phase: int, impact: Mode) -> Elements:
         """An impact: the state after it, the lengths of the step, and its margins."""
         system, ratio = self.system, "impulse_ratio" in self.goals.extrema
+        after = (phase + 1) % len(self.cycle.phases)
+        rows.at = Label(name="", mode=impact, phase=after, node=self.phase_starts[after])
         own = rows.new(system.n_z, "reset")
-        self._combined(rows, own, [self.phase_starts[(phase + 1) % len(self.cycle.phases)]], np.ones(1))
+        self._combined(rows, own, [self.phase_starts[after]], np.ones(1))
+        rows.at = Label(name="", mode=impact)
         own += rows.new(2, "unused", -np.inf, np.inf) if impact.locked else [lengths[0], lengths[2]]
         for name in system.transitions.impact_margin_names(impact):
             own += rows.new(1, name, 0.0, np.inf)
@@ -528,6 +537,7 @@ class Collocation:
         if ratio:
             own += rows.new(2, "impulse_ratio", 0.0, np.inf)
             columns.append(self.slices["extrema"].start + self.goals.extrema.index("impulse_ratio"))
+        rows.at = Label(name="")
         function = _impact(system, impact, tuple(self.free), ratio)
         return Elements(
             function=function, columns=np.array([columns]), rows=np.array([own]), constants=np.zeros((1, 0))
@@ -615,6 +625,55 @@ class Collocation:
             return -np.inf, np.inf
         return ROOM * unit, np.inf
 
+    # ---- meanings
+
+    @property
+    def x_labels(self) -> tuple[Label, ...]:
+        """Meaning of each unknown; a state between two phases belongs to the later one."""
+        names, walker = self.system.state_names, self.system.walker
+        phases = {pt.state: self.mesh[pt.interval].phase for pt in self.points}
+        phases |= {state: self.mesh[k].phase for k, state in enumerate(self._first)}
+        labels = [
+            Label(name=name, mode=self.cycle.phases[phases[state]], phase=phases[state], node=state, unit=unit)
+            for state in range(self.n_states)
+            for name, unit in zip(names, map(state_unit, names), strict=True)
+        ]
+        labels += [Label(name=key, unit="N m") for key in self.value_keys]
+        labels += [Label(name="duration", mode=m, phase=k, unit="s") for k, m in enumerate(self.cycle.phases)]
+        units = {name: unit_of(name, walker.actuators) or SI["one"] for name in (*self.free, *self.goals.extrema)}
+        units |= {rate: RATES[rate] for rate in self._rates}
+        units |= dict(zip(("distance", "slip", "push_work"), LENGTHS, strict=True))
+        return (*labels, *(Label(name=name, unit=unit) for name, unit in units.items()))
+
+    @property
+    def g_labels(self) -> tuple[Label, ...]:
+        """Meaning of each row, in the order of the program."""
+        names, labels, run = self.system.state_names, list[Label](), 0
+        for name, label in zip(self.row_names, self._row_places, strict=True):
+            coordinate = ""
+            run = run + 1 if labels and name == labels[-1].name else 0
+            if name == EVENT:
+                name = self.system.transitions.ending(self.cycle, label.phase or 0).guard
+            if name in MOTION:
+                coordinate = names[run % len(names)]
+                unit = state_unit(coordinate)
+            elif name == "integral":
+                unit = RATES[self._rates[run]]
+            elif name == "lengths":
+                unit = LENGTHS[run]
+            elif name == CLEARANCE:
+                unit = "m"
+            elif name.startswith(ANGLE):
+                unit = "rad"
+            elif name.startswith("control."):
+                unit = "N m"
+            elif label.mode is not None and name not in SCALARS and name != "unused":
+                unit = SI[margin(name).unit]
+            else:
+                unit = unit_of(name) or SI["one"]
+            labels.append(replace(label, name=name, coordinate=coordinate, unit=unit))
+        return tuple(labels)
+
     # ---- numbers
 
     def bounds(self) -> tuple[Array, Array]:
@@ -639,6 +698,15 @@ class Collocation:
             if span is not None:
                 lower[k], upper[k] = span.minimum, span.maximum
         return lower, upper
+
+    @property
+    def blocks(self) -> tuple[Block, Block]:
+        """All unknowns, and all rows, with their bounds."""
+        lower, upper = self.bounds()
+        return (
+            Block(name="unknowns", expression=self.program.x, lower=lower, upper=upper),
+            Block(name="rows", expression=self.program.g, lower=self.lbg, upper=self.ubg),
+        )
 
     def point_times(self, durations: Array) -> Array:
         """Times of all states [s]."""
@@ -672,10 +740,10 @@ class Collocation:
         again: "tuple[Collocation, IpoptResult] | None" = None,
     ) -> IpoptResult:
         """IPOPT's solution from a motion; ``again`` is the same program without the last places, and its solution."""
-        lower, upper = self.bounds()
+        unknowns, rows = self.blocks
         program = Program(
-            unknowns=(Block(name="unknowns", expression=self.program.x, lower=lower, upper=upper),),
-            rows=(Block(name="rows", expression=self.program.g, lower=self.lbg, upper=self.ubg),),
+            unknowns=(unknowns,),
+            rows=(rows,),
             p=self.program.p,
             f=self.program.f,
             x0=self.start(motion, values, durations, freed),
@@ -688,10 +756,11 @@ class Collocation:
 
     def _extended(self, before: "Collocation", result: IpoptResult) -> tuple[Array, Array]:
         """Multipliers of the bounds and the rows: those of a program without the last places, and zero there."""
-        n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self._row_places.size)
+        n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self.lbg.size)
         kept = np.ones(self.n_x, dtype=bool)
         kept[n * before.n_states : n * self.n_states] = False
-        bounds[kept], rows[self._row_places < len(before.places)] = result.bound_multipliers, result.multipliers
+        added = np.array([at.node is not None and at.node >= before.n_states for at in self._row_places])
+        bounds[kept], rows[~added] = result.bound_multipliers, result.multipliers
         return bounds, rows
 
     def on_mesh(self, x: Array, dynamics: Dynamics) -> Solution:

@@ -6,6 +6,7 @@ The same program is solved by ``ipopt`` and handed to users by ``gaitopt.nlp``. 
 has as many rows as x; with some, it is the smoothed problem of ``gaitopt.design``.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -20,6 +21,7 @@ from gaitopt.display import Plotted
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import solved_gait
 from gaitopt.solver.diagnosis import largest_residual, rejection_reason
@@ -42,7 +44,7 @@ TIME = "time"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class NonlinearProgram(Plotted, Program):
+class NonlinearProgram(Plotted, Program, ABC):
     """The nonlinear program of a problem, in SI units, for any solver of CasADi, see ``gaitopt.nlp``::
 
         solver = casadi.nlpsol("solver", "ipopt", nlp.casadi())
@@ -55,23 +57,41 @@ class NonlinearProgram(Plotted, Program):
     Attributes
     ----------
     problem : the one that is solved.
-    equations : its mesh and the equations of its gait.
-    radius : the function in Python that bounds the spectral radius of a design, if it is needed. The program must live
-        as long as a solver that calls it; it has no second derivatives, so that such a solver learns its Hessian.
     """
 
     problem: Problem
-    equations: MultipleShooting
-    radius: Function | None = None
+
+    @property
+    @abstractmethod
+    def system(self) -> HybridSystem:
+        """The system whose parameters are p."""
+
+    @property
+    @abstractmethod
+    def free(self) -> tuple[str, ...]:
+        """Dotted keys of the parameters that are unknowns."""
+
+    @property
+    @abstractmethod
+    def n_nodes(self) -> int:
+        """Number of nodes, at which the states are unknowns."""
+
+    @abstractmethod
+    def node_times(self, durations: Array) -> Array:
+        """Times of the nodes since the last impact, affine in the durations of the phases, shape (n_nodes,) [s]."""
+
+    @abstractmethod
+    def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:
+        """The gait of a problem at a point."""
 
     def __repr__(self) -> str:
         n, m = self.x.numel(), self.g.numel()
-        return f"<NonlinearProgram {self.problem.name}: {n} unknowns, {m} constraints, {self.equations.n_nodes} nodes>"
+        return f"<NonlinearProgram {self.problem.name}: {n} unknowns, {m} constraints, {self.n_nodes} nodes>"
 
     @property
     def p_labels(self) -> tuple[str, ...]:
         """Dotted keys of the parameters p; the values of those that are unknowns are ignored."""
-        return self.equations.system.parameters
+        return self.system.parameters
 
     @cached_property
     def _rows(self) -> dict[str, list[int]]:
@@ -95,8 +115,8 @@ class NonlinearProgram(Plotted, Program):
         """
         point = w if isinstance(w, MX) else self._checked(w)
         quantities = {name: point[rows] for name, rows in self._rows.items()}
-        durations = np.vstack([np.zeros(self.equations.n_phases), np.eye(self.equations.n_phases)])
-        origin, *units = map(self.equations.mesh.node_times, durations)  # affine in the durations
+        n_phases = len(self._rows["duration"])
+        origin, *units = map(self.node_times, np.vstack([np.zeros(n_phases), np.eye(n_phases)]))
         moved = mtimes(DM(np.transpose(units) - origin[:, None]), quantities["duration"])
         return {TIME: origin + (moved if isinstance(w, MX) else np.asarray(moved).ravel()), **quantities}
 
@@ -139,29 +159,12 @@ class NonlinearProgram(Plotted, Program):
         if values.size != self.p0.size:
             raise ValueError(f"p has {values.size} entries instead of {self.p0.size}; p_labels names them")
         moved = zip(self.p_labels, values.tolist(), self.p0.tolist(), strict=True)
-        changed = {key: new for key, new, old in moved if new != old and key not in self.equations.free}
-        problem, point = self.problem.replace(changed) if changed else self.problem, self._checked(w)
-        at, solver = Solution(self.equations, point[: self.equations.w.numel()], values), {"method": EXTERNAL}
-        if not at.size <= LARGEST_RESIDUAL:
-            return failed_gait(problem, at, (largest_residual(at),), solver)
-        missed = self._missed(point, values)
-        if missed is not None:
-            return failed_gait(problem, at, (missed,), solver)
-        if (at.durations > 0).all() and not at.in_order:
-            words = (
-                "a switch passes a breakpoint of the control on the way from the start to this point; state "
-                f"gait.guess.durations: {[float(f'{duration:.4g}') for duration in at.durations]} and solve again"
-            )
-            return failed_gait(problem, at, (Cause(what="reference", words=words),), solver)
-        gait = checked_gait(problem, at, solver)
-        if not (gait.converged and problem.objective):
-            return gait
-        objective = sum(weight * gait.scalar(name) for name, weight in problem.objective.items())
-        return replace(gait, solver={**solver, "objective": objective})
+        changed = {key: new for key, new, old in moved if new != old and key not in self.free}
+        return self._gait(self.problem.replace(changed) if changed else self.problem, self._checked(w), values)
 
     def _missed(self, point: Array, p: Array) -> Cause | None:
         """The bound of a constraint or of a freed parameter that is missed most; None if all are met."""
-        names = {*self.problem.constraints, *self.equations.free}
+        names = {*self.problem.constraints, *self.free}
         if not names:
             return None
         values = np.append(point, np.asarray(self._constraints(point, p)))
@@ -188,8 +191,61 @@ class NonlinearProgram(Plotted, Program):
         return point
 
 
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class ShootingProgram(NonlinearProgram):
+    """The program of multiple shooting.
+
+    Attributes
+    ----------
+    equations : its mesh and the equations of its gait.
+    radius : the function in Python that bounds the spectral radius of a design, if it is needed. The program must live
+        as long as a solver that calls it; it has no second derivatives, so that such a solver learns its Hessian.
+    """
+
+    equations: MultipleShooting
+    radius: Function | None = None
+
+    @property
+    def system(self) -> HybridSystem:
+        """The system whose parameters are p."""
+        return self.equations.system
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Dotted keys of the parameters that are unknowns."""
+        return self.equations.free
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return self.equations.n_nodes
+
+    def node_times(self, durations: Array) -> Array:
+        """Times of the nodes since the last impact, shape (n_nodes,) [s]."""
+        return self.equations.mesh.node_times(durations)
+
+    def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:
+        at, solver = Solution(self.equations, point[: self.equations.w.numel()], p), {"method": EXTERNAL}
+        if not at.size <= LARGEST_RESIDUAL:
+            return failed_gait(problem, at, (largest_residual(at),), solver)
+        missed = self._missed(point, p)
+        if missed is not None:
+            return failed_gait(problem, at, (missed,), solver)
+        if (at.durations > 0).all() and not at.in_order:
+            words = (
+                "a switch passes a breakpoint of the control on the way from the start to this point; state "
+                f"gait.guess.durations: {[float(f'{duration:.4g}') for duration in at.durations]} and solve again"
+            )
+            return failed_gait(problem, at, (Cause(what="reference", words=words),), solver)
+        gait = checked_gait(problem, at, solver)
+        if not (gait.converged and problem.objective):
+            return gait
+        objective = sum(weight * gait.scalar(name) for name, weight in problem.objective.items())
+        return replace(gait, solver={**solver, "objective": objective})
+
+
 @building
-def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> NonlinearProgram:
+def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> ShootingProgram:
     """The program of a problem without unknown parameters.
 
     Parameters
@@ -213,7 +269,7 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
         margins, meaning = equations.inequalities
         size = equations.margin_units(start.p)
         rows.append(Block(name="margins", expression=margins, lower=0.0, size=size, labels=meaning))
-    return NonlinearProgram(
+    return ShootingProgram(
         unknowns=(
             Block(name="nodes", expression=vec(equations.Z), size=units.unknowns[:n], labels=labels[:n]),
             Block(
@@ -231,7 +287,7 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
     )  # fmt: skip
 
 
-def solved(program: NonlinearProgram, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
+def solved(program: ShootingProgram, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
     """Where IPOPT ends with a program of ``feasibility``."""
     key = _Compiled(equations=program.equations, n_rows=program.g.numel(), program=program)
     end = _ipopt(key).solve(program, progress=progress, should_stop=should_stop)
@@ -244,7 +300,7 @@ class _Compiled:
 
     equations: MultipleShooting
     n_rows: int
-    program: NonlinearProgram = field(compare=False)
+    program: ShootingProgram = field(compare=False)
 
 
 @built_once(maxsize=16)

@@ -134,6 +134,50 @@ def test_derivatives_of_the_program_are_those_of_central_differences():
     )
 
 
+def solved_by_casadi(program):
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-9, "ipopt.bound_relax_factor": 0}
+    solver = ca.nlpsol("solver", "ipopt", program.casadi(), options | program.derivatives)
+    return np.asarray(solver(**program.arguments())["x"]).ravel()
+
+
+def test_its_program_in_the_hands_of_a_user_has_the_same_optimum(compass, tmp_path):
+    program = go.nlp(go.parse_problem(COMPASS))
+    w = solved_by_casadi(program)
+    gait = program.gait(w)
+    np.testing.assert_allclose(gait.state, compass.state, rtol=0, atol=1e-10)
+    assert gait.freed == pytest.approx(compass.freed, rel=1e-8)
+    assert go.verify(go.load_run(gait.save(tmp_path / "run"))).passed
+    assert program.refined(w) is None
+    assert len(program.x_labels) == w.size
+    assert len(program.g_labels) == program.lbg.size
+    quantities = program.unpack(w)
+    assert quantities["control.hip.0"] == pytest.approx(gait.freed["control.hip.0"])
+    np.testing.assert_array_equal(program.pack(quantities), w)
+    last = max(range(program.n_nodes), key=lambda node: quantities["time"][node])
+    assert quantities["time"][last] == pytest.approx(gait.period, rel=1e-9)
+    before_impact = gait.steps[0].arcs[-1].states[-1]
+    assert quantities["theta1"][last] == pytest.approx(before_impact[0], abs=1e-8)
+
+
+def test_a_point_that_is_no_motion_or_misses_a_constraint_is_not_a_gait():
+    program = go.nlp(go.parse_problem(COMPASS))
+    w = solved_by_casadi(program)
+    moved = program.gait(program.pack(program.unpack(w) | {"dtheta1": program.unpack(w)["dtheta1"] + 1e-3}))
+    assert not moved.converged
+    assert "is off by" in moved.message
+    faster = go.nlp(go.parse_problem(COMPASS.replace("speed: 0.4", "speed: 0.41"))).gait(w)
+    assert faster.message == "speed is 0.4, must be at least 0.41"
+
+
+@pytest.mark.slow
+def test_rabbit_has_the_same_optimum_by_repeated_refinement():
+    program = go.nlp("rabbit-optimal")
+    while program is not None:
+        w, last = solved_by_casadi(program), program
+        program = program.refined(w)
+    np.testing.assert_allclose(last.gait(w).state, named("rabbit-optimal").state, rtol=0, atol=1e-9)
+
+
 @pytest.mark.slow
 def test_a_problem_with_every_kind_of_constraint_meets_them():
     gait = go.solve(go.parse_problem(RICH), progress=False)
