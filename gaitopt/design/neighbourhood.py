@@ -147,10 +147,10 @@ class _Search:
         freed = np.clip(freed, *self._bounds)
         rows = self._rows + self._by_freed @ (freed - self.freed)
         equality = np.arange(rows.size) >= rows.size - self._n_equalities
-        wrong = np.where(equality, np.abs(rows), -rows) > FEASIBLE
+        wrong, active = np.where(equality, np.abs(rows), -rows) > FEASIBLE, equality
         for _ in range(CORRECTIONS):
             if wrong.any():
-                active = wrong | equality
+                active = active | wrong
                 matrix = self._by_freed[active] * self.sizes
                 step = self.sizes * np.linalg.lstsq(matrix, rows[active], rcond=1e-8)[0]
                 freed = np.clip(freed - step, *self._bounds)
