@@ -140,7 +140,7 @@ class AttractorsPlan(Plan[Attractors]):
 
     def check(self) -> None:
         """Refuse an axis over something else than a parameter, an invalid value, or too many states."""
-        self.problem.check_one_foot("attractors")
+        self.problem.check_one_foot("the search for attractors")
         Grid((self.axis,)).check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
         check_room(self.axis.count * self.keep, self.folder, disk=STATE_BYTES, memory=STATE_BYTES, what="states")
         _ = self.jobs

@@ -2,12 +2,15 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_problems import NAMES, Runner, contact_gait, contact_problem
+from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_problem
 from named import named
 
+from gaitopt.api.verbs import attractors, prove
+from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.walker import Contact, polar
 from gaitopt.model.walkers.heel_toe import HeelToe
@@ -201,3 +204,18 @@ def test_the_return_map_of_many_states_is_that_of_each(name: str) -> None:
     assert multiplier_distance(floquet_multipliers(derivative), gait.multipliers) < 1e-5
     with pytest.raises(ValueError, match="one row per state is needed, columns " + ", ".join(section.names)):
         return_map(gait, np.zeros((1, n + 1)))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_what_does_not_cover_several_contacts_says_so(name: str, tmp_path: Path) -> None:
+    problem = contact_problem(name)
+    several = f"the {problem.walker.model}[ ,].*has several contacts"
+    with pytest.raises(ProblemError, match=several):
+        attractors(problem, {"walker.gravity": (9.8, 9.9, 2)}, output=tmp_path)
+    with pytest.raises(ProblemError, match=several):
+        parse_problem(problem.text.replace("gravity: 9.81", "gravity: {free: [9, 10], guess: 9.81}"))
+    proof = prove(contact_gait(name), output=tmp_path / "proof.json")
+    assert not proof.proved
+    assert [claim["words"] for claim in proof.to_record()["claims"]] == [
+        f"{name}: a {problem.walker.model} has several contacts; proofs do not cover that"
+    ]
