@@ -17,7 +17,7 @@ from gaitopt.api.stored import save
 from gaitopt.display import Page
 from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.results import kind_of, restore_walk
@@ -183,6 +183,7 @@ def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
     replays : results of ``replay``, whose motions are drawn over that of the gait.
     """
     first = results[0]
+    require_gait(first, "report")
     if isinstance(first, Branch):
         if not first.points:
             raise ValueError("a branch without points has no report")

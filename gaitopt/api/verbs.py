@@ -246,6 +246,7 @@ def neighbourhood(gait: Gait, *, progress: CountProgress = True) -> "Neighbourho
     """
     from gaitopt.design.neighbourhood import neighbourhood as search_neighbourhood
 
+    require_gait(gait, "neighbourhood")
     with shown(progress, job_progress, "directions") as show:
         return search_neighbourhood(gait, progress=show)
 

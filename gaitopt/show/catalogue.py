@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait.branch import Branch
-from gaitopt.gait.gait import Gait
+from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.runs.attractors import Attractors, read_attractors
@@ -96,9 +96,12 @@ def figures_of(result: Any) -> Figures:
     ------
     TypeError
         If there are none of this type.
+    ProblemError
+        If a problem, or its name, is given in place of its gait.
     ValueError
         If there is nothing to draw.
     """
+    require_gait(result, "plot")
     gaits = list(result) if isinstance(result, Sequence) else []
     if not gaits or not all(isinstance(gait, Gait) for gait in gaits):
         raise TypeError(f"a {type(result).__name__} has no figures")

@@ -3,12 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
@@ -47,11 +49,15 @@ def return_map(
 
     Raises
     ------
+    ProblemError
+        If the name of a problem is given in place of it.
     ValueError
         If ``states`` does not have such a shape, or is not finite.
     UnknownNameError
         If the engine is unknown or not installed.
     """
+    if isinstance(start, str | Path):
+        raise ProblemError(f"return_map takes a gait or a problem; give load_problem({str(start)!r})")
     problem = start.problem if isinstance(start, Gait) else start
     xi = section_coordinates(problem, states)
     chosen = map_engine(problem, engine, len(xi))

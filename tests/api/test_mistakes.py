@@ -38,6 +38,12 @@ def sentence(call):
         (lambda: go.load_problem(PASSIVE).replace({"walker.slope": 2}), "did you mean 2 deg?"),
         (lambda: go.verify(PASSIVE), "verify takes a gait, not a problem; give solve('compass-passive-a')"),
         (lambda: go.continuation(go.load_problem(PASSIVE), "friction", 0.1), "not a problem; give solve(problem)"),
+        (lambda: go.plot(PASSIVE), "plot takes a gait, not a problem; give solve('compass-passive-a')"),
+        (lambda: go.animate(PASSIVE), "not a problem; give solve('compass-passive-a')"),
+        (lambda: go.save_figures(PASSIVE, "figures"), "not a problem; give solve('compass-passive-a')"),
+        (lambda: go.report(go.load_problem(PASSIVE)), "report takes a gait, not a problem; give solve(problem)"),
+        (lambda: go.neighbourhood(PASSIVE), "neighbourhood takes a gait, not a problem"),
+        (lambda: go.return_map(PASSIVE, [[0.1]]), "give load_problem('compass-passive-a')"),
         (lambda: go.parse_problem("my.yaml"), "load_problem('my.yaml') reads a file"),
     ],
 )

@@ -46,4 +46,30 @@ def test_the_start_page_shows_a_still_walker_to_those_who_dislike_motion(site, p
     phone.goto((site / "index.html").as_uri())
     assert phone.locator("img.still").is_visible()
     assert phone.locator("img.moving").is_hidden()
-    assert phone.locator("#gallery img").count() == 6
+    assert phone.locator("#gallery img").count() == 4
+
+
+def test_the_live_branch_follows_the_dark_switch_and_the_slider_has_more_friction_to_the_right(site, chromium):
+    page = chromium.new_page(color_scheme="null")  # not emulated, which would hold for frames too
+    page.goto((site / "index.html").as_uri())
+    live = page.frame_locator("iframe.live")
+    for theme in ("dark", "light"):
+        page.evaluate(f"document.body.dataset.theme = '{theme}'")
+        ink = {"dark": "rgb(236, 236, 234)", "light": "rgb(27, 27, 27)"}[theme]
+        page.wait_for_timeout(300)
+        assert live.locator("body").evaluate("body => getComputedStyle(body).color") == ink
+    values = []
+    for key in ("ArrowLeft", "ArrowLeft", "ArrowRight"):
+        live.locator("#point").press(key)
+        values.append(float(live.locator("article h2").inner_text().rpartition("= ")[2]))
+    assert values[1] < values[0] == values[2]
+    page.close()
+
+
+def test_every_picture_of_the_gallery_is_wide_enough_to_be_read(site, chromium):
+    page = chromium.new_page(viewport={"width": 1200, "height": 900})
+    page.goto((site / "gallery.html").as_uri())
+    cards = page.locator("#gallery > .table-wrapper img")
+    assert cards.count() >= 8
+    assert min(cards.nth(k).bounding_box()["width"] for k in range(cards.count())) >= 400
+    page.close()

@@ -47,6 +47,7 @@ class BranchDiagram {
     this.quantity.value = keys.includes("spectral_radius") ? "spectral_radius" : keys[0];
     this.quantity.addEventListener("change", () => this.draw());
     this.slider = html("input", { type: "range", id: "point", min: 0, max: this.gaits.length - 1, step: 1, value: 0 });
+    if (this.gaits.at(-1).value < this.gaits[0].value) this.slider.style.direction = "rtl"; // to the right the parameter grows
     this.slider.addEventListener("input", () => this.select(Number(this.slider.value)));
     this.diagram = html("div", { class: "diagram" });
     this.tip = html("div", { class: "tip", hidden: "" });
