@@ -63,12 +63,14 @@ def test_a_signal_while_something_is_shown_ends_the_command(monkeypatch, command
 
 
 SWEEP = ("sweep", WHEEL, "--over", "friction=0.3:0.5:1000", "--workers", "1", "-o", "run")
+ATTRACTORS = ("attractors", WHEEL, "--over", "friction=0.3:0.5:1000", "--workers", "1", "-o", "run")
 BASIN = ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy", "--workers", "1", "-o", "run")
 
 
 @pytest.mark.parametrize(
     ("command", "signum", "code"),
     [
+        pytest.param(ATTRACTORS, signal.SIGTERM, 143, id="attractors-terminated", marks=pytest.mark.slow),
         pytest.param(SWEEP, signal.SIGINT, 130, id="sweep-interrupted"),
         pytest.param(BASIN, signal.SIGTERM, 143, id="basin-terminated"),
         pytest.param(SWEEP, signal.SIGTERM, 143, id="sweep-terminated", marks=pytest.mark.slow),
@@ -76,7 +78,7 @@ BASIN = ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy",
     ],
 )
 def test_one_process_ends_at_once_and_keeps_what_is_finished(empty_folder, command, signum, code):
-    begun = {"sweep": "jobs.jsonl", "basin": "basin-*"}[command[0]]
+    begun = {"sweep": "jobs.jsonl", "basin": "basin-*", "attractors": "attractors-*/settled.jsonl"}[command[0]]
     process = subprocess.Popen([sys.executable, "-m", "gaitopt", *command], stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 100
     while not any(path.is_dir() or path.read_text() for path in empty_folder.glob(f"run/{begun}")):

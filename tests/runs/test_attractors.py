@@ -86,6 +86,33 @@ def test_the_command_prints_one_object_per_attractor_and_draws_over_a_branch(tmp
     assert main(["plot", "b", "--over", "b", "--quiet"]) == 2
 
 
+def test_attractors_that_were_interrupted_resume_where_they_stopped(tmp_path):
+    done = []
+    stop = {"progress": lambda k, n: done.append(k), "should_stop": lambda: len(done) >= 2}
+    with pytest.raises(KeyboardInterrupt):
+        go.attractors(WHEEL, FRICTIONS, output=tmp_path / "cut", **{**FEW, **stop})
+    (lines,) = (tmp_path / "cut").glob("attractors-*/settled.jsonl")
+    before = lines.read_text()
+    assert 0 < before.count("\n") < 3
+    with lines.open("a", encoding="utf-8") as file:
+        file.write('{"job": "torn')  # killed in the middle of a line
+    resumed = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "cut", **FEW)
+    assert lines.read_text().startswith(before)
+    assert resumed.to_records() == go.attractors(WHEEL, FRICTIONS, output=tmp_path / "whole", **FEW).to_records()
+
+
+@pytest.mark.slow
+def test_processes_and_dask_settle_on_the_same_attractors(tmp_path):
+    serial = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "serial", **FEW)
+    two = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "two", **{**FEW, "workers": 2})
+    assert two.to_records() == serial.to_records()
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        few = {**FEW, "workers": None, "scheduler": cluster.scheduler_address}
+        far = go.attractors(WHEEL, FRICTIONS, output=tmp_path / "far", **few)
+    assert far.to_records() == serial.to_records()
+
+
 def test_wrong_requests_are_named(tmp_path):
     with pytest.raises(ProblemError, match="over one key"):
         go.attractors(WHEEL, {**FRICTIONS, "walker.slope": (0.1, 0.2, 2)}, output=tmp_path)

@@ -29,6 +29,10 @@ COMMANDS = {
     "continue": ("continue", WHEEL, "--param", "friction", "--to", "0.401", "-o", "run"),
     "sweep": ("sweep", WHEEL, "--over", "friction=0.40:0.42:2", "--workers", "1", "-o", "run"),
     "basin": ("basin", WHEEL, "--over", "dtheta=0.8:1.0:4", "--engine", "scipy", "--workers", "1", "-o", "run"),
+    "attractors": (
+        *("attractors", WHEEL, "--over", "friction=0.36:0.44:2", "--starts", "2", "--transient", "20", "--keep", "4"),
+        *("--workers", "1", "-o", "run"),
+    ),
     "front": (
         *("front", "rimless-wheel-slope", "--set", "objective=walker.slope", "--set", "constraints={}"),
         *("--over", "constraints.speed.min=0.8:0.81:2", "-o", "run"),
