@@ -1,4 +1,4 @@
-"""Walkers of 2 to 8 straight links in a row, to see how cost grows with their number; none of them is a gait's."""
+"""Walkers of 2 to 12 straight links in a row, to see how cost grows with their number; none of them is a gait's."""
 
 from types import SimpleNamespace
 from typing import Any

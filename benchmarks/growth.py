@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +19,7 @@ from gaitopt.solver.rollout import roll_out
 from gaitopt.solver.shooting import MultipleShooting
 
 INTERVALS = (16, 32, 64, 128)
-LINKS = (2, 4, 6, 8)
+LINKS = (2, 4, 6, 8, 10, 12)
 CYCLES = (1, 2, 4)
 MODE = Mode.SLIP_FORWARD
 
@@ -57,7 +58,16 @@ def link_rows() -> list[Row]:
         nodes, p = np.full((system.n_z, 1), 0.1), np.array([9.8, 0.02, 0.3])
         step = partial(step_derivatives, system, MODE, (), nodes, np.zeros(1), np.full(1, 0.01), p, np.zeros(0))
         ways[f"{links} links"] = (step, f"{system.n_z} states")
-    return [*found, *compared("a chain in slip: derivative of a shooting step", ways, rounds=3)]
+    measured = [*found, *compared("a chain in slip: derivative of a shooting step", ways, rounds=3)]
+    return [replace(row, note=f"{row.note} {exponent(measured, row)}".strip()) for row in measured]
+
+
+def exponent(rows: list[Row], row: Row) -> str:
+    """The power of the number of links with which a cost grows from the first row of its kind to this one."""
+    links, first = int(row.way.split()[0]), next(each for each in rows if each.what == row.what)
+    if row is first:
+        return ""
+    return f"links^{np.log(row.seconds / first.seconds) / np.log(links / LINKS[0]):.2g}"
 
 
 def first_time(call: Callable[[], object]) -> float:

@@ -18,6 +18,7 @@ import growth
 import kinds
 import methods
 import peers
+import rabbit
 import reuse
 import scaling
 import walking
@@ -50,6 +51,7 @@ def main() -> None:
         "kinds": kinds.rows,
         "methods": methods.rows,
         "growth": growth.rows,
+        "rabbit": rabbit.rows,
         "scaling": partial(scaling.rows, options.jobs, options.workers),
         "commands": commands.rows,
         "designs": design.rows,

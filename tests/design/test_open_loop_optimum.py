@@ -134,6 +134,25 @@ def test_derivatives_of_the_program_are_those_of_central_differences():
     )
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("objective", ["work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared"])
+def test_every_objective_gives_a_verified_optimum(objective):
+    text = COMPASS.replace("cost_of_transport", objective).replace("constant", "linear")
+    gait = go.solve(go.parse_problem(text.replace("speed: 0.4", "speed: 0.4, step_length: 0.3")), progress=False)
+    assert gait.converged, gait.message
+    assert go.verify(gait).passed
+    assert gait.solver["objective"] == pytest.approx(gait.scalar(objective))
+    assert gait.solver["kkt"] < 1e-8
+
+
+@pytest.mark.slow
+def test_an_open_mode_sequence_leads_to_a_verified_optimum():  # not the best: a slip costs 0.4 % less
+    gait = go.solve(go.parse_problem(COMPASS).replace({"gait.phases": "auto"}), progress=False)
+    assert gait.converged, gait.message
+    assert go.verify(gait).passed
+    assert gait.scalar("speed") == pytest.approx(0.4, rel=1e-6)
+
+
 def solved_by_casadi(program):
     options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-9, "ipopt.bound_relax_factor": 0}
     solver = ca.nlpsol("solver", "ipopt", program.casadi(), options | program.derivatives)
