@@ -42,6 +42,7 @@ class Ending(StrEnum):
     CONTACT_INCONSISTENT = "contact_inconsistent"
     CONTACT_AMBIGUOUS = "contact_ambiguous"
     UNDETERMINED = "undetermined"
+    IMPACTS_ACCUMULATE = "impacts_accumulate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 """
 
 from collections.abc import Callable
-from math import isfinite
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,11 @@ MAX_STEP_TIME = 50.0
 """Longest time from impact to impact, in units of sqrt(l / g): 20 s for legs of 1.6 m. No walk takes as long."""
 MAX_SWITCHES = 50
 """Largest number of mode switches in a step; more are called chattering. Walking takes a handful."""
+ACCUMULATED = 1e-6
+"""Impacts that would all happen within this time, in units of sqrt(l / g), have accumulated: later ones are slower than
+what two contacts that touch may differ by."""
+INTERVALS = 5
+"""Number of intervals between impacts from which their limit is extrapolated."""
 
 
 def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
@@ -142,6 +147,7 @@ class Simulator:
         """Simulate one step from a state just after an impact; ``number`` is its number in the message."""
         table, time, z, segment, switches = self.system.transitions, 0.0, self._after_impact(state), 0, 0
         arcs: list[Arc] = []
+        strikes: list[float] = []
         mode: Mode | None = None
         struck: Mode | None = None
         following = self._first_mode(z)
@@ -175,10 +181,16 @@ class Simulator:
                 if isinstance(landed, ImpactRecord):
                     return _completed(arcs, landed, number)
                 following = landed
-            elif switches == self._max_switches:
-                words = f"more than {self._max_switches} mode switches in one step"
-                following = Termination(Ending.CHATTERING, words)
             else:
+                strikes += [time] if transition.reset is not None else []
+                last, is_last = _accumulation(strikes), switches == self._max_switches
+                if time <= last < (inf if is_last else time + ACCUMULATED * self.dynamics.scales.time):
+                    following = Termination(Ending.IMPACTS_ACCUMULATE, f"impacts accumulate at {last:.6g} s")
+                    break
+                if is_last:
+                    words = f"more than {self._max_switches} mode switches in one step"
+                    following = Termination(Ending.CHATTERING, words)
+                    break
                 switches += 1
                 following, z, struck = self._switch(transition, time, z, segment, struck)
         values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
@@ -254,6 +266,21 @@ def _completed(arcs: list[Arc], impact: ImpactRecord, number: int) -> StepOutcom
     """The outcome of a step that has returned to the section."""
     step = Step(arcs=tuple(arcs), impact=impact)
     return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed")
+
+
+def _accumulation(strikes: list[float]) -> float:
+    """The time at which impacts at the given times accumulate; infinity if their intervals do not shrink to nothing.
+
+    The intervals tend to a geometric series. Two of its terms are a pair, because two contacts may strike in turn and
+    shrink differently.
+    """
+    if len(strikes) <= INTERVALS:
+        return inf
+    intervals = np.diff(strikes[-INTERVALS - 1 :])
+    if intervals.min() <= 0 or np.any(intervals[2:] >= intervals[:-2]):
+        return inf
+    ratio = intervals[-1] / intervals[-3]
+    return float(strikes[-1] + (intervals[-1] + intervals[-2]) * ratio / (1 - ratio))
 
 
 def _stopped(state: Array) -> Array:

@@ -25,7 +25,7 @@ from gaitopt.problem.problem import load_problem
 from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.scipy_stepper import ScipyStepper
-from gaitopt.simulation.simulator import Simulator
+from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 
 BLOCK = {"half": 0.25, "height": 1.0}
@@ -64,10 +64,7 @@ def test_a_block_rocks_in_the_time_of_the_elliptic_integral_and_keeps_the_rates_
     step = Simulator(case.dynamics(1.0), max_switches=1).step(tilted(case, theta0, "right"), dense=True).step
     fall, rise = step.arcs[:2]
     assert [words(arc.mode) for arc in (fall, rise)] == [["right stick"], ["left stick"]]
-    p = np.sqrt(3 * 9.81 / (4 * np.hypot(*BLOCK.values())))
-    k = np.cos((BLOCK_ANGLE - theta0) / 2)
-    quarter = (ellipk(k**2) - ellipkinc(np.arcsin(np.cos(BLOCK_ANGLE / 2) / k), k**2)) / p
-    assert fall.end == pytest.approx(quarter, rel=1e-11)
+    assert fall.end == pytest.approx(quarter_period(theta0), rel=1e-11)
     before, after = fall.states[-1][3], rise.states[0][3]
     assert after / before == pytest.approx(1 - 1.5 * np.sin(BLOCK_ANGLE) ** 2, rel=1e-11)
 
@@ -83,12 +80,35 @@ def test_the_impact_of_a_block_slips_below_the_friction_of_its_closed_form() -> 
     assert [*modes.values()] == ["slip_backward", "stick"]
 
 
-def test_the_impacts_of_a_rocking_block_accumulate_and_the_ending_says_so() -> None:
-    case = frame(**BLOCK)
-    outcome = Simulator(case.dynamics(1.0)).step(tilted(case, 0.5 * BLOCK_ANGLE, "right"))
-    assert outcome.ending == Ending.CHATTERING
+def quarter_period(theta: float) -> float:
+    """Time in which a block falls from rest at this angle to its base [s]."""
+    p = np.sqrt(3 * 9.81 / (4 * np.hypot(*BLOCK.values())))
+    k = np.cos((BLOCK_ANGLE - theta) / 2)
+    return float((ellipk(k**2) - ellipkinc(np.arcsin(np.cos(BLOCK_ANGLE / 2) / k), k**2)) / p)
+
+
+@pytest.mark.parametrize("engine", ["scipy", pytest.param("heyoka", marks=pytest.mark.slow)])
+def test_the_impacts_of_a_rocking_block_accumulate_at_the_time_of_its_closed_form(engine: str) -> None:
+    """Each impact leaves 1 - 3/2 sin^2(alpha) of the rate; the block then rises to an angle and falls from it."""
+    if engine == "heyoka" and not is_installed():
+        pytest.skip("heyoka is not installed")
+    case, theta = frame(**BLOCK), 0.5 * BLOCK_ANGLE
+    expected = quarter_period(theta)
+    while theta > 1e-14:
+        lost = (1 - 1.5 * np.sin(BLOCK_ANGLE) ** 2) ** 2
+        # 1 - cos(alpha - theta) = the cosine rule of energy, with the fall of the centre of mass
+        fallen = lost * 2 * np.sin(theta / 2) * np.sin(BLOCK_ANGLE - theta / 2)
+        theta = BLOCK_ANGLE - np.arccos(np.cos(BLOCK_ANGLE) + fallen)
+        expected += 2 * quarter_period(theta)
+    start = tilted(case, 0.5 * BLOCK_ANGLE, "right")
+    outcome = Simulator(case.dynamics(1.0), stepper_class(engine), max_switches=400).step(start)
+    assert outcome.ending == Ending.IMPACTS_ACCUMULATE
+    assert outcome.message.startswith(f"impacts accumulate at {expected:.6g} s")
     energies = [case.oracle.energy(*coordinates(case, arc.states[0])) for arc in outcome.step.arcs]
     assert all(later < before for before, later in pairwise(energies))
+    early = Simulator(case.dynamics(1.0), stepper_class(engine)).step(start)  # extrapolated from the first impacts
+    assert early.ending == Ending.IMPACTS_ACCUMULATE
+    assert float(early.message.split()[3]) == pytest.approx(expected, rel=1e-3)
 
 
 def coordinates(case: ContactCase, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
