@@ -30,9 +30,9 @@ MAX_STEP_TIME = 50.0
 """Longest time from impact to impact, in units of sqrt(l / g): 20 s for legs of 1.6 m. No walk takes as long."""
 MAX_SWITCHES = 50
 """Largest number of mode switches in a step; more are called chattering. Walking takes a handful."""
-ACCUMULATED = 1e-6
-"""Impacts that would all happen within this time, in units of sqrt(l / g), have accumulated: later ones are slower than
-what two contacts that touch may differ by."""
+ACCUMULATED = 1e-4
+"""Impacts that follow each other within this time, in units of sqrt(l / g), have accumulated: between those a hundred
+times faster, a contact does not rise by more than rounding."""
 INTERVALS = 5
 """Number of intervals between impacts from which their limit is extrapolated."""
 
@@ -184,7 +184,8 @@ class Simulator:
             else:
                 strikes += [time] if transition.reset is not None else []
                 last, is_last = _accumulation(strikes), switches == self._max_switches
-                if time <= last < (inf if is_last else time + ACCUMULATED * self.dynamics.scales.time):
+                fast = last < inf and time - strikes[-2] < ACCUMULATED * self.dynamics.scales.time
+                if time <= last < inf and (is_last or fast):
                     following = Termination(Ending.IMPACTS_ACCUMULATE, f"impacts accumulate at {last:.6g} s")
                     break
                 if is_last:

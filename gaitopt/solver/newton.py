@@ -49,7 +49,7 @@ SAFETY = 4.0
 MISPLACED = 1e-9
 """Violation in natural units of the margin that a jump of the torques should carry through zero."""
 MAX_REFINEMENTS = 4
-MAX_INTERVALS = 800
+MAX_INTERVALS = 2000
 """If a step needs more, its motion is singular."""
 LARGEST_WEIGHTS = 100.0
 """Largest sum of the absolute weights of an extrapolation; a larger one amplifies rounding too much."""

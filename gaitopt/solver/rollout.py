@@ -26,7 +26,7 @@ from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.interval import shooting_step
-from gaitopt.solver.mesh import mesh_of, nearest
+from gaitopt.solver.mesh import Mesh, mesh_of, nearest
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.shooting import transcribe
 
@@ -38,6 +38,9 @@ WIDTH = 64
 """Points at which margins are evaluated in one call; the function of another number would have to be built first."""
 ARMED = 1e-12
 """In natural units; a margin that is zero up to rounding is not yet positive."""
+RUNAWAY = 1e3
+"""A violation beyond this, in natural units, shows that the intervals are too long for a stiff motion. Two in each of
+the steps that the adaptive integration takes are short enough."""
 FIRST_STEP = 2.5e-5
 """First step of the integrator in natural units; each step is at most ten times the previous one."""
 FIRST_STEP_FROM_REST = 2.5e-7
@@ -118,6 +121,7 @@ class Rollout:
         motion = self.motions[phase]
         return motion(np.minimum(times, motion.end))
 
+    @overflow_allowed()
     def on_mesh(self, free: tuple[str, ...] = (), intervals: Sequence[int] = ()) -> Solution:
         """The motion on a mesh of shooting intervals: equations, unknowns and parameters with which a search starts.
 
@@ -126,9 +130,18 @@ class Rollout:
         free : dotted keys of the parameters that are unknowns.
         intervals : of every arc, used if there are as many arcs.
         """
-        durations, system = np.array(self.durations), self.dynamics.system
-        mesh = mesh_of(self.cycle, durations, system.control.breakpoints)
+        mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints)
         mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
+        first = self._sampled(mesh, free)
+        if first.size < RUNAWAY:
+            return first
+        steps = (self.motions[arc.phase].times.size for arc in mesh.arcs)
+        finer = mesh.refined([max(arc.intervals, 2 * n) for arc, n in zip(mesh.arcs, steps, strict=True)])
+        return self._sampled(finer, free)
+
+    def _sampled(self, mesh: Mesh, free: tuple[str, ...]) -> Solution:
+        """The motion at the nodes of a mesh."""
+        durations, system = np.array(self.durations), self.dynamics.system
         nodes = np.empty((system.n_z, mesh.n_nodes))
         for arc, at, (begin, end) in zip(mesh.arcs, mesh.arc_nodes, mesh.arc_times(self.durations), strict=True):
             nodes[:, at.start : at.stop] = self(arc.phase, np.linspace(begin, end, len(at)))

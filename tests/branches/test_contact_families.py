@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from contact_problems import contact_gait
+from named import named
 
 from gaitopt.api.stored import load_run
 from gaitopt.api.verbs import continuation
@@ -80,3 +81,13 @@ def test_a_conservative_runner_loses_its_flight_at_a_steep_angle_of_attack() -> 
     branch = family("run", "walker.attack", 1.25)
     assert {special.type for special in branch.specials} >= {"period_doubling", "end"}
     assert "vanishes" in branch.specials[-1].reason
+
+
+@pytest.mark.slow
+def test_with_less_friction_the_heel_of_a_flat_foot_slips_in_its_strike() -> None:
+    branch = continuation(named("flat-foot"), "friction", to=1.15)
+    change, end = branch.specials
+    assert (change.type, change.contact, change.status) == ("impact_change", "heel", "converged")
+    assert change.value == pytest.approx(named("flat-foot").measures["impulse_ratio"], abs=1e-9)
+    assert end.value == 1.15
+    assert verify(branch.points[-1].gait).passed

@@ -54,6 +54,17 @@ def test_both_methods_find_the_gait_and_its_multipliers(name: str) -> None:
     assert checked.figure("multipliers") < 1e-9
 
 
+@pytest.mark.slow
+def test_a_foot_with_a_springy_ankle_stays_flat_and_pushes_off() -> None:
+    """Both methods agree; the double support ends with the impact of the toe."""
+    gait = named("flat-foot")
+    assert gait.period == pytest.approx(0.697683924, abs=1e-9)  # also that of 25 simulated steps
+    assert np.abs(gait.multipliers[:2]) == pytest.approx([0.28082, 0.131975], abs=1e-5)
+    checked = verify(gait)
+    assert checked.passed, [claim.words for claim in checked.claims if not claim.passed]
+    assert checked.figure("multipliers") < 1e-9
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_record_holds_the_gait(name: str) -> None:
     gait = contact_gait(name)

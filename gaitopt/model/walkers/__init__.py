@@ -15,6 +15,7 @@ hopper             a body on a springy leg, driven by a thrust
 
 With several contacts:
 
+flat_foot          the compass on feet with mass and springy ankles, which stay flat for a while
 heel_toe           the compass on flat feet, which rolls over heel and toe
 slip_walker        a point mass that walks on the legs of slip_runner
 bounder            a trunk that bounds on two springy legs
