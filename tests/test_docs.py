@@ -107,6 +107,9 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path):
     assert kinds.count("image/png") == 3  # figures appear without any magic
     assert "<iframe" in "".join(output["data"].get("text/html", "") for output in outputs if "data" in output)
     assert not [output for output in outputs if output.get("name") == "stderr"]
+    data = [(output["output_type"], output.get("data", {})) for output in outputs]
+    tables = [kind for kind, shown in data if "<pre" in shown.get("text/html", "") and shown.get("text/plain")]
+    assert set(tables) == {"execute_result"}  # printed once
 
 
 def test_the_pages_name_every_claim_and_every_ending():

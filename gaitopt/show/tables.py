@@ -551,7 +551,8 @@ def _words(name: str) -> str:
 
 def printed(result: Any, *, titled: bool = False) -> str:
     """The printed table of a result as a block of HTML, after what it is if ``titled``."""
-    console = Console(record=True, file=StringIO(), width=WIDTH, markup=False, highlight=False, emoji=False)
+    plain: Any = {"markup": False, "highlight": False, "emoji": False, "force_jupyter": False}  # not shown by itself
+    console = Console(record=True, file=StringIO(), width=WIDTH, **plain)
     if titled:
         console.print(repr(result).strip("<>"), style="bold")
     print_result(result, console)

@@ -125,6 +125,13 @@ def test_speed_and_pause_outlast_the_choice_of_another_gait(visit, branch_page):
     assert page.get_by_role("button", name="Play").is_visible()
 
 
+def test_the_controls_of_an_animation_are_visible_in_a_notebook(visit):
+    page = visit(gait("rimless-wheel-slip").animate()._repr_html_(), width=1100)
+    buttons = page.frame_locator("iframe").locator(".controls")
+    frame, controls = page.locator("iframe").bounding_box(), buttons.bounding_box()
+    assert controls["y"] + controls["height"] < frame["y"] + frame["height"]
+
+
 def test_gaits_side_by_side_share_their_axes_and_show_the_difference(visit):
     page = visit(comparison_report([gait("compass-passive-a"), gait("compass-pd-impact-slip")]))
     assert page.locator("article").count() == 2
