@@ -347,6 +347,27 @@ def halved_cycle(gait: Gait) -> Cycle | None:
     return None if odd or half % gait.repeats_after else Cycle(gait.cycle.steps[:half])
 
 
+def exchanged_half(before: Gait, after: Gait) -> Cycle | None:
+    """The first half of a cycle whose halves exchange their places between two gaits of a family; None of any other.
+
+    In between the halves are equal, exactly only at one gait: where the family begins at a period doubling.
+    """
+    half, odd = divmod(len(before.steps), 2)
+    steps = before.cycle.steps
+    if odd or steps[:half] != steps[half:] or before.cycle != after.cycle:
+        return None
+    if halved_cycle(before) is not None and halved_cycle(after) is not None:
+        return None
+    here, there = (_unlikeness(gait, half) for gait in (before, after))
+    return Cycle(steps[:half]) if np.vdot(here, there) < 0 else None
+
+
+def _unlikeness(gait: Gait, half: int) -> Array:
+    """Difference of the states after the impacts of the two halves of a cycle, in natural units; shape (half, n)."""
+    states = np.array([step.arcs[0].states[0] for step in gait.steps]) / gait.dynamics.state_units
+    return np.asarray(states[half:] - states[:half])
+
+
 def in_turn(first: Cycle, second: Cycle) -> Cycle:
     """Both cycles one after the other; the first phases of each still follow the impact that they follow alone."""
     (*before, last_of_first), (*after, last_of_second) = first.steps, second.steps

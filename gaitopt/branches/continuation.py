@@ -16,8 +16,8 @@ import numpy as np
 
 from gaitopt.branches.change import (
     NEARBY,
+    exchanged_half,
     find_change,
-    halved_cycle,
     located_on_successor,
     named_contact,
     transition_at,
@@ -350,7 +350,7 @@ class Continuation:
                 sides = [here.step(location.length + side * BESIDE) for side in (-1, 1)]
                 tangents = [side.curve.entries(side.tangent) for side in sides if side is not None]
                 special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
-            half = halved_cycle(gait) if kind == "branch_point" and test == "slope" else None
+            half = exchanged_half(here.gait, point.gait) if kind == "branch_point" and test == "slope" else None
             if half is not None:  # a doubled family turns back at its origin: its halves follow in the other order
                 special = replace(special, type="end", reason=HALVED, before=gait.cycle, after=half)
             yield special

@@ -11,7 +11,7 @@ import pytest
 import gaitopt as go
 from gaitopt import Branch, Cycle, Gait, Mode, continuation
 from gaitopt.branches import continuation as walks
-from gaitopt.branches.change import in_turn
+from gaitopt.branches.change import exchanged_half, in_turn
 from gaitopt.branches.continuation import follow_family, resumable
 from gaitopt.branches.curve import Metric, curve_through
 from gaitopt.branches.request import Request
@@ -100,6 +100,9 @@ def test_a_gait_walked_twice_meets_the_doubled_family_at_a_branch_point() -> Non
     first, second = (halves.branch(number)[-1].gait for number in (0, 1))
     assert unlikeness(first) > 1e-4
     assert [s.period for s in first.steps] == pytest.approx([s.period for s in reversed(second.steps)], rel=1e-5)
+    step = Cycle(first.cycle.steps[:1])
+    assert exchanged_half(first, second) == step
+    assert exchanged_half(first, first) is None
 
 
 def test_a_special_point_from_its_record_has_the_same_branches() -> None:
