@@ -45,6 +45,8 @@ DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is tried, relative to the span of the parameter."""
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
+SHOWN = 3
+"""Mode sequences that the reason of an end lists."""
 ACTIVE = 1e-5
 """Monitors below this, in natural units, vanish with the located one."""
 CLOSER, APPROACH = 1 / 16, 1 / 2
@@ -302,8 +304,9 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         jump = "static friction is above kinetic friction"
         jump = jump if dynamics.friction_drops else "a slipping impact has no friction"
         reason = f"{reason}, and the return map jumps: {jump}"
-    tried = " or ".join(map(str, candidates)) or "none"
-    return None, f"{reason}; no other mode sequence continues the family (tried {tried})", 0.0
+    tried = " or ".join(map(str, candidates[:SHOWN])) or "none"
+    more = f" and {len(candidates) - SHOWN} others" if len(candidates) > SHOWN else ""
+    return None, f"{reason}; no other mode sequence continues the family (tried {tried}{more})", 0.0
 
 
 def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint | None:
@@ -411,9 +414,11 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float) -> CurvePoint | Non
     forward[: system.n_z] = states[0] - point.gait.state
     forward[-1] = offset
     first = successor.start(w, successor.coordinates(forward))
-    if first is None or curve.metric.distance(first.gait.state, point.gait.state) >= NEARBY or not holds(first):
+    try:
+        near = first is not None and curve.metric.distance(first.gait.state, point.gait.state) < NEARBY
+    except RuntimeError:  # singular: its slips have no length, so that nothing ends them
         return None
-    return first
+    return first if near and first is not None and holds(first) else None
 
 
 def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dynamics) -> Array:

@@ -60,7 +60,7 @@ NEARLY_GONE = 1e-4
 """Part of the period that a slip lasts from which the branch without it is reached."""
 FADING = 1e-2
 """A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
-VANISHING = "the gait vanishes: its step length goes to zero"
+VANISHING = "the gait vanishes: its steps, or all its motion, become infinitely small"
 HALVED = "the two halves of the cycle become equal: this is a period doubling of a gait with half as many steps"
 
 

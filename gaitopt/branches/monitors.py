@@ -198,10 +198,13 @@ def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
 def stride(gait: Gait) -> float:
     """Largest distance between the feet at a touchdown, in leg lengths, without slip.
 
-    Infinite for a walker that lands out of flight, possibly where it took off, and with several contacts.
+    With several contacts it is the largest range of a coordinate, in natural units. Infinite for a walker on one foot
+    that lands out of flight, possibly where it took off.
     """
     if gait.system.walker.contacts:
-        return float("inf")
+        n_q = gait.system.n_z // 2
+        q = np.concatenate([arc.states[:, :n_q] for step in gait.steps for arc in step.arcs])
+        return float((np.ptp(q, axis=0) / gait.dynamics.state_units[:n_q]).max())
     x = gait.system.n_shape
     distances = [
         abs(step.final_impact.step_length - step.arcs[-1].states[-1, x])

@@ -101,8 +101,9 @@ class Problem(ProblemStatement):
             return None
         if self.reference != self.file.reference or type(self.walker) is not type(self.file.walker):
             return None
-        values, changed = self.parameters, changed_values(problem_data(self.file), problem_data(self))
-        continuous = [key for key in changed if type(values.get(key)) is float]
+        before, after = self.file.parameters, self.parameters
+        changed = changed_values(problem_data(self.file), problem_data(self))
+        continuous = [key for key in changed if type(before.get(key)) is type(after.get(key)) is float]
         return self.file if changed and len(continuous) == len(changed) else None
 
     def from_guess(self) -> "Problem":

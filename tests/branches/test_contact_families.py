@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from contact_problems import contact_gait
 from named import named
@@ -60,6 +61,16 @@ def test_a_crawl_goes_on_where_several_phases_change_at_once(
     assert [special.contact for special in branch.specials[:-1]] == contacts
     assert all(special.status == "converged" for special in branch.specials)
     assert verify(branch.points[-1].gait).passed
+
+
+def test_a_crawl_vanishes_where_the_friction_stops_both_ends() -> None:
+    gait = contact_gait("crawler")
+    branch = family("crawler", "friction.front", 0.5)
+    end = branch.specials[-1]
+    drive, slope, weights = 4.95, gait.dynamics.parameter("walker.slope"), 9.81 * np.array([1.0, 1.5])
+    stopped = (2 * drive + weights.sum() * np.sin(slope)) / np.cos(slope)  # at the same gap in both halves of the cycle
+    assert (end.type, end.status) == ("vanishing", "converged")
+    assert end.value == pytest.approx((stopped - 0.6 * weights[0]) / weights[1], abs=1e-8)
 
 
 @pytest.mark.slow

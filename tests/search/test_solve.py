@@ -137,6 +137,12 @@ def test_only_other_values_of_parameters_keep_the_gait_of_the_file(overrides):
     assert problem.from_guess().digest == problem.digest
 
 
+def test_one_friction_in_place_of_one_for_each_contact_is_not_followed():
+    problem = load_problem("crawler").replace({"friction": 0.5})
+    assert problem.followed_from is None
+    assert problem.digest != load_problem("crawler").digest
+
+
 def test_integers_and_unchanged_problems_are_not_followed():
     wheel = load_problem("rimless-wheel-stick")
     assert wheel.replace({"walker.spokes": 9}).followed_from is None
