@@ -503,9 +503,11 @@ class _StatementReader:
         p = np.array([float(getattr(walker, name)) for name in model.model_fields])
         z = section.lift(near[section.indices], p, near)
         if not np.isfinite(z).all():
-            words = ", ".join(f"{name} = {given[name]:g}" for name in section.names)
+            values = {name: given[name] for name in section.names} | walker.model_dump(include={"energy"})
+            words = ", ".join(f"{name} = {value:g}" for name, value in values.items())
             others = ", ".join(name for name in names if name not in section.names)
-            self._fault(path, f"no {others} satisfies the section with {words}; give values close to them as well")
+            remedy = f"change these values, or give guesses of the others, {others}"
+            self._fault(path, f"no state of the section has {words}; {remedy}")
             return None
         state = dict(zip(names, z.tolist(), strict=True))
         for name, value in given.items():
