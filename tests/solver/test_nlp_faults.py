@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from casadi import MX, Function, asin, jacobian, sin, vertcat
 
-from gaitopt import Cycle, Mechanism, Mode, load_problem, solve
+from gaitopt import Cycle, Mechanism, Mode, Status, load_problem, solve
 from gaitopt.design.spectral_radius import certified_radius
 from gaitopt.model.control import NoControl
 from gaitopt.model.system import HybridSystem
@@ -84,3 +84,10 @@ def test_gradient_of_the_radius_knows_that_the_section_is_curved() -> None:
     step = 1e-6
     difference = float(radius(w + step * start, gait.p)) - float(radius(w - step * start, gait.p))
     assert slope @ start == pytest.approx(difference / (2 * step), rel=1e-4)
+
+
+def test_a_cycle_that_closes_with_another_energy_is_no_gait():
+    """The last reset takes one Newton step to the section; from far off it ends on the other side, with -dx."""
+    gait = solve(load_problem("bounding").replace({"walker.inertia": 3.9}))
+    assert gait.status is Status.NOT_CONVERGED
+    assert gait.message.startswith("not periodic: the state to which the cycle returns is not on its section")
