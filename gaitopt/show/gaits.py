@@ -25,7 +25,6 @@ from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
 from gaitopt.show.motion import (
-    SMOOTH,
     Motion,
     differences,
     points_of,
@@ -108,7 +107,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
     for motion in motions:
         for began, step in with_start_times(motion.steps):
             slipped = dict[str, float]()  # of the contacts on the ground, since they landed
-            for arc in (resampled(arc, SMOOTH) for arc in step.arcs):
+            for arc in (resampled(arc) for arc in step.arcs):
                 slipped = {name: slipped.get(name, 0.0) for name in arc.mode.touching}
                 for contact in touching_contacts(arc, observe(arc)):
                     x = arc.states[:, motion.state_index("x")]
@@ -268,17 +267,16 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
     colours = cycle(COLOURS)
     handles: list[Line2D] = []
     for motion in motions:
-        for name in motion.walker.shape:
+        for name in positions_of(motion):
             prefix = f"{motion.name}: " if len(motions) > 1 else ""
             colour = next(colours)
             handles.append(entry(f"{prefix}{symbol(name)}", color=colour))
             _draw_orbit(axes, motion, name, colour)
-    lengths = any(motion.walker.lengths for motion in motions)
     axes.set_xlabel(position_label(motions))
-    axes.set_ylabel("rate [rad/s, m/s]" if lengths else "angular rate [rad/s]")
+    axes.set_ylabel("rate [rad/s, m/s]" if "length" in position_label(motions) else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]
     after = entry("just after the impact", marker="o", linestyle="", markersize=5)
-    locks = any(_leaps(step) for motion in motions for step in motion.steps)
+    locks = any(_leaps(step) for motion in motions if motion.walker.stops for step in motion.steps)
     jump = entry("impact, or a stop locks" if locks else "impact", **JUMP)
     legend_below(figure, [*handles, *mode_legend(modes), jump, after])
     return figure

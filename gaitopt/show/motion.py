@@ -28,7 +28,7 @@ from gaitopt.verification.walk import Walk
 POINTS_SHOWN = 20
 """Maximum number of markers of a gait's points; more would hide the curve."""
 SMOOTH = 120
-"""Points of an arc that is drawn as a smooth line."""
+"""Least number of points of an arc that is drawn as a smooth line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,20 +100,20 @@ def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str 
     return Motion(name=name or str(record["problem"]), dynamics=dynamics, steps=steps)
 
 
-def resampled(arc: Arc, count: int) -> Arc:
-    """The same arc at ``count`` equidistant times."""
+def resampled(arc: Arc, count: int = 0) -> Arc:
+    """The same arc at ``count`` equidistant times; without a count, dense at its ends, so that lines look smooth."""
+    s = np.linspace(-1, 1, count) if count else np.sin(np.linspace(-1, 1, max(SMOOTH, 3 * len(arc.times))) * np.pi / 2)
     if len(arc.times) == 2:  # too short to be anything but straight
-        s = np.linspace(0, 1, count)[:, None]
-        states = arc.states[0] + s * (arc.states[-1] - arc.states[0])
+        states = arc.states[0] + (s[:, None] + 1) / 2 * (arc.states[-1] - arc.states[0])
     else:
-        states = np.asarray(chebyshev.chebval(np.linspace(-1, 1, count), curves.coefficients(arc.states)).T)
-    return replace(arc, times=np.linspace(arc.start, arc.end, count), states=states)
+        states = np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)).T)
+    return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:
-    """Start time of its step [s] and every arc, at points so close that a line through them looks smooth."""
+    """Start time of its step [s] and every arc, as a smooth line."""
     for began, step in with_start_times(steps):
-        yield from ((began, resampled(arc, SMOOTH)) for arc in step.arcs)
+        yield from ((began, resampled(arc)) for arc in step.arcs)
 
 
 def with_start_times(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
@@ -129,8 +129,8 @@ def time_label(motions: Sequence[Motion]) -> str:
 
 
 def position_label(motions: Sequence[Motion]) -> str:
-    """Label of an axis with shape coordinates: angles, and lengths of walkers with sliding joints."""
-    lengths = any(motion.walker.lengths for motion in motions)
+    """Label of an axis with positions: angles, and lengths of walkers that fly or have sliding joints."""
+    lengths = any(motion.walker.lengths or "y" in positions_of(motion) for motion in motions)
     return "angle [rad], length [m]" if lengths else "angle [rad]"
 
 
