@@ -10,6 +10,7 @@ import hashlib
 import json
 import re
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +18,7 @@ from rich.progress import track
 
 import gaitopt as go
 from gaitopt.api.verbs import check_proof
-from gaitopt.errors import ProblemError
+from gaitopt.engines.plant import tree_record
 from gaitopt.gait.measures import observe
 from gaitopt.proof.prove import exact_texts
 from gaitopt.show.film import skeleton
@@ -26,7 +27,7 @@ from gaitopt.show.motion import resampled
 from gaitopt.show.orbits import orbit_record
 from gaitopt.show.style import dashes, encoded, figure_style
 
-VERSION = "2.0.0"
+VERSION = "2.1.0"
 """Of the set; a change of a number or a key changes it."""
 FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
 POSTURES, SMOOTH = 8, 60
@@ -78,13 +79,29 @@ def write_orbit(name: str) -> None:
     theorem, unproved = prove(gait, exact, file)
     certificate = {"file": f"certificates/{name}.json", "sha256": sha256(file)} if theorem else None
     record = orbit_record(gait, exact, theorem=theorem, certificate=certificate, unproved=unproved)
-    (FOLDER / f"{name}.json").write_text(compact({"version": VERSION, **record}))
+    record = {"version": VERSION, **record, "tree": tree_record(gait)}
+    (FOLDER / f"{name}.json").write_text(compact(record))
     (FOLDER / f"{name}.png").write_bytes(picture(gait))
-    for kind, ending in (("mjcf", "mjcf.xml"), ("urdf", "urdf")):
-        try:
-            (FOLDER / f"{name}.{ending}").write_text(go.robot_description(gait.problem.walker, kind))
-        except ProblemError:  # no tree of links
-            break
+    if record["tree"] is not None:
+        values = dict(zip(type(gait.problem.walker).model_fields, gait.dynamics.p, strict=False))  # of a design too
+        walker = gait.problem.walker.model_copy(update=values)
+        mjcf, urdf = (go.robot_description(walker, kind) for kind in ("mjcf", "urdf"))
+        (FOLDER / f"{name}.urdf").write_text(urdf)
+        _, kinetic, _ = gait.system.friction_coefficients(gait.dynamics.p)
+        (FOLDER / f"{name}.mjcf.xml").write_text(at_start(mjcf, record["tree"]["start"], float(kinetic)))
+
+
+def at_start(mjcf: str, start: dict, friction: float) -> str:
+    """An MJCF file with the friction of an orbit, and its initial state as the keyframe ``start``."""
+    root = ET.fromstring(mjcf)
+    joints = [start[joint.get("name")] for joint in root.iter("joint")]
+    default = ET.Element("default")
+    ET.SubElement(default, "geom", friction=f"{friction!r} 0 0")
+    root.insert(1, default)
+    place, rates = (" ".join(repr(joint[key]) for joint in joints) for key in ("position", "rate"))
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="start", qpos=place, qvel=rates)
+    ET.indent(root)
+    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def prove(gait: go.Gait, exact: dict[str, str], file: Path) -> tuple[dict | None, str | None]:

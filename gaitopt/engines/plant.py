@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from casadi import DM, SX, Function, jacobian, jtimes, substitute, vertcat
+from casadi import DM, SX, Function, jacobian, jtimes, substitute, vertcat, vertsplit
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
@@ -398,6 +398,38 @@ def _window(step: Step) -> tuple[float, float]:
         return highest, highest
     before, after = h[: scuffs[0]], h[scuffs[-1] :]
     return float(t[np.argmax(before)]), float(t[scuffs[-1] + np.argmax(after)])
+
+
+@building
+def tree_record(gait: Gait) -> dict[str, Any] | None:
+    """A gait for programs that read the MJCF or URDF file of its walker; None if there are no links.
+
+    Returns
+    -------
+    record : ``start`` has position and rate of every joint of the MJCF file just after the impact;
+        ``swing_contact_off`` has, for each step, the times since the impact between which the swing foot may scuff.
+    """
+    walker = type(gait.problem.walker)
+    if not has_links(walker):
+        return None
+    names, n = (*walker.shape, "x", "y"), len(walker.shape)
+    q, dq, fields = SX.sym("q", n + 2), SX.sym("dq", n + 2), SX.sym("p", len(walker.model_fields))
+    by_name = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)})
+    tree = state_tree(walker, by_name, parameter_namespace(walker, fields))
+    root = next(link for link in tree.links if link.parent is None)
+    x, z = vertsplit(tree.place(root, ORIGIN))
+    placed = {"root_x": x, "root_z": z, "root_pitch": root.angle, **tree.joints}
+    joints = vertcat(*placed.values())
+    start = Function("start", [q, dq, fields], [joints, jtimes(joints, q, dq)])
+    state = np.asarray(gait.state)
+    position, rate = (
+        np.asarray(v).ravel().tolist()
+        for v in start([*state[: n + 1], 0], [*state[n + 1 :], 0], gait.dynamics.p[: fields.numel()])
+    )
+    return {
+        "start": {name: {"position": a, "rate": b} for name, a, b in zip(placed, position, rate, strict=True)},
+        "swing_contact_off": [list(_window(step)) for step in gait.steps],
+    }
 
 
 def _point(values: Any) -> tuple[float, float]:

@@ -22,6 +22,8 @@ from gaitopt.model.walker import Walker
 Format = Literal["urdf", "mjcf"]
 RADIUS = 0.02
 """Radius of the rods that draw the links, relative to their lengths."""
+POINT = 1e-6
+"""Radius of the sphere in place of a point foot [m]: a larger one would roll, and start inside the ground."""
 UNLIMITED = 1e4
 """Torque and rate written where URDF requires a limit and there is none [N m, rad/s]."""
 
@@ -76,12 +78,7 @@ def _urdf(walker: Walker, links: list[dict[str, Any]]) -> Element:
     for entry in links:
         link: Link = entry["link"]
         element = SubElement(robot, "link", name=link.name)
-        if entry["mass"] > 0 or entry["inertia"] > 0:
-            inertial = SubElement(element, "inertial")
-            SubElement(inertial, "origin", xyz=_place(entry["com"]))
-            SubElement(inertial, "mass", value=repr(entry["mass"]))
-            inertia = repr(entry["inertia"])
-            SubElement(inertial, "inertia", ixx=inertia, ixy="0", ixz="0", iyy=inertia, iyz="0", izz=inertia)
+        _inertial(element, entry["com"], entry["mass"], entry["inertia"])
         x, z = entry["tip"]
         length = math.hypot(x, z)
         if length > 0:
@@ -101,6 +98,7 @@ def _urdf(walker: Walker, links: list[dict[str, Any]]) -> Element:
                 SubElement(joint, "limit", _limit(walker, link))
         if link.foot:
             foot = SubElement(robot, "link", name=f"{link.name}_foot")
+            _inertial(foot, (0.0, 0.0), 0.0, 0.0)
             if entry["foot_radius"]:
                 geometry = SubElement(SubElement(foot, "collision"), "geometry")
                 SubElement(geometry, "sphere", radius=repr(entry["foot_radius"]))
@@ -109,6 +107,15 @@ def _urdf(walker: Walker, links: list[dict[str, Any]]) -> Element:
             SubElement(joint, "child", link=f"{link.name}_foot")
             SubElement(joint, "origin", xyz=_place(entry["tip"]))
     return robot
+
+
+def _inertial(link: Element, com: tuple[float, float], mass: float, inertia: float) -> None:
+    """Mass and moment of inertia, zeros included: PyBullet gives a link without them a mass of 1 kg."""
+    inertial = SubElement(link, "inertial")
+    SubElement(inertial, "origin", xyz=_place(com))
+    SubElement(inertial, "mass", value=repr(mass))
+    moment = repr(inertia)
+    SubElement(inertial, "inertia", ixx=moment, ixy="0", ixz="0", iyy=moment, iyz="0", izz=moment)
 
 
 def _limit(walker: Walker, link: Link) -> dict[str, str]:
@@ -161,8 +168,9 @@ def _mjcf(walker: Walker, links: list[dict[str, Any]], gravity: tuple[float, flo
             SubElement(body, "geom", drawn | {"contype": "0", "conaffinity": "0", "group": "1"})
         if link.foot:
             SubElement(body, "site", name=f"{link.name}_foot", pos=_place((x, z)))
-            radius = entry["foot_radius"] or RADIUS * length
-            SubElement(body, "geom", type="sphere", pos=_place((x, z)), size=repr(radius), mass="0")
+            radius = entry["foot_radius"] or POINT
+            sphere = {"name": f"{link.name}_foot", "type": "sphere", "size": repr(radius)}
+            SubElement(body, "geom", sphere, pos=_place((x, z)), mass="0")
     actuators = SubElement(root, "actuator")
     for entry in links:
         link = entry["link"]

@@ -6,6 +6,7 @@ import runpy
 from functools import cache
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -99,6 +100,72 @@ def test_the_solved_equations_are_those_of_the_statement(name):
     assert np.append(e["relabel"], 0.0) == pytest.approx([stated[key] for key in states[: n + 1]], abs=1e-12)
     relabelled = np.atleast_2d(e["relabel_jacobian"]) @ after[:n]
     assert np.append(relabelled, (S @ after)[0]) == pytest.approx([stated[key] for key in states[n + 1 :]], abs=1e-12)
+
+
+def tips(model: ET.Element, q: dict[str, float]) -> dict[str, tuple[float, float]]:
+    """Places (x, z) of the feet of an MJCF file with its joints at ``q``."""
+    found = {}
+
+    def visit(body: ET.Element, place: np.ndarray, angle: float) -> None:
+        def turned(x: float, z: float) -> np.ndarray:
+            return np.array([x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)])
+
+        x, _, z = map(float, body.get("pos", "").split())
+        place = place + turned(x, z)
+        w, _, y, _ = map(float, body.get("quat", "").split())
+        angle += 2 * np.arctan2(y, w)
+        for joint in body.findall("joint"):
+            along = np.array(joint.get("axis", "").split(), dtype=float) * q[joint.get("name", "")]
+            place, angle = (place, angle + along[1]) if joint.get("type") == "hinge" else (place + along[::2], angle)
+        for site in body.findall("site"):
+            x, _, z = map(float, site.get("pos", "").split())
+            found[site.get("name", "")] = tuple(place + turned(x, z))
+        for child in body.findall("body"):
+            visit(child, place, angle)
+
+    for body in model.findall("worldbody/body"):
+        visit(body, np.zeros(2), 0.0)
+    return found
+
+
+@pytest.mark.parametrize("name", [name for name in all_names() if orbit(name)["tree"]])
+def test_an_mjcf_file_starts_where_the_orbit_does(name):
+    """Feet on the ground, the stance foot at x = 0 with its speed; friction and gravity are those of the orbit."""
+    data, model = orbit(name), ET.parse(SET / f"{name}.mjcf.xml").getroot()
+    key, start = model.find("keyframe/key"), data["tree"]["start"]
+    joints = [joint.get("name") for joint in model.iter("joint")]
+    assert dict(zip(joints, map(float, key.get("qpos").split()), strict=True)) == {
+        joint: start[joint]["position"] for joint in joints
+    }
+    places = [tips(model, {joint: start[joint]["position"] + t * start[joint]["rate"] for joint in joints})
+              for t in (-1e-5, 0.0, 1e-5)]  # fmt: skip
+    parameters = {key: entry["value"] for key, entry in data["statement"]["parameters"].items()}
+    R = parameters.get("foot_radius", 0.0)
+    state = {key: entry["value"] for key, entry in data["orbit"]["initial_state"].items()}
+    known = state | {"t": 0.0} | {f"r{k}": value for k, value in enumerate(data["evaluation"]["arcs"][0]["r"])}
+    swing = values(data, known, {"foot": data["statement"]["equations"]["swing_foot"]})["foot"]
+    stance = min(places[1], key=lambda foot: abs(places[1][foot][0]) if R == 0 else foot)  # "stance_leg_foot" is first
+    other = next(foot for foot in places[1] if foot != stance)
+    assert places[1][stance][1] == pytest.approx(R, abs=1e-12)
+    assert places[1][other][1] == pytest.approx(swing[1] + R, abs=1e-12)
+    if R == 0:
+        assert places[1][stance][0] == pytest.approx(0.0, abs=1e-12)
+        assert places[1][other][0] == pytest.approx(swing[0], abs=1e-12)
+        speed = (np.array(places[2][stance]) - places[0][stance]) / 2e-5
+        assert speed == pytest.approx([state["dx"], 0.0], abs=1e-7)
+    stated = values(data, known, {"g": data["statement"]["gravity"], "mu": data["statement"]["friction"]["kinetic"]})
+    gravity = np.array(model.find("option").get("gravity").split(), dtype=float)
+    assert gravity[::2] == pytest.approx(stated["g"], rel=1e-12, abs=1e-12)
+    assert float(model.find("default/geom").get("friction").split()[0]) == pytest.approx(float(stated["mu"]))
+
+
+def test_an_orbit_walks_in_mujoco_without_gaitopt():
+    pytest.importorskip("mujoco", reason="needs pip install '.[engines]'")
+    walk = runpy.run_path(str(ROOT / "docs" / "examples" / "orbit_in_mujoco.py"))["walk"]
+    coarse, fine = (
+        1e3 * x[times <= 0.5].max() for times, x, _ in (walk(SET / "compass-passive-a", dt) for dt in (2e-3, 1e-3))
+    )
+    assert 2 * fine - coarse == pytest.approx(4.050, rel=0.01)
 
 
 def test_a_wrong_number_in_a_file_does_not_return():

@@ -3,6 +3,7 @@
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -85,6 +86,13 @@ def test_a_walker_from_a_file_is_written_with_its_limits() -> None:
     limits = [{link.joint: (link.range, link.effort) for link in robot.bodies} for robot in (read, again)]
     assert limits[0] == limits[1]
     assert limits[1]["stance_knee"] == ((0.0, 2.4), 150.0)
+
+
+def test_every_link_of_a_urdf_file_states_its_mass() -> None:
+    """PyBullet gives a link without <inertial> a mass of 1 kg, and MuJoCo the mass of its drawing."""
+    root = ET.fromstring(robot_description(load_problem("compass-passive-a").walker))
+    masses = [float(link.find("inertial/mass").get("value")) for link in root.iter("link")]  # type: ignore[union-attr, arg-type]
+    assert sorted(masses) == [0.0, 0.0, 1.0, 1.0, 4.0, 4.0]
 
 
 @pytest.mark.parametrize("walker", [*walkers(), *unreadable()], ids=lambda walker: walker.model)
