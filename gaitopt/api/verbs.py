@@ -119,8 +119,7 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     ProblemError
-        If ``reuse`` is given without ``output`` or for an attractor; if a method is given for an open mode sequence; or
-        if ``start`` is a solution of another problem.
+        If ``reuse`` is given without ``output`` or for an attractor, or if ``start`` is a solution of another problem.
     StorageError
         If the folder belongs to something else or cannot be written.
     """
@@ -258,6 +257,7 @@ def find(
     starts: int = STARTS,
     seed: int = 0,
     within: Mapping[str, tuple[float, float]] | None = None,
+    method: str = Method.AUTO,
     workers: int | None = 1,
     scheduler: str | None = None,
     output: Output = False,
@@ -273,6 +273,7 @@ def find(
     steps : maximum number of steps of a cycle; None for that of the problem.
     starts : number of start states of the search by simulation.
     seed : random seed.
+    method : by which the candidates of the search become gaits, as of ``solve``.
     within : fixed ranges of the start states by section coordinate; other ranges adapt to the gaits that are found.
     workers : number of processes; None for one per core.
     scheduler : address of an existing Dask scheduler to use instead, ``tls://host:8786``.
@@ -287,7 +288,7 @@ def find(
     Raises
     ------
     UnknownNameError
-        If ``within`` names something that is not a section coordinate.
+        If ``within`` names something that is not a section coordinate, or there is no such method.
     StorageError
         If the folder belongs to something else or cannot be written.
 
@@ -298,7 +299,7 @@ def find(
     """
     unknown = with_open_modes(_loaded(problem))
     unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
-    plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=within or {})
+    plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=within or {}, solver=method_of(method))
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
     with shown(progress, job_progress, "parts of the search") as show:
         if folder is None:
@@ -690,6 +691,7 @@ def sweep(
     *,
     warm: bool = False,
     from_guess: bool = False,
+    method: str = Method.AUTO,
     workers: int | None = None,
     scheduler: str | None = None,
     output: str | Path | None = None,
@@ -710,6 +712,7 @@ def sweep(
     warm : start each point from the gait of its neighbour instead, and solve it as ``solve`` where that fails. The
         result may then depend on the grid.
     from_guess : solve each point from the problem's guess instead, as ``solve(problem.from_guess())``.
+    method : as of ``solve``; results of different methods are stored separately.
     workers : number of processes; by default one per core.
     scheduler : address of an existing Dask scheduler to use instead of local processes, ``tls://host:8786``.
     output : run folder, by default ``results/NAME-HASH``; the sweep is stored in a folder within it, ``folder``.
@@ -719,7 +722,7 @@ def sweep(
     Raises
     ------
     UnknownNameError
-        If a key of the grid is not a parameter.
+        If a key of the grid is not a parameter, or there is no such method.
     ProblemError
         If a range is empty, or a point of the grid is not a valid problem.
     StorageError
@@ -729,7 +732,9 @@ def sweep(
 
     loaded, grid, processes = _loaded(problem), _grid(over), make_workers(workers, scheduler)
     folder = Run.of(loaded, output).folder
-    plan = SweepPlan(problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess)
+    plan = SweepPlan(
+        problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess, method=method_of(method)
+    )
     with shown(progress, job_progress, "jobs") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 

@@ -13,6 +13,7 @@ import typer
 from gaitopt.cli.options import (
     EngineOption,
     GuessOption,
+    MethodOption,
     OutOption,
     OverOption,
     ProblemArgument,
@@ -203,6 +204,7 @@ def sweep(
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
     from_guess: GuessOption = False,
+    method: MethodOption = "auto",
     output: OutOption = None,
 ) -> int:
     """Solve and verify a problem on a grid of parameters.
@@ -220,8 +222,8 @@ def sweep(
     ranges, loaded = grid(over), load(problem, changes, terminal)
     with terminal.working("jobs") as (progress, interrupted):
         swept = verbs.sweep(
-            loaded, ranges, warm=warm, from_guess=from_guess, workers=workers, scheduler=scheduler, output=output,
-            progress=progress, should_stop=interrupted,
+            loaded, ranges, warm=warm, from_guess=from_guess, method=method, workers=workers, scheduler=scheduler,
+            output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
     place = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
     terminal.show({**swept.to_record(), **place, **_drawn(swept, [what])}, print_sweep, "table")

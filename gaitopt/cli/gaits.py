@@ -221,6 +221,7 @@ def find(
             "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, such as dtheta1=0:1; may be repeated."
         ),
     ] = None,
+    method: MethodOption = "auto",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -238,8 +239,8 @@ def find(
     loaded = load(problem, changes, terminal)
     with terminal.working("parts of the search") as (progress, interrupted):
         gaits = verbs.find(
-            loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), workers=workers, scheduler=scheduler,
-            output=output or True, progress=progress, should_stop=interrupted,
+            loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), method=method, workers=workers,
+            scheduler=scheduler, output=output or True, progress=progress, should_stop=interrupted,
         )  # fmt: skip
     folder = Run.of(gaits.problem, output).folder
     terminal.show({**gaits.to_record(), "run": str(folder)}, print_gaits, "run")

@@ -133,9 +133,10 @@ SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 """A part that an earlier version has stored under another key is searched again."""
 
 
-def problem_job(problem: Problem, parent: str | None = None) -> Job:
-    """The job of a problem that starts cold, or from the gait of the job ``parent``."""
-    key = problem.digest if parent is None else hashlib.sha256((problem.digest + parent).encode()).hexdigest()
+def problem_job(problem: Problem, parent: str | None = None, method: Method = Method.AUTO) -> Job:
+    """The job of a problem that starts cold, or from the gait of the job ``parent``; its key depends on the method."""
+    further = (parent or "") + ("" if method is Method.AUTO else f" by {method.value}")
+    key = hashlib.sha256((problem.digest + further).encode()).hexdigest() if further else problem.digest
     return Job(key=key, argument=problem, parent=parent)
 
 
@@ -146,7 +147,7 @@ def solve_all(
 
     Parameters
     ----------
-    task : that solves one problem, ``solve_job`` by default.
+    task : that solves one problem, ``solve_job`` by default; by the method that the keys of the jobs state.
     """
     return [
         AttemptRecord(status=SET_ASIDE, message=result.reason) if isinstance(result, FailedJob) else result
@@ -154,14 +155,20 @@ def solve_all(
     ]
 
 
-def solve_job(problem: Problem, neighbour: OutcomeRecord | None = None, should_stop: Stop = None) -> OutcomeRecord:
+def solve_job(
+    problem: Problem,
+    neighbour: OutcomeRecord | None = None,
+    should_stop: Stop = None,
+    *,
+    method: Method = Method.AUTO,
+) -> OutcomeRecord:
     """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
     starts = {"cold": problem}
     if neighbour is not None and is_gait(neighbour):
         starts = {"warm": problem.with_guess(neighbour)} | starts
     for start, candidate in starts.items():
         try:
-            gait = solve(candidate, should_stop=should_stop)
+            gait = solve(candidate, method=method, should_stop=should_stop)
         except SolveError as error:
             if should_stop is not None and should_stop():  # a reference whose solution was interrupted
                 raise KeyboardInterrupt from None
@@ -174,7 +181,9 @@ def solve_job(problem: Problem, neighbour: OutcomeRecord | None = None, should_s
     return cast(OutcomeRecord, {**gait.to_record(), "start": start})
 
 
-def sweep_job(problem: Problem, _: None = None, should_stop: Stop = None) -> OutcomeRecord:
+def sweep_job(
+    problem: Problem, _: None = None, should_stop: Stop = None, *, method: Method = Method.AUTO
+) -> OutcomeRecord:
     """As ``solve_job``, unless a scan of the return map shows that there is no gait; runs in any process.
 
     Where ``solve`` finds no gait, the result is the most stable one to which the scan leads. The entry ``gaits`` counts
@@ -185,13 +194,13 @@ def sweep_job(problem: Problem, _: None = None, should_stop: Stop = None) -> Out
         possible, starts = possible_gaits(problem)
         if not possible:
             return AttemptRecord(status="infeasible", message=EMPTY, start="scan")
-    record = solve_job(problem, None, should_stop)
+    record = solve_job(problem, None, should_stop, method=method)
     found = {_identity(record): record} if is_gait(record) else {}
     if is_gait(record) and starts:
         state = record["state"]
         starts.remove(min(starts, key=lambda start: max(abs(value - state[name]) for name, value in start.items())))
     for start in starts:
-        other = _from_state(problem, start, "scan")
+        other = _from_state(problem, start, "scan", method)
         if is_gait(other):
             found.setdefault(_identity(other), other)
     if not found:
@@ -200,18 +209,27 @@ def sweep_job(problem: Problem, _: None = None, should_stop: Stop = None) -> Out
     return cast(OutcomeRecord, {**best, "gaits": len(found)} if len(found) > 1 else best)
 
 
-def lent_job(problem: Problem, neighbour: OutcomeRecord, should_stop: Stop = None) -> OutcomeRecord:
-    """The record of a problem's verified gait by Newton's method from the gait of a neighbour; runs in any process."""
+def lent_job(
+    problem: Problem, neighbour: OutcomeRecord, should_stop: Stop = None, *, method: Method = Method.AUTO
+) -> OutcomeRecord:
+    """The record of a problem's verified gait from the gait of a neighbour alone; runs in any process."""
     assert is_gait(neighbour)
-    return _from_state(problem, neighbour["state"], "neighbour", [phase["duration"] for phase in neighbour["phases"]])
+    durations = [phase["duration"] for phase in neighbour["phases"]]
+    return _from_state(problem, neighbour["state"], "neighbour", method, durations)
 
 
 def _from_state(
-    problem: Problem, state: Mapping[str, float], start: str, durations: Sequence[float] | None = None
+    problem: Problem,
+    state: Mapping[str, float],
+    start: str,
+    method: Method,
+    durations: Sequence[float] | None = None,
 ) -> OutcomeRecord:
+    """The record of a verified gait next to a state; by Newton's method unless another one is asked for."""
+    near = Method.NEWTON if method is Method.AUTO else method
     complete = {**dict.fromkeys(problem.walker.section_names(slipping=True), 0.0), **state}
     candidate = problem.with_modes(problem.cycle, complete, durations).from_guess()
-    gait = replace(solve(candidate, method=Method.NEWTON), problem=problem)
+    gait = replace(solve(candidate, method=near), problem=problem)
     gait = gait.verified(verify(gait).to_record()) if gait.converged else gait
     return cast(OutcomeRecord, {**gait.to_record(), "start": start})
 

@@ -7,6 +7,7 @@ import csv
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,13 +17,13 @@ import numpy as np
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.frames import columns_of, data_frame, data_set
-from gaitopt.gait.gait import Status
+from gaitopt.gait.gait import Method, Status
 from gaitopt.gait.records import OutcomeRecord, SweepRecord, is_gait
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, lent_job, problem_job, solve_all, sweep_job
+from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, lent_job, problem_job, solve_all, solve_job, sweep_job
 from gaitopt.store.formats import (
     Table,
     cell_rows,
@@ -186,16 +187,19 @@ class SweepPlan(Plan[Sweep]):
     warm : whether a job starts from the gait of its neighbour towards the grid's first point; if that fails, the
         result at a point is that of ``solve``. Otherwise it is that of ``solve`` wherever ``solve`` finds a gait.
     from_guess : whether every point is solved from the guess of the problem instead.
+    method : of solution, as of ``solve``.
     """
 
     grid: Grid
     warm: bool = False
     from_guess: bool = False
+    method: Method = Method.AUTO
 
     @cached_property
     def run(self) -> Run:
         """The part of the run with the sweep's table and figures."""
         way = [self.warm, *(["from_guess"] if self.from_guess else [])]
+        way += [] if self.method is Method.AUTO else [self.method.value]
         return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}")
 
     def check(self) -> None:
@@ -211,7 +215,8 @@ class SweepPlan(Plan[Sweep]):
 
     def result(self, jobs: ResumableJobs) -> Sweep:
         """The gaits of all points, with their table."""
-        solved = solve_all(jobs, self.jobs, len(self.jobs)) if self.warm else self._scanned(jobs)
+        task = partial(solve_job, method=self.method)
+        solved = solve_all(jobs, self.jobs, len(self.jobs), task) if self.warm else self._scanned(jobs)
         records = [{**record, "at": self.point(k)} for k, record in enumerate(solved)]
         swept = Sweep(problem=self.problem, grid=self.grid, records=records, folder=self.run.place)
         self.run.write({TABLE_FILE: csv_text(sweep_table(swept)), SWEEP_FILE: json_file(swept.to_record())})
@@ -223,7 +228,9 @@ class SweepPlan(Plan[Sweep]):
         The order is random, so that the time of the first points predicts that of the others.
         """
         order = np.random.default_rng(0).permutation(len(self.jobs)).tolist()
-        in_order = solve_all(jobs, [self.jobs[number] for number in order], len(order), sweep_job)
+        in_order = solve_all(
+            jobs, [self.jobs[number] for number in order], len(order), partial(sweep_job, method=self.method)
+        )
         records, keys = dict(zip(order, in_order, strict=True)), [job.key for job in self.jobs]
         tried = set[tuple[int, int]]()
         while True:
@@ -236,8 +243,11 @@ class SweepPlan(Plan[Sweep]):
             if not lent:
                 return [records[number] for number in range(len(records))]
             tried |= set(lent.items())
-            again = [problem_job(self.jobs[number].argument, keys[lender]) for number, lender in lent.items()]
-            for number, job, record in zip(lent, again, solve_all(jobs, again, len(again), lent_job), strict=True):
+            again = [
+                problem_job(self.jobs[number].argument, keys[lender], self.method) for number, lender in lent.items()
+            ]
+            records_again = solve_all(jobs, again, len(again), partial(lent_job, method=self.method))
+            for number, job, record in zip(lent, again, records_again, strict=True):
                 if is_gait(record):
                     records[number], keys[number] = record, job.key
 
@@ -249,7 +259,7 @@ class SweepPlan(Plan[Sweep]):
             problem = at_point(self.problem, self.point(number))
             problem = problem.from_guess() if self.from_guess else problem
             neighbour = self._neighbour(number) if self.warm else None
-            jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key))
+            jobs.append(problem_job(problem, None if neighbour is None else jobs[neighbour].key, self.method))
         return jobs
 
     def point(self, number: int) -> dict[str, float]:

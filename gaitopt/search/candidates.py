@@ -23,7 +23,7 @@ from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
-from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.records import CandidateRecord, PhaseRecord, SearchRecord, phase_record, phase_records
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.buffered import RowMap
@@ -98,7 +98,8 @@ class StartBox:
 class SearchJob:
     """One job of a search for cycles of up to ``n_steps`` steps.
 
-    ``number`` selects its samples, ``parameter`` is the one in which a family is followed.
+    ``number`` selects its samples, ``parameter`` is the one in which a family is followed, from a gait that ``solver``
+    finds.
     """
 
     problem: Problem
@@ -108,6 +109,7 @@ class SearchJob:
     within: Within
     parameter: str = ""
     n_steps: int = 1
+    solver: Method = Method.AUTO
 
 
 def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
@@ -283,7 +285,7 @@ def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list
 
 def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
     """Crossings of the family of the job's gait with the value of a parameter at which it began."""
-    gait, candidates = solve_sequence(job.problem, should_stop=should_stop), list[CandidateRecord]()
+    gait, candidates = solve_sequence(job.problem, method=job.solver, should_stop=should_stop), list[CandidateRecord]()
     if gait.converged:
         value, start = job.problem.parameters[job.parameter], f"{job.method} {job.number}, {job.parameter}"
         follow = {"branch_points": 1, "mode_changes": 1, "doublings": job.n_steps // (2 * len(gait.steps))}

@@ -6,6 +6,7 @@ The search may miss gaits; ``searched`` of the result says what was tried and wh
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -14,7 +15,7 @@ from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported, counted
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.gait import Gait, Method, Status
 from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -103,6 +104,7 @@ def gaits_of(
     results: Sequence[SearchRecord | FailedJob],
     *,
     known: Sequence[Gait] = (),
+    method: Method = Method.AUTO,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gaits:
@@ -114,6 +116,7 @@ def gaits_of(
     ----------
     results : of the jobs.
     known : verified gaits, which are not solved again.
+    method : by which candidates are solved.
     """
     finished = [result for result in results if not isinstance(result, FailedJob)]
     candidates = [candidate for result in finished for candidate in result["candidates"]]
@@ -130,7 +133,7 @@ def gaits_of(
     for group in grouped(fitting, lambda a, b: _same(a, b, tolerance)):
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
-        gait = gait or _solved(problem, group[:ATTEMPTS], progress, should_stop)
+        gait = gait or _solved(problem, group[:ATTEMPTS], method, progress, should_stop)
         claims = [] if gait.verification is None else recorded_claims(gait.verification)
         refuted = [claim.words for claim in claims if not claim.passed]
         if not gait.converged or refuted:
@@ -169,14 +172,18 @@ def gaits_of(
     )
 
 
-def _solved(problem: Problem, candidates: Sequence[CandidateRecord], progress: Valued, should_stop: Stop) -> Gait:
+def _solved(
+    problem: Problem, candidates: Sequence[CandidateRecord], method: Method, progress: Valued, should_stop: Stop
+) -> Gait:
     """The verified gait of the first candidate that converges, or the last failed solve."""
     for candidate in candidates:
-        gait = solve_sequence(problem.with_gait(candidate), progress=progress, should_stop=should_stop)
+        guessed = problem.with_gait(candidate)
+        gait = solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)
         if gait.repeats_after < len(gait.steps):  # a shorter cycle, which is counted once
             record: dict[str, Any] = {**gait.to_record()}
             record["steps"] = record["steps"][: gait.repeats_after]
-            gait = solve_sequence(problem.with_gait(record), progress=progress, should_stop=should_stop)
+            shorter = problem.with_gait(record)
+            gait = solve_sequence(shorter, method=method, progress=progress, should_stop=should_stop)
         if gait.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if gait.converged:
@@ -225,6 +232,7 @@ class SearchPlan:
     starts: int = STARTS
     seed: int = 0
     within: Within = field(default_factory=dict)
+    solver: Method = Method.AUTO
 
     def check(self) -> None:
         """Refuse a search that cannot be made.
@@ -257,18 +265,23 @@ class SearchPlan:
             within=self.within if within is None else within,
             parameter=parameter,
             n_steps=longest_cycle(self.problem),
+            solver=self.solver if method == "families" else Method.AUTO,
         )
         identity = {entry.name: getattr(search_job, entry.name) for entry in fields(search_job)}
+        if search_job.solver is Method.AUTO:
+            del identity["solver"]  # keys of runs without a method
         return Job(
             key=key_of(identity | {"problem": problem.digest, "within": dict(search_job.within)}), argument=search_job
         )
 
 
-def find_best(problem: Problem, *, progress: Valued = None, should_stop: Stop = None) -> Gait:
+def find_best(
+    problem: Problem, *, method: Method = Method.AUTO, progress: Valued = None, should_stop: Stop = None
+) -> Gait:
     """The gait that a problem with an open mode sequence asks for; see ``solve``."""
     jobs = ResumableJobs(workers=Workers(count=1), should_stop=should_stop)
     try:
-        gaits = search(SearchPlan(problem=problem, starts=STARTS), jobs, progress=progress)
+        gaits = search(SearchPlan(problem=problem, solver=method), jobs, progress=progress)
     except KeyboardInterrupt:
         return _none(problem, Status.INTERRUPTED, "interrupted")
     return best_gait(gaits)
@@ -286,11 +299,12 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
     progress : of the solver.
     """
     plan.check()
+    list_gaits = partial(gaits_of, plan.problem, method=plan.solver, progress=progress, should_stop=jobs.should_stop)
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // WALKS)
     if problem.walker.contacts:  # starts lie around the guess; families of friction have other sections
         pending = [plan.job(problem, "simulation", number) for number in range(walks)]
         results = list(jobs.complete(find_candidates, pending, len(pending)))
-        return gaits_of(problem, results, progress=progress, should_stop=jobs.should_stop)
+        return list_gaits(results)
     boxes = [start_box(problem, dynamics, plan.within)]
     pending = [
         *(plan.job(problem, "complementarity", number) for number in range(-(-GUESSED // GUESSES))),
@@ -301,13 +315,13 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
     while True:
         results += jobs.complete(find_candidates, pending, len(pending))
         before = [gait.to_record() for gait in gaits]
-        gaits = gaits_of(problem, results, known=gaits, progress=progress, should_stop=jobs.should_stop)
+        gaits = list_gaits(results, known=gaits)
         new = [gait for gait in gaits if not any(_same(gait.to_record(), known, SAME_GAIT) for known in before)]
         families = family_jobs(plan, new, n_followed)
         if families:
             n_followed += len(new)
             results += jobs.complete(find_candidates, families, len(families))
-            gaits = gaits_of(problem, results, known=gaits, progress=progress, should_stop=jobs.should_stop)
+            gaits = list_gaits(results, known=gaits)
         box = grown_box(plan, dynamics, boxes[-1], gaits)
         if len(boxes) == BOXES or box.ranges == boxes[-1].ranges:
             break

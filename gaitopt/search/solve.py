@@ -38,12 +38,7 @@ def solve(
     if isinstance(problem, Attractor):
         return solve_attractor(problem, method=method, progress=progress, should_stop=should_stop)
     if problem.is_open:
-        if method is not Method.AUTO:
-            raise ProblemError(
-                f"{problem.name}: gait.phases: auto leaves the mode sequence open, which the method {method} needs; "
-                "state the phases, or use the method auto"
-            )
-        return find_best(problem, progress=progress, should_stop=should_stop)
+        return find_best(problem, method=method, progress=progress, should_stop=should_stop)
     try:
         from_guess = method is Method.IPOPT or lacks_energy(problem)
         begin = None if from_guess else file_gait(problem, method=method, should_stop=should_stop)

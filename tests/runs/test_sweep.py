@@ -12,6 +12,7 @@ import pytest
 from gaitopt import load_problem, load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
+from gaitopt.gait.gait import Method
 from gaitopt.runs import sweep as runs_sweep
 from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis, Grid, axis_of, check_room
@@ -27,10 +28,8 @@ HERE = Workers(count=1)
 FRICTIONS = Axis(key="friction", lower=0.36, upper=0.44, count=3)
 
 
-def wheel_sweep(folder, *axes, warm=False):
-    return SweepPlan(
-        problem=load_problem("rimless-wheel-slip"), grid=Grid(axes or (FRICTIONS,)), warm=warm, folder=folder
-    )
+def wheel_sweep(folder, *axes, **how):
+    return SweepPlan(problem=load_problem("rimless-wheel-slip"), grid=Grid(axes or (FRICTIONS,)), folder=folder, **how)
 
 
 def table(sweep):
@@ -64,7 +63,7 @@ def test_what_is_done_is_not_done_again_not_even_by_another_sweep(tmp_path, monk
     wheel_sweep(tmp_path).complete(HERE)
     solved = []
     monkeypatch.setattr(
-        runs_sweep, "sweep_job", lambda problem, parent=None: solved.append(problem.friction) or {"status": "x"}
+        runs_sweep, "sweep_job", lambda problem, parent=None, **_: solved.append(problem.friction) or {"status": "x"}
     )
     wheel_sweep(tmp_path).complete(HERE)
     assert solved == []
@@ -109,6 +108,18 @@ def test_warm_and_cold_starts_find_the_same_gaits(tmp_path):
     assert {record["start"] for record in cold} == {"cold"}
     for first, second in zip(warm, cold, strict=True):
         assert first["period"] == pytest.approx(second["period"], abs=1e-10)
+
+
+@pytest.mark.parametrize("warm", [False, True])
+def test_a_resumed_sweep_has_gaits_of_its_own_method_alone(tmp_path, warm):
+    def methods(method):
+        plan = wheel_sweep(tmp_path, Axis(key="friction", lower=0.4, upper=0.44, count=2), warm=warm, method=method)
+        return plan.run.part, {record["solver"]["method"] for record in plan.complete(HERE).records}
+
+    parts, found = zip(*(methods(method) for method in (Method.AUTO, Method.NEWTON, Method.IPOPT)), strict=True)
+    assert len(set(parts)) == 3
+    assert found == ({"newton"}, {"newton"}, {"ipopt"})
+    assert len(list(read_lines(tmp_path / SOLVED.name))) == 6
 
 
 def test_neighbour_is_prescribed_by_the_grid_alone(tmp_path):

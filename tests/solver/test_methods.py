@@ -1,13 +1,18 @@
 """Newton's method and IPOPT lead to the same gaits; results say who found them."""
 
 import json
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 from named import named
 
 import gaitopt as go
-from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait.gait import Method
+from gaitopt.search.candidates import cycle_record
+from gaitopt.search.find import SearchPlan, gaits_of
 
 SAME = 1e-9
 """In natural units, and of freed parameters."""
@@ -79,11 +84,39 @@ def test_request_to_stop_ends_every_method(method):
     assert gait.status is go.Status.INTERRUPTED
 
 
-def test_wrong_method_and_open_modes_are_refused():
-    with pytest.raises(UnknownNameError, match="no method of solution is called 'simplex'; use auto, newton, ipopt"):
-        go.solve("compass-passive-a", method="simplex")
-    with pytest.raises(ProblemError, match=r"gait\.phases: auto leaves the mode sequence open"):
-        go.solve(go.load_problem("compass-passive-a").replace({"gait.phases": "auto"}), method="ipopt")
+def test_every_verb_refuses_a_wrong_method(tmp_path):
+    words = "no method of solution is called 'simplex'; use auto, newton, ipopt"
+    for verb in (go.solve, go.find, partial(go.sweep, over={"friction": (0.3, 0.4, 2)}, output=tmp_path)):
+        with pytest.raises(UnknownNameError, match=words):
+            verb("rimless-wheel-slip", method="simplex")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("method", [Method.NEWTON, Method.IPOPT])
+def test_candidates_of_a_search_become_gaits_by_the_method(method):
+    known = named("rimless-wheel-slip")
+    wheel = known.problem.replace({"gait.phases": "auto"})
+    candidate = cycle_record(known.system, known.steps, "known")
+    results = [{"method": "simulation", "starts": 1, "candidates": [candidate]}]
+    (gait,) = gaits_of(wheel, results, method=method)
+    assert gait.solver["method"] == method
+    assert_same(gait, known)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("empty_folder")
+def test_search_and_open_modes_take_the_method(run):
+    found = run("find", "rimless-wheel-slip", "--method", "ipopt", "--starts", "1", "--workers", "1", "--json")[1]
+    assert json.loads(found)["gaits"][0]["solver"]["method"] == "ipopt"
+    wheel = go.load_problem("rimless-wheel-slip").replace({"gait.phases": "auto"})
+    assert go.solve(wheel, method="ipopt", progress=False).solver["method"] == "ipopt"
+
+
+def test_parts_of_a_search_that_depend_on_the_method_have_keys_of_their_own():
+    wheel = go.load_problem("rimless-wheel-slip").replace({"gait.phases": "auto"})
+    plans = [SearchPlan(problem=wheel, solver=method) for method in Method]
+    assert len({plan.job(wheel, "simulation", 0).key for plan in plans}) == 1
+    assert len({plan.job(wheel, "families", 0, "friction").key for plan in plans}) == len(plans)
 
 
 @pytest.mark.usefixtures("empty_folder")
@@ -97,8 +130,10 @@ def test_command_takes_the_method_and_prints_who_found_the_gait(run):
     assert (code, "use auto, newton, ipopt" in words) == (2, True)
     code, _, words = solve("--method", "ipopt", "--starts", "2")
     assert (code, "leave out one of them" in words) == (2, True)
-    code, _, words = solve("--method", "ipopt", "--set", "gait.phases=auto")
-    assert (code, "state the phases" in words) == (3, True)
+    over = ("--method", "ipopt", "--over", "friction=0.4:0.5:2", "--workers", "1")
+    folder = Path(json.loads(run("sweep", "rimless-wheel-slip", *over, "--json")[1])["run"]).parent
+    jobs = [json.loads(line) for line in (folder / "jobs.jsonl").read_text().splitlines()]
+    assert [job["solver"]["method"] for job in jobs] == ["ipopt", "ipopt"]
 
 
 def test_a_stored_gait_of_another_method_is_not_taken_for_it(tmp_path):
