@@ -412,7 +412,7 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
         if bound is None:
             continue
         needed = span.minimum if value < span.minimum else span.maximum
-        against = [words for other, words in obstacles if other != name]
+        against = dict.fromkeys(words for other, words in obstacles if other != name)
         reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
         _, place = problem.place.locate(("constraints", name))
         words = f"{place}: {name} {bound} {reason}: best reached {value:.4g}"
@@ -442,6 +442,7 @@ def _obstacles(
             continue
         if block.name == "margins":
             yield block.name, elastic.margin_words(int(np.argmax(np.abs(multipliers))))
-        elif _missed_bound(problem.constraints[block.name], values[block.name]) is None:
+        elif _missed_bound(span := problem.constraints[block.name], values[block.name]) is None:
             side = f"<= {np.max(block.upper):g}" if multipliers[0] > 0 else f">= {np.min(block.lower):g}"
+            side = f"= {span.minimum:g}" if span.minimum == span.maximum else side
             yield block.name, f"{block.name} {side}"
