@@ -60,6 +60,8 @@ NEARLY_GONE = 1e-4
 """Part of the period that a slip lasts from which the branch without it is reached."""
 FADING = 1e-2
 """A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
+SENSITIVE = 1e4
+"""Largest multiplier from which the reason of an end names it."""
 VANISHING = "the gait vanishes: its steps, or all its motion, become infinitely small"
 HALVED = "the two halves of the cycle become equal: this is a period doubling of a gait with half as many steps"
 
@@ -262,7 +264,13 @@ class Continuation:
         if step is None:
             rescued = _rescued(here)
             if rescued is None:
-                yield self._special("end", here, "guess", "neither Newton's method nor IPOPT finds the next gait")
+                reason, radius = (
+                    "neither Newton's method nor IPOPT finds the next gait",
+                    here.gait.spectral_radius or 0.0,
+                )
+                if radius > SENSITIVE:
+                    reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
+                yield self._special("end", here, "guess", reason)
                 return
             self.point, self.index, self.length = rescued, self.index + 1, FIRST_LENGTH
             yield from self._point_records()

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gaitopt.branches.request import Request, motionless_gait
 from gaitopt.callbacks import Stop
 from gaitopt.errors import StorageError
@@ -24,7 +22,7 @@ from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, Spec
 from gaitopt.problem.problem import Problem
 from gaitopt.store.files import lines_text
 from gaitopt.store.formats import Table, csv_text, damaged, validated
-from gaitopt.store.gaits import branch_point, special_point, with_stored_torques
+from gaitopt.store.gaits import branch_point, closing_error, special_point, with_stored_torques
 from gaitopt.store.run import Run
 
 BRANCH_FILE, BRANCH_TABLE = "branch.jsonl", "branch.csv"
@@ -171,8 +169,7 @@ def restore_branch(folder: Path) -> Branch:
                 continue
             point = branch_point(family, parameter, record)
             gait = point.gait
-            gap = float(np.abs((gait.steps[-1].final_impact.state - gait.state) / gait.dynamics.state_units).max())
-            if not gap < CLOSED * max(1.0, gait.spectral_radius or 0.0):
+            if not closing_error(gait.steps) < CLOSED * max(1.0, gait.spectral_radius or 0.0):
                 raise damaged(path, f"point {point.branch}.{point.index}: its motion is not periodic")
             points.append(point)
     except (KeyError, IndexError, TypeError, ValueError) as error:

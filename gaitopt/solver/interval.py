@@ -19,12 +19,14 @@ from casadi import SX, Function, cse, densify, horzcat, jacobian, vertcat
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.integration import A_INSIDE, C_INSIDE, N_STAGES, A, B, C, D, combined
-from gaitopt.model.buffered import buffered_map
+from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 
 ORDER = 8
 LOBATTO_POINTS = (1 + np.array([-1.0, -np.sqrt(3 / 7), 0.0, np.sqrt(3 / 7), 1.0])) / 2
+STEP_ERROR, MAX_HALVINGS = 1e-13, 10
+"""Difference between a step and two half ones, in natural units, below which it is accurate."""
 LOBATTO_WEIGHTS = np.array([9, 49, 64, 49, 9]) / 180
 """Quadrature on [0, 1] that includes both ends, with positive weights, of the same order as the step."""
 
@@ -65,12 +67,36 @@ def sampled_step(system: HybridSystem, mode: Mode) -> Function:
     return Function(f"sampled_step_{mode.key}", inputs, [horzcat(*samples)])
 
 
-def integrate_to(system: HybridSystem, mode: Mode, z: Array, times: Array, p: Array, r: Array) -> Array:
-    """States (n, n_z) at ascending times (n,) from ``z`` at the first, with one step between neighbouring times."""
-    step = shooting_step(system, mode)
+def integrate_to(
+    system: HybridSystem, mode: Mode, z: Array, times: Array, p: Array, r: Array, units: Array | None = None
+) -> Array:
+    """States (n, n_z) at ascending times (n,) from ``z`` at the first.
+
+    Parameters
+    ----------
+    units : ndarray, shape (n_z,) - natural units of states, in which every step is halved until its error is rounding;
+        None for one step between neighbouring times.
+    """
+    step = buffered(shooting_step(system, mode))
+
+    def moved(z: Array, t: float, h: float) -> Array:
+        return step(z, t, h, p, r)[0].copy()
+
+    def halved(z: Array, whole: Array, t: float, h: float, depth: int) -> Array:
+        if units is None:
+            return whole
+        middle = moved(z, t, h / 2)
+        end = moved(middle, t + h / 2, h / 2)
+        error = np.abs((end - whole) / units).max()
+        if depth == 0 or not error > STEP_ERROR * max(1.0, np.abs(end / units).max()):  # or not a number
+            return end
+        first = halved(z, middle, t, h / 2, depth - 1)
+        return halved(first, moved(first, t + h / 2, h / 2), t + h / 2, h / 2, depth - 1)
+
     states = [z]
-    for start, end in pairwise(times):
-        states.append(np.asarray(step(states[-1], start, end - start, p, r)).ravel())
+    for t, end in pairwise(times):
+        whole = moved(states[-1], t, end - t)
+        states.append(halved(states[-1], whole, t, end - t, MAX_HALVINGS))
     return np.array(states)
 
 

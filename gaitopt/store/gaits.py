@@ -30,6 +30,8 @@ from gaitopt.store.formats import Table
 
 POINTS = 33
 """Chebyshev points of a phase; they resolve a phase of walking."""
+CLOSED = 1e-9
+"""Difference between the states at the start of a cycle and after it, in natural units, that rounding may cause."""
 SAME_TIME = 1e-14
 """Relative to the period: the end of one arc and the start of the next may differ by rounding, other points never."""
 OLDER = {"damping_loss": 0.0, "gravity_cost": None, "apex_height": None}
@@ -132,19 +134,34 @@ def special_point(family: Gait, parameter: str, record: SpecialRecord) -> Specia
 def integrated_steps(dynamics: Dynamics, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
     """The steps of a gait, integrated from its states after the impacts.
 
+    One step between the points resolves most motions. Where the cycle does not close, the steps are halved, and the
+    points become more, until both are accurate.
+
     Parameters
     ----------
     dynamics : at the parameters for which the record holds.
     record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : Chebyshev points of every phase.
     """
-    pairs = zip(cycle(dynamics.steps), record.get("steps", (record,)), strict=False)
-    return tuple(_integrated(of_step, step, points) for of_step, step in pairs)
+    pairs = list(zip(cycle(dynamics.steps), record.get("steps", (record,)), strict=False))
+    steps = tuple(_integrated(of_step, step, (points,)) for of_step, step in pairs)
+    if closing_error(steps) < CLOSED:
+        return steps
+    return tuple(_integrated(of_step, step, curves.COUNTS, accurate=True) for of_step, step in pairs)
 
 
-def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int) -> Step:
+def closing_error(steps: Sequence[Step]) -> float:
+    """Largest difference between the states at the start of a cycle and after it, in natural units."""
+    start = steps[0].arcs[0]
+    return float(np.abs((steps[-1].final_impact.state - start.states[0]) / start.dynamics.state_units).max())
+
+
+def _integrated(
+    dynamics: Dynamics, record: GaitRecord | StepRecord, counts: Sequence[int], *, accurate: bool = False
+) -> Step:
+    """A step with arcs at the first of ``counts`` Chebyshev points that resolves them, or at the last of them."""
     system, p = dynamics.system, dynamics.p
-    breakpoints = system.control.breakpoints
+    breakpoints, units = system.control.breakpoints, dynamics.state_units
     z = np.array([record["state"][name] for name in system.state_names])
     time, arcs = 0.0, list[Arc]()
     for phase in record["phases"]:
@@ -161,8 +178,12 @@ def _integrated(dynamics: Dynamics, record: GaitRecord | StepRecord, points: int
             end = nearest(breakpoints, end)
         for t0, t1 in pairwise([time, *(b for b in breakpoints if time < b < end), end]):
             segment = bisect_right(breakpoints, (t0 + t1) / 2)
-            times = t0 + (t1 - t0) * (curves.points(points) + 1) / 2
-            states = integrate_to(system, mode, z, times, p, system.control.data(segment))
+            data = system.control.data(segment)
+            for count in counts:
+                times = t0 + (t1 - t0) * (curves.points(count) + 1) / 2
+                states = integrate_to(system, mode, z, times, p, data, units if accurate else None)
+                if curves.tail(states / units) < curves.RESOLVED:
+                    break
             arcs.append(Arc(dynamics=dynamics, mode=mode, segment=segment, times=times, states=states, struck=struck))
             z, struck = states[-1].copy(), None
         time = end

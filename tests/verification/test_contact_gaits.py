@@ -77,6 +77,13 @@ def test_a_record_holds_the_gait(name: str) -> None:
     assert solve(again.with_gait(record)).state == pytest.approx(gait.state, abs=1e-11)
 
 
+def test_a_stiff_motion_is_integrated_again_in_as_small_steps_as_it_needs() -> None:
+    gait = named("flat-foot")
+    (step,) = integrated_steps(gait.dynamics, json.loads(json.dumps(gait.to_record())))
+    for again, arc in zip(step.arcs, gait.steps[0].arcs, strict=True):
+        assert again.states == pytest.approx(arc.states, rel=1e-9, abs=1e-9)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_two_cycles_are_one_map_squared(name: str) -> None:
     gait = contact_gait(name)
