@@ -22,8 +22,9 @@ from gaitopt.cli.main import main
 project = "gaitopt"
 author = "The gaitopt developers"
 release = __version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["examples", "notebooks/*"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["examples"]
+nb_execution_mode = "off"  # the notebook is stored with its outputs; a test runs it
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 html_theme = "furo"

@@ -158,6 +158,7 @@ def test_the_pages_build_without_a_warning(tmp_path):
     assert "converged, stable" in tutorial  # what the commands print
     assert "reached friction = 0.14" in tutorial
     assert all((tmp_path / "_images" / f"{name}.svg").exists() for name in ("portrait", "force"))
+    assert "Floquet multipliers" in (tmp_path / "notebooks" / "tour.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
