@@ -1,7 +1,8 @@
 """Compare physics engines with gaits: ``python benchmarks/engines/compare.py``, in less than ten minutes on two cores.
 
 Replays gaits in every engine, validates the adapters, and writes ``results.json`` and ``tables.md`` here, and the
-figures of the page "Do simulators stick?" in docs. ``--draw`` draws them again from ``results.json``.
+figures of the page "Do simulators stick?" in docs. Siconos is left out where it is not installed. ``--draw`` draws them
+again from ``results.json``.
 """
 
 import argparse
@@ -18,7 +19,8 @@ from rich.progress import track
 
 import gaitopt as go
 from gaitopt.engines.plant import Reference
-from gaitopt.engines.replay import ENGINES, TIME_STEPS, adapter
+from gaitopt.engines.replay import ENGINES, INSTALL, TIME_STEPS, adapter
+from gaitopt.errors import ProblemError
 from gaitopt.show.motion import motion_of, smooth
 from gaitopt.show.style import COLOURS, dashes, encoded, figure_style, legend_below
 
@@ -69,15 +71,18 @@ def main() -> None:
 def measured() -> dict:
     """All replays, closed forms and judgements."""
     missing = [name for name, package in ENGINES.items() if find_spec(package) is None]
-    if missing:
+    if not set(missing) <= set(INSTALL):  # others come with the extra
         raise SystemExit(f"{', '.join(missing)} not installed: pip install '.[engines]'")
-    simulators = [*(adapter(name) for name in ENGINES), Template]
+    simulators = [*(adapter(name) for name in ENGINES if name not in missing), Template]
     replays, motions = [], []
     for name in track(GAITS, "gaits"):
         gait = go.solve(name, progress=False)
         for simulator in simulators if name == GAIT else simulators[:-1]:
             steps = STEPS if name == GAIT else TIME_STEPS
-            records = [r.to_record() for r in go.replay(gait, simulator, time_steps=steps, progress=False)]
+            try:
+                records = [r.to_record() for r in go.replay(gait, simulator, time_steps=steps, progress=False)]
+            except ProblemError:  # the engine has no law for it
+                continue
             replays += [{key: value for key, value in record.items() if key != "motion"} for record in records]
         if name == GAIT:
             for simulator in simulators[:-1]:
@@ -104,19 +109,26 @@ def validated(simulators: list) -> dict:
     return {"closed": closed, "flags": flags}
 
 
-def of(results: dict, engine: str, setting: str, problem: str = GAIT) -> dict:
-    """One replay."""
+def engines_of(results: dict) -> list[str]:
+    """Names of the engines that were measured."""
+    measured = {replay["engine"] for replay in results["replays"]}
+    return [name for name in ENGINES if name in measured]
+
+
+def of(results: dict, engine: str, setting: str, problem: str = GAIT) -> dict | None:
+    """One replay; None if the engine has no law for the gait."""
     keys = {"engine": engine, "setting": setting, "problem": problem}
-    return next(r for r in results["replays"] if all(r[key] == value for key, value in keys.items()))
+    return next((r for r in results["replays"] if all(r[key] == value for key, value in keys.items())), None)
 
 
 def slip_figure(results: dict) -> Figure:
     """Place of the stance foot over a step, one panel per engine."""
     motion = motion_of(go.solve(GAIT, progress=False))
+    names = engines_of(results)
     with figure_style():
-        figure = Figure(figsize=(6.6, 7.4))
-        panels = figure.subplots(len(ENGINES), 1, sharex=True)
-    for axes, engine in zip(panels, ENGINES, strict=True):
+        figure = Figure(figsize=(6.6, 0.5 + 2.3 * len(names)))
+        panels = figure.subplots(len(names), 1, sharex=True)
+    for axes, engine in zip(panels, names, strict=True):
         for shown in (m for m in results["motions"] if m["engine"] == engine):
             colour = COLOURS[1] if shown["setting"] == "default" else COLOURS[0]
             style = ":" if shown["dt"] > SHOWN else "-"
@@ -135,10 +147,11 @@ def slip_figure(results: dict) -> Figure:
 
 def error_figure(results: dict) -> Figure:
     """Errors over the time step, one panel per engine."""
+    names = engines_of(results)
     with figure_style():
-        figure = Figure(figsize=(7.6, 3.6))
-        panels = figure.subplots(1, len(ENGINES), sharey=True)
-    for axes, engine in zip(panels, ENGINES, strict=True):
+        figure = Figure(figsize=(0.1 + 2.5 * len(names), 3.6))
+        panels = figure.subplots(1, len(names), sharey=True)
+    for axes, engine in zip(panels, names, strict=True):
         for setting, colour in (("default", COLOURS[1]), ("best", COLOURS[0])):
             replay = of(results, engine, setting)
             for key, style, words in (
@@ -170,7 +183,15 @@ def tables(results: dict) -> str:
     def number(value: float | None, unit: float = 1.0, digits: str = ".1e") -> str:
         return "–" if value is None else format(unit * value, digits)
 
-    names = [*ENGINES, Template.name]
+    def cell(replay: dict | None) -> str:
+        if replay is None:
+            return "no law"
+        error = replay["state_error"][at]
+        text = replay["ending"][at] if error is None else number(error)
+        return f"**{text}**" if replay["sequence_matches"][at] else text
+
+    engines = engines_of(results)
+    names = [*engines, Template.name]
     versions = {name: of(results, name, "default")["version"] for name in names}
     at = of(results, names[0], "best")["dt"].index(SHOWN)
     slip = of(results, names[0], "best")["slip"]["gait"]
@@ -187,7 +208,7 @@ def tables(results: dict) -> str:
     for name in names:
         for setting in ("default", "best"):
             r = of(results, name, setting)
-            way, version = r["slip"]["engine"], f" {versions[name]}" if name in ENGINES else ""
+            way, version = r["slip"]["engine"], f" {versions[name]}" if name in engines else ""
             orders = [number(r[key], 1, ".1f") for key in ("order_before_impact", "order")]
             cells = [
                 f"{name}{version}, {setting}",
@@ -201,22 +222,17 @@ def tables(results: dict) -> str:
                 number(r["seconds_per_second"][at], 1, ".2f"),
             ]
             lines.append(f"| {' | '.join(cells)} |")
-    header = " | ".join(f"{name}, {setting}" for name in ENGINES for setting in ("default", "best"))
+    header = " | ".join(f"{name}, {setting}" for name in engines for setting in ("default", "best"))
     lines += [
         "",
         f"Error of the state after one cycle at {1e3 * SHOWN:g} ms; bold where the modes are right.",
         "",
         f"| gait | {header} |",
-        "|---|" + "---|" * (2 * len(ENGINES)),
+        "|---|" + "---|" * (2 * len(engines)),
     ]
     for problem in GAITS:
-        cells = []
-        for name in ENGINES:
-            for setting in ("default", "best"):
-                r = of(results, name, setting, problem)
-                cell = number(r["state_error"][at]) if r["ending"][at] == "completed" else r["ending"][at]
-                cells.append(f"**{cell}**" if r["sequence_matches"][at] else cell)
-        lines.append(f"| {problem} | {' | '.join(cells)} |")
+        replays = (of(results, name, setting, problem) for name in engines for setting in ("default", "best"))
+        lines.append(f"| {problem} | {' | '.join(map(cell, replays))} |")
     shown = of(results, names[0], "best")["dt"][: len(TIME_STEPS)]
     lines += [
         "",
@@ -227,7 +243,7 @@ def tables(results: dict) -> str:
         "|---|---|" + "---|" * len(shown),
     ]
     for problem in (GAIT, STICKING):
-        for name in ENGINES:
+        for name in engines:
             errors = of(results, name, "best", problem)["state_error"][: len(shown)]
             lines.append(f"| {problem} | {name} | {' | '.join(map(number, errors))} |")
     lines += [
@@ -237,9 +253,9 @@ def tables(results: dict) -> str:
     ]
     lines += ["| gait | engine | modes |", "|---|---|---|"]
     for problem in GAITS:
-        for name in ENGINES:
+        for name in engines:
             r = of(results, name, "best", problem)
-            if not r["sequence_matches"][at]:
+            if r is not None and not r["sequence_matches"][at]:
                 modes = "; ".join(", ".join(step) for step in r["sequence"][at])
                 lines.append(f"| {problem} | {name} | {modes} |")
     lines += ["", f"Relative error of motions with closed forms at {1e3 * CLOSED:g} ms.", ""]
@@ -250,10 +266,10 @@ def tables(results: dict) -> str:
             lines.append(f"| {name}, {setting} | {' | '.join(number(abs(found[case])) for case in CASES)} |")
     changes = list(dict.fromkeys(flag["change"] for flag in results["flags"]))
     lines += ["", "Small modelling errors: does the comparison detect them? (best settings)", ""]
-    lines += [f"| error | {' | '.join(ENGINES)} |", "|---|" + "---|" * len(ENGINES)]
+    lines += [f"| error | {' | '.join(engines)} |", "|---|" + "---|" * len(engines)]
     for change in changes:
         found = {flag["engine"]: flag["flagged"] for flag in results["flags"] if flag["change"] == change}
-        cells = ("–" if name not in found else "flagged" if found[name] else "passes" for name in ENGINES)
+        cells = ("–" if name not in found else "flagged" if found[name] else "passes" for name in engines)
         lines.append(f"| {change} | {' | '.join(cells)} |")
     machine = results["machine"]
     lines += ["", f"Measured with gaitopt {machine['gaitopt']} and Python {machine['python']} on {machine['machine']}."]

@@ -626,8 +626,8 @@ def replay(
     Parameters
     ----------
     start : a gait, or a problem that is solved for its gait.
-    engine : ``mujoco``, ``drake`` or ``pybullet``, from the extra ``engines``; or your own adapter, a class in a module
-        that another process can import.
+    engine : ``mujoco``, ``drake`` or ``pybullet``, from the extra ``engines``; ``siconos``, from Debian; or your own
+        adapter, a class in a module that another process can import.
     settings : name of a setting of the adapter, ``default`` or ``best``; or your own settings by name, with the same
         keys. Default: all settings of the adapter.
     time_steps : time steps of the engine [s]. Default: 4, 2, 1, 0.5 and 0.25 ms.

@@ -361,7 +361,7 @@ def _report_proof(proof: "Proof", file: Path, terminal: Terminal) -> int:
 def replay(
     terminal: Terminal,
     run: RunArgument,
-    engine: Annotated[str, typer.Option("--engine", help="mujoco, drake or pybullet.")],
+    engine: Annotated[str, typer.Option("--engine", help="mujoco, drake, pybullet or siconos.")],
     setting: Annotated[
         str | None, typer.Option("--setting", help="default or best. Default: both.", show_default=False)
     ] = None,

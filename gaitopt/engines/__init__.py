@@ -1,1 +1,1 @@
-"""Other physics engines, in which a gait is replayed: MuJoCo, Drake and PyBullet, each imported when it is used."""
+"""Other physics engines, in which a gait is replayed; each is imported when it is used."""

@@ -31,9 +31,11 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.faults import shown
 
-ENGINES: Mapping[str, str] = {"mujoco": "mujoco", "drake": "pydrake", "pybullet": "pybullet"}
+ENGINES: Mapping[str, str] = {"mujoco": "mujoco", "drake": "pydrake", "pybullet": "pybullet", "siconos": "siconos"}
 """Adapters, and the packages that they import."""
-INSTALL = "pip install 'gaitopt[engines]'"
+EXTRA = "pip install 'gaitopt[engines]'"
+INSTALL = {"siconos": "on Debian: apt install python3-siconos, and a virtual environment with --system-site-packages"}
+"""How to install engines that are not in the extra ``engines``."""
 TIME_STEPS = (0.004, 0.002, 0.001, 0.0005, 0.00025)
 """Time steps by default [s]."""
 SETTLED = 0.05
@@ -192,7 +194,7 @@ def adapter(engine: str | type[Simulator]) -> type[Simulator]:
         words = f"{shown(engine)}: no such engine; use {', '.join(ENGINES)}"
         raise UnknownNameError(words).concerning("engine")
     if find_spec(ENGINES[engine]) is None:
-        raise UnknownNameError(f"{engine}: is not installed; {INSTALL}").concerning("engine")
+        raise UnknownNameError(f"{engine}: is not installed; {INSTALL.get(engine, EXTRA)}").concerning("engine")
     found: type[Simulator] = import_module(f"gaitopt.engines.{engine}").Simulator
     return found
 
@@ -282,8 +284,8 @@ def _measured(
         modes = np.where(carried, _modes(reference, speed), "off")
         stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step]))
         slides, slips = (np.char.startswith(words, "slip") for words in (modes, stated))
-        missed += float((slips & ~slides).sum()) * (times[1] - times[0]) / period
-        invented += float((slides & ~slips).sum()) * (times[1] - times[0]) / period
+        missed += float((slips & ~slides).sum() * (times[1] - times[0]) / period)
+        invented += float((slides & ~slips).sum() * (times[1] - times[0]) / period)
         sequence.append(_runs(modes, window))
         expected.append(_runs(stated, window))
         for arc in (arc for arc in reference.gait.steps[step].arcs if arc.mode.sticks):

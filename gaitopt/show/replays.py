@@ -5,6 +5,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from gaitopt.problem.scalars import state_unit
 from gaitopt.show.motion import Motion, smooth, time_label
 from gaitopt.show.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mode_legend, panels, symbol
 
@@ -28,9 +29,14 @@ def replayed_motion(motion: Motion, replays: Sequence[Record]) -> Figure:
         for name in motion.walker.shape:
             shape.plot(moved["t"], moved[name], color=colour, linestyle=ENGINE_DASHES)
     foot.set_ylabel("stance foot [mm]")
-    shape.set(ylabel=", ".join(map(symbol, motion.walker.shape)), xlabel=time_label([motion]))
+    unit = state_unit(motion.walker.shape[0])
+    shape.set(ylabel=f"{', '.join(map(symbol, motion.walker.shape))} [{unit}]", xlabel=time_label([motion]))
     entries = [
-        entry(f"{replay['engine']}, {replay['setting']}", color=colour, linestyle=ENGINE_DASHES)
+        entry(
+            f"{replay['engine']}, {replay['setting']}, {1e3 * replay['motion']['dt']:g} ms",
+            color=colour,
+            linestyle=ENGINE_DASHES,
+        )
         for replay, colour in zip(shown, COLOURS * len(shown), strict=False)
     ]
     legend_below(figure, [*mode_legend(motion.modes), *entries])

@@ -96,7 +96,7 @@ def test_an_engine_reproduces_closed_forms(engine, case):
 @pytest.mark.parametrize("engine", INSTALLED)
 def test_the_best_setting_of_an_engine_converges_to_the_gait_before_its_impact(engine):
     simulator = engines.adapter(engine)
-    coarse, fine = (outcome("compass-passive-a", simulator, dt, simulator.settings["best"]) for dt in (2e-3, 1e-3))
+    coarse, fine = (outcome("compass-passive-a", simulator, dt, simulator.settings["best"]) for dt in (1e-3, 5e-4))
     assert fine.sequence_matches
     assert fine.error_before_impact == pytest.approx(0.5 * coarse.error_before_impact, rel=0.3)
     limit = 2 * fine.slip["slip_forward"] - coarse.slip["slip_forward"]
@@ -122,6 +122,16 @@ def test_the_defaults_of_mujoco_converge_to_another_slip():
     limit = 2 * fine.slip["slip_forward"] - coarse.slip["slip_forward"]
     assert limit > 4.3e-3
     assert fine.creep > 10e-6
+
+
+@pytest.mark.skipif("siconos" not in INSTALLED, reason="needs Debian's package python3-siconos")
+def test_an_impact_near_the_limit_of_friction_converges_in_siconos():
+    simulator = engines.adapter("siconos")
+    coarse, fine = (outcome("compass-passive-a", simulator, dt, simulator.settings["best"]) for dt in (1e-3, 5e-4))
+    assert fine.state_error == pytest.approx(0.5 * coarse.state_error, rel=0.4)
+    assert fine.creep < 1e-7
+    with pytest.raises(ProblemError, match="Siconos needs a moment of inertia, but stance_leg is a point mass"):
+        outcome("torso-passive", simulator, 1e-3, simulator.settings["best"])
 
 
 def test_a_crash_is_a_result_of_its_time_step():
@@ -165,10 +175,12 @@ def test_replays_are_kept_with_the_run_and_drawn_on_its_page(tmp_path):
 
 def test_unknown_and_missing_engines_are_exit_code_2(capsys, monkeypatch):
     assert main(["replay", "compass-passive-a", "--engine", "gazebo"]) == 2
-    assert "--engine 'gazebo': no such engine; use mujoco, drake, pybullet" in capsys.readouterr().err
+    assert "--engine 'gazebo': no such engine; use mujoco, drake, pybullet, siconos" in capsys.readouterr().err
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
     assert main(["replay", "compass-passive-a", "--engine", "drake"]) == 2
     assert "--engine drake: is not installed; pip install 'gaitopt[engines]'" in capsys.readouterr().err
+    assert main(["replay", "compass-passive-a", "--engine", "siconos"]) == 2
+    assert "--engine siconos: is not installed; on Debian: apt install python3-siconos" in capsys.readouterr().err
 
 
 def test_what_an_engine_has_no_law_for_is_exit_code_3(capsys, monkeypatch, tmp_path):
