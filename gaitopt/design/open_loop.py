@@ -33,6 +33,9 @@ MISSED = 1e-6
 """A bound that is missed by more, relative to it or to one, cannot be met."""
 VIOLATED = 0.5 * ROOM
 """A margin that is less than this, in natural units, between the points is held there too."""
+PROBABLE = 1e-4
+"""A margin that is less than this between the points, in the motion of a gait with which a search begins, is held there
+from the beginning: fewer rounds."""
 PRESSING = 0.05
 """Multiplier of a condition that is in the way, relative to the largest."""
 SIDE = {1.0: "<=", -1.0: ">="}
@@ -89,6 +92,10 @@ def optimise(
             [start.dynamics.parameter(f"control.{name}.{k}") for name in law.values for k in range(law.count)]
         )
     places, iterations, again = tuple[tuple[int, float], ...](), 0, None
+    if start is not None and isinstance(start.system.control, OpenLoop):
+        collocation = Collocation(problem, system, durations, free=free)
+        known = collocation.start(states, values, durations, freed)
+        places = tuple(collocation.violated(known, SAMPLES, PROBABLE))
     for _ in range(MAX_EXCHANGES):
         collocation = Collocation(problem, system, durations, free=free, places=places)
         result = collocation.solve(

@@ -22,7 +22,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from casadi import SX, Function, collocation_coeff, collocation_points, cse, dot, pi, sin, sqrt, sum1, vertcat
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csc_array
 
 from gaitopt.arrays import Array
@@ -191,7 +191,7 @@ class _Rows:
     def __init__(self) -> None:
         self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
         self.at, self.places = Label(name=""), list[Label]()  # where the next rows are, and where all are
-        self._entries = list[tuple[int, int, float]]()
+        self._entries = list[tuple[Array, ...]]()
 
     def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
         """The numbers of more rows."""
@@ -202,13 +202,15 @@ class _Rows:
         self.places += [self.at] * count
         return [*range(first, first + count)]
 
-    def linear(self, row: int, column: int, value: float) -> None:
-        """Add an entry of the linear part."""
-        self._entries.append((row, column, value))
+    def linear(self, rows: ArrayLike, columns: ArrayLike, values: ArrayLike) -> None:
+        """Add entries of the linear part, whose rows, columns and values are broadcast to one shape."""
+        self._entries.append(np.broadcast_arrays(rows, columns, values))
 
     def matrix(self, n_x: int) -> csc_array:
         """The linear part."""
-        rows, columns, values = zip(*self._entries, strict=True)
+        rows, columns, values = (
+            np.concatenate([entry.ravel() for entry in each]) for each in zip(*self._entries, strict=True)
+        )
         return csc_array(coo_array((values, (rows, columns)), shape=(len(self.lower), n_x)))
 
 
@@ -430,11 +432,9 @@ class Collocation:
         """The rows of all points, impacts and scalars."""
         rows = _Rows()
         integrals = rows.new(len(self._rates), "integral")
-        for row, column in zip(integrals, self._columns("integrals").tolist(), strict=True):
-            rows.linear(row, column, 1.0)
+        rows.linear(integrals, self._columns("integrals"), 1.0)
         lengths = rows.new(3, "lengths")
-        for row, column in zip(lengths, self._columns("lengths").tolist(), strict=True):
-            rows.linear(row, column, 1.0)
+        rows.linear(lengths, self._columns("lengths"), 1.0)
         elements = [
             self._points_of(rows, integrals, mode, dynamic) for mode in self._modes for dynamic in (True, False)
         ]
@@ -518,9 +518,8 @@ class Collocation:
 
     def _combined(self, rows: "_Rows", own: list[int], states: Sequence[int], weights: Array) -> None:
         """Add a weighted sum of states to ``own`` rows."""
-        for state, weight in zip(states, weights.tolist(), strict=True):
-            for row, column in zip(own, self._state_columns(state), strict=True):
-                rows.linear(row, column, weight)
+        n = self.system.n_z
+        rows.linear(own, n * np.array(states)[:, None] + np.arange(n), weights[:, None])
 
     def _impact_element(self, rows: "_Rows", lengths: list[int], phase: int, impact: Mode) -> Elements:
         """An impact: the state after it, the lengths of the step, and its margins."""
@@ -579,10 +578,8 @@ class Collocation:
             for k in range(law.intervals):
                 first = self.slices["values"].start + [*law.values].index(name) * law.count + k
                 for row, sign in zip(rows.new(2, f"control.rates.{name}", 0.0, np.inf), (1.0, -1.0), strict=True):
-                    rows.linear(row, first, sign)
-                    rows.linear(row, first + 1, -sign)
-                    for column in self._columns("durations").tolist():
-                        rows.linear(row, column, rate / law.intervals)
+                    rows.linear(row, [first, first + 1], [sign, -sign])
+                    rows.linear(row, self._columns("durations"), rate / law.intervals)
 
     def _column_of(self, name: str) -> int | None:
         """The unknown that a name means, None if it is none."""

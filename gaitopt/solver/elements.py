@@ -70,7 +70,7 @@ def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> Asse
     """The program of a sum of elements; ``linear`` is A, shape (n_g, n_x), and ``n_p`` the number of parameters."""
     n_g, n_x = linear.shape
     x, p, weight, multipliers = MX.sym("x", n_x), MX.sym("p", n_p), MX.sym("w"), MX.sym("l", n_g)
-    f, g = MX(0), mtimes(DM(linear), x)
+    f, g = MX(0), mtimes(_matrix(linear), x)
     gradients = MX.zeros(n_x)  # dense: IPOPT reads n_x entries, whatever the sparsity
     entries, bent = list[MX](), list[MX]()
     known = linear.tocoo()
@@ -114,10 +114,16 @@ def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> Asse
     )
 
 
+def _matrix(matrix: csc_array) -> DM:
+    """A matrix of SciPy; CasADi itself takes ten times as long to convert it."""
+    n_rows, n_columns = matrix.shape
+    return DM(Sparsity(n_rows, n_columns, matrix.indptr.tolist(), matrix.indices.tolist()), matrix.data)
+
+
 def _sum(indices: NDArray[np.intp], n: int) -> DM:
     """The matrix that adds entries, in the order of the rows of ``indices``, to places in a vector."""
     flat = indices.ravel()
-    return DM(csc_array((np.ones(flat.size), (flat, np.arange(flat.size))), shape=(n, flat.size)))
+    return _matrix(csc_array((np.ones(flat.size), (flat, np.arange(flat.size))), shape=(n, flat.size)))
 
 
 def _global(rows: NDArray[np.intp], columns: NDArray[np.intp], sparsity: Sparsity) -> Places:
@@ -133,4 +139,4 @@ def _pattern(places: Sequence[Places], shape: tuple[int, int], *, upper: bool = 
     keys, inverse = np.unique(columns[chosen] * shape[0] + rows[chosen], return_inverse=True)
     sparsity = Sparsity.triplet(*shape, (keys % shape[0]).tolist(), (keys // shape[0]).tolist())
     summing = coo_array((np.ones(chosen.size), (inverse.ravel(), chosen)), shape=(keys.size, rows.size))
-    return sparsity, DM(csc_array(summing))
+    return sparsity, _matrix(csc_array(summing))
