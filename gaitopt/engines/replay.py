@@ -186,7 +186,7 @@ def adapter(engine: str | type[Simulator]) -> type[Simulator]:
     Raises
     ------
     UnknownNameError
-        If there is no such engine, or it is not installed.
+        If there is no such engine, or it is not installed or cannot be imported.
     """
     if not isinstance(engine, str):
         return engine
@@ -195,7 +195,11 @@ def adapter(engine: str | type[Simulator]) -> type[Simulator]:
         raise UnknownNameError(words).concerning("engine")
     if find_spec(ENGINES[engine]) is None:
         raise UnknownNameError(f"{engine}: is not installed; {INSTALL.get(engine, EXTRA)}").concerning("engine")
-    found: type[Simulator] = import_module(f"gaitopt.engines.{engine}").Simulator
+    try:
+        found: type[Simulator] = import_module(f"gaitopt.engines.{engine}").Simulator
+    except ImportError as error:  # as where it is compiled for another version of numpy
+        first = (str(error).splitlines() or ["no reason is given"])[0]
+        raise UnknownNameError(f"{engine}: cannot be imported: {first}").concerning("engine") from error
     return found
 
 

@@ -183,6 +183,16 @@ def test_unknown_and_missing_engines_are_exit_code_2(capsys, monkeypatch):
     assert "--engine siconos: is not installed; on Debian: apt install python3-siconos" in capsys.readouterr().err
 
 
+def test_an_engine_that_cannot_be_imported_is_exit_code_2(capsys, monkeypatch):
+    def failing(name):
+        raise ImportError("compiled for another numpy\nand more lines")
+
+    monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
+    monkeypatch.setattr(engines, "import_module", failing)
+    assert main(["replay", "compass-passive-a", "--engine", "mujoco"]) == 2
+    assert "--engine mujoco: cannot be imported: compiled for another numpy\n" in capsys.readouterr().err
+
+
 def test_what_an_engine_has_no_law_for_is_exit_code_3(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(engines, "ENGINES", {"mujoco": "numpy"})
