@@ -149,9 +149,13 @@ def error_figure(results: dict) -> Figure:
     """Errors over the time step, one panel per engine."""
     names = engines_of(results)
     with figure_style():
-        figure = Figure(figsize=(0.1 + 2.5 * len(names), 3.6))
-        panels = figure.subplots(1, len(names), sharey=True)
-    for axes, engine in zip(panels, names, strict=True):
+        rows = (len(names) + 1) // 2
+        figure = Figure(figsize=(6.6, 0.9 + 2.3 * rows))
+        grid = figure.subplots(rows, 2, sharex=True, sharey=True)
+    panels = grid.ravel()
+    for axes in panels[len(names) :]:
+        axes.set_axis_off()
+    for axes, engine in zip(panels, names, strict=False):
         for setting, colour in (("default", COLOURS[1]), ("best", COLOURS[0])):
             replay = of(results, engine, setting)
             for key, style, words in (
@@ -169,23 +173,29 @@ def error_figure(results: dict) -> Figure:
                 )
         dt = np.array([STEPS[-1], STEPS[0]])
         axes.loglog(1e3 * dt, 2 * dt, color="0.6", lw=0.8, ls="--", label="first order")
-        axes.set(title=f"{engine} {replay['version']}", xlabel="time step [ms]")
+        axes.set(title=f"{engine} {replay['version']}")
         axes.set_xticks([1e3 * step for step in STEPS[::2]], [f"{1e3 * step:g}" for step in STEPS[::2]])
         axes.xaxis.set_minor_formatter(NullFormatter())
-    panels[0].set_ylabel("error of the state")
+    for axes in grid[:, 0]:
+        axes.set_ylabel("error of the state")
+    for axes in grid[-1]:
+        axes.set_xlabel("time step [ms]")
     legend_below(figure, panels[0].get_legend_handles_labels()[0])
     return figure
+
+
+def table_of(header: list[str], rows: list[list[str]]) -> list[str]:
+    """Lines of a table in Markdown."""
+    return [f"| {' | '.join(cells)} |" for cells in (header, ["---"] * len(header), *rows)]
 
 
 def tables(results: dict) -> str:
     """The tables of the page."""
 
     def number(value: float | None, unit: float = 1.0, digits: str = ".1e") -> str:
-        return "–" if value is None else format(unit * value, digits)
+        return "–" if value is None else format(unit * value, digits).replace("-", "\N{NON-BREAKING HYPHEN}")
 
-    def cell(replay: dict | None) -> str:
-        if replay is None:
-            return "no law"
+    def cell(replay: dict) -> str:
         error = replay["state_error"][at]
         text = replay["ending"][at] if error is None else number(error)
         return f"**{text}**" if replay["sequence_matches"][at] else text
@@ -196,43 +206,50 @@ def tables(results: dict) -> str:
     at = of(results, names[0], "best")["dt"].index(SHOWN)
     slip = of(results, names[0], "best")["slip"]["gait"]
     forward, backward = (number(slip[way], 1e3, ".3f") for way in ("slip_forward", "slip_backward"))
-    columns = ["engine, setting", "forward [mm]", "backward [mm]", "creep [µm]", "error before impact (order)"]
-    columns += ["after one cycle (order)", "modes right up to [ms]", "slip missed, invented [%]", "s per simulated s"]
-    lines = [
-        f"Gait A at a time step of {1e3 * SHOWN:g} ms. Its foot slips {forward} mm forward, sticks, and slips "
-        f"{backward} mm backward.",
-        "",
-        f"| {' | '.join(columns)} |",
-        "|---" * len(columns) + "|",
-    ]
+    slips = ["engine, setting", "forward [mm]", "backward [mm]", "creep [µm]", "missed, invented [%]", "modes right to"]
+    errors = ["engine, setting", "before impact (order)", "after one cycle (order)", "impact", "energy", "s/s"]
+    rows: list[list[list[str]]] = [[], []]
     for name in names:
         for setting in ("default", "best"):
             r = of(results, name, setting)
-            way, version = r["slip"]["engine"], f" {versions[name]}" if name in engines else ""
-            orders = [number(r[key], 1, ".1f") for key in ("order_before_impact", "order")]
-            cells = [
-                f"{name}{version}, {setting}",
-                number(way["slip_forward"][at], 1e3, ".3f"),
-                number(way["slip_backward"][at], 1e3, ".3f"),
-                number(r["creep"][at], 1e6, ".2g"),
-                f"{number(r['error_before_impact'][at])} ({orders[0]})",
-                f"{number(r['state_error'][at])} ({orders[1]})",
-                number(r["largest_dt"], 1e3, "g"),
-                f"{number(r['slip_missed'][at], 100, '.1f')}, {number(r['slip_invented'][at], 100, '.1f')}",
-                number(r["seconds_per_second"][at], 1, ".2f"),
-            ]
-            lines.append(f"| {' | '.join(cells)} |")
-    header = " | ".join(f"{name}, {setting}" for name in engines for setting in ("default", "best"))
-    lines += [
+            way, label = r["slip"]["engine"], " ".join([name, *([versions[name]] if name in engines else [])])
+            rows[0].append(
+                [
+                    number(way["slip_forward"][at], 1e3, ".3f"),
+                    number(way["slip_backward"][at], 1e3, ".3f"),
+                    number(r["creep"][at], 1e6, ".2g"),
+                    f"{number(r['slip_missed'][at], 100, '.1f')}, {number(r['slip_invented'][at], 100, '.1f')}",
+                    f"{number(r['largest_dt'], 1e3, 'g')} ms",
+                ]
+            )
+            pairs = (("error_before_impact", "order_before_impact"), ("state_error", "order"))
+            cells = [f"{number(r[error][at])} ({number(r[order], 1, '.1f')})" for error, order in pairs]
+            cells += [number(r[error][at]) for error in ("impact_error", "energy_error")]
+            rows[1].append([*cells, number(r["seconds_per_second"][at], 1, ".2f")])
+            for table in rows:
+                table[-1].insert(0, f"{label}, {setting}")
+    lines = [
+        f"Gait A at a time step of {1e3 * SHOWN:g} ms. Its foot slips {forward} mm forward, sticks, and slips "
+        f"{backward} mm backward. Modes are right up to the time step in the last column.",
         "",
-        f"Error of the state after one cycle at {1e3 * SHOWN:g} ms; bold where the modes are right.",
+        *table_of(slips, rows[0]),
         "",
-        f"| gait | {header} |",
-        "|---|" + "---|" * (2 * len(engines)),
+        f"Errors at {1e3 * SHOWN:g} ms: of the state before the impact and after one cycle, of the impulse and of the "
+        "energy; seconds of computing per simulated second (s/s).",
+        "",
+        *table_of(errors, rows[1]),
+        "",
+        f"Error of the state after one cycle at {1e3 * SHOWN:g} ms with the default and the best setting; bold where "
+        "the modes are right.",
+        "",
+        f"| gait | {' | '.join(engines)} |",
+        "|---|" + "---|" * len(engines),
     ]
     for problem in GAITS:
-        replays = (of(results, name, setting, problem) for name in engines for setting in ("default", "best"))
-        lines.append(f"| {problem} | {' | '.join(map(cell, replays))} |")
+        pairs = ([of(results, name, setting, problem) for setting in ("default", "best")] for name in engines)
+        lines.append(
+            f"| {problem} | {' | '.join('no law' if None in pair else ', '.join(map(cell, pair)) for pair in pairs)} |"
+        )
     shown = of(results, names[0], "best")["dt"][: len(TIME_STEPS)]
     lines += [
         "",
