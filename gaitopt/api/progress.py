@@ -20,6 +20,8 @@ from gaitopt.display import counted
 
 SOLVED = 1e-10
 """Violation at which the bar is full."""
+FEW = 10
+"""The first part predicts the time left only if there are at most this many."""
 LINE_EVERY = 5.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -120,7 +122,8 @@ def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], N
             return
         rate = (done - counted_from) / (now - since) if done > counted_from else 1 / (now - began)
         last, left = now, (total - done) / rate
-        words = f"about {left:.0f} s left" if done < total else f"{now - began:.0f} s"
-        console.print(f"  {what}: {done} of {total}, {words}")
+        known = done > counted_from or total <= FEW
+        words = f", about {left:.0f} s left" * known if done < total else f", {now - began:.0f} s"
+        console.print(f"  {what}: {done} of {total}{words}")
 
     yield show

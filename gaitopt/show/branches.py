@@ -5,9 +5,9 @@ Branches are drawn from the records that a continuation writes: ``point`` record
 ``value``, and ``special`` records with ``type`` and ``value``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import cycle, groupby, pairwise
+from itertools import cycle, groupby, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gaitopt.gait.branch import TERMINAL, ends_by_request
 from gaitopt.model.cycle import Cycle, mode_words
-from gaitopt.show.style import COLOURS, MORE_COLOURS, NEUTRAL, Parameter, entry, label, legend_below, panels
+from gaitopt.show.style import COLOURS, CURVES, NEUTRAL, Parameter, entry, label, legend_below, panels
 from gaitopt.store.gaits import multipliers_of
 
 Record = Mapping[str, Any]
@@ -54,6 +54,10 @@ SMALLEST_REACH, LARGEST_REACH = 1.15, 2.0
 """Half width of the picture: the unit circle with a margin, and a width at which the circle can still be seen."""
 TEXT = np.array([0.12, 0.06])
 """Size of the value beside a special point, relative to the axes; one that would cover another is left out."""
+MARK = np.array([0.015, 0.02])
+"""Half size of the marker of a special point, and distance of its value, relative to the axes."""
+INSIDE = np.array([[0.0, 0.0], [1.03, 1.08]])
+"""Corners of the region for these values, relative to the axes."""
 SAME_PLACE = 0.1
 """Distance below which crossings share their text."""
 
@@ -72,7 +76,8 @@ def over_parameter(
     quantity : key of a scalar in the records.
     """
     figure, (axes,) = panels()
-    handles, types, drawn, several = dict[str, Line2D](), set[str](), list[Record](), len(curves) > 1
+    handles, drawn, several = dict[str, Line2D](), list[Record](), len(curves) > 1
+    marks = list[tuple[str, float, float]]()
     for (name, stored), colour in zip(curves.items(), cycle(COLOURS), strict=False):
         records = parameter.shown(stored)
         points = [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
@@ -82,7 +87,7 @@ def over_parameter(
             specials = [{**record, "gait": {}} if record["type"] in TERMINAL else record for record in specials]
         sequences = {} if several else {point["branch"]: _sequence_words(point) for point in points}
         sequence_colours = dict(
-            zip(dict.fromkeys(sequences.values()), cycle((*COLOURS, *MORE_COLOURS)), strict=False)
+            zip(dict.fromkeys(sequences.values()), cycle(CURVES), strict=False)
         )  # equal sequences share a colour
         for number, branch in groupby(points, key=lambda point: point["branch"]):
             words = sequences.get(number, name)
@@ -90,18 +95,19 @@ def over_parameter(
             _draw_branch(axes, joined(list(branch), specials, quantity), quantity, branch_colour)
             if several or len(sequences) > 1:
                 handles[words] = entry(words, color=branch_colour)
-        types |= _mark(axes, specials, points, quantity, colour if several else NEUTRAL)
+        marks += _mark(axes, specials, points, quantity, colour if several else NEUTRAL)
         drawn += points
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
         if any(point[quantity] > LOG for point in drawn):
             axes.set_yscale("log")
+    _write_values(axes, marks)
     axes.set_xlabel(str(parameter.label))
     written = label(quantity)
     split = any(len(_heights(point, quantity)) > 1 for point in drawn)
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
     stability = [entry("stable", linewidth=2.2), entry("unstable", linewidth=1.3, linestyle=UNSTABLE)]
-    looks = [SPECIAL.get(kind, (kind, OTHER)) for kind in sorted(types)]
+    looks = [SPECIAL.get(kind, (kind, OTHER)) for kind in sorted({kind for kind, *_ in marks})]
     markers = [entry(words, marker=marker, linestyle="", markerfacecolor="white") for words, marker in looks]
     legend_below(figure, [*handles.values(), *stability, *markers])
     return figure
@@ -134,7 +140,7 @@ def _place(line: Sequence[Record], value: float) -> int:
 def _sequence_words(point: Record) -> str:
     """The mode sequence of a point for the legend."""
     steps = Cycle.from_record(point).steps
-    words = [f"{mode_words(step.phases, step.timed)}; impact {step.impact}".replace("_", " ") for step in steps]
+    words = [f"{mode_words(step.phases, step.timed)}; impact {step.impact.brief}".replace("_", " ") for step in steps]
     return f"{len(words)} times {words[0]}" if len(words) > 1 and len(set(words)) == 1 else " | ".join(words)
 
 
@@ -165,9 +171,15 @@ def _draw_branch(axes: Axes, branch: Sequence[Record], quantity: str, colour: st
         axes.plot(values[run], heights[run], color=colour, linestyle=line, linewidth=width)
 
 
-def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quantity: str, colour: str) -> set[str]:
-    """Mark special points, each at the height of its own record or of the nearest gait of its branch; their types."""
-    marked, texts = set[str](), dict[tuple[float, float], str]()
+def _mark(
+    axes: Axes, specials: Sequence[Record], points: Sequence[Record], quantity: str, colour: str
+) -> Iterator[tuple[str, float, float]]:
+    """Mark special points, each at the height of its own record or of the nearest gait of its branch.
+
+    Yields
+    ------
+    kind, value, height : type and place of every special point, at its first height.
+    """
     for special in specials:
         near = [point for point in points if point["branch"] == special["branch"]]
         if special.get("value") is None or not near:
@@ -179,18 +191,31 @@ def _mark(axes: Axes, specials: Sequence[Record], points: Sequence[Record], quan
         values = [special["value"]] * len(heights)
         size = 7 if len(heights) == 1 else 4
         axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
-        marked.add(special["type"])
-        if special["type"] not in TERMINAL:
-            texts[special["value"], heights[0]] = f"{special['value']:.4g}"
-    shown = list[NDArray[np.float64]]()
-    for (value, height), words in texts.items():
-        at = axes.transAxes.inverted().transform(axes.transData.transform((value, height)))
-        if all(np.any(np.abs(at - other) > TEXT) for other in shown):
-            shown.append(at)
+        yield special["type"], special["value"], heights[0]
+
+
+def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None:
+    """Write the parameter beside special points: beside no other mark or value, and over as little of the curves."""
+    axes.autoscale_view()
+    to_axes = axes.transData + axes.transAxes.inverted()
+    curves = np.concatenate([to_axes.transform(line.get_xydata()) for line in axes.lines])
+    taken = [(at - MARK, at + MARK) for at in (to_axes.transform(place) for _, *place in marks)]
+    for kind, value, height in marks:
+        at, options = to_axes.transform((value, height)), list[tuple[int, Any]]()
+        for side in product((1, -1), repeat=2) if kind not in TERMINAL else ():
+            low, high = np.sort([at + MARK * side, at + (MARK + TEXT) * side], axis=0)
+            if any(np.all((low < top) & (bottom < high)) for bottom, top in taken):
+                continue
+            if np.all(low >= INSIDE[0]) and np.all(high <= INSIDE[1]):
+                covered = np.all((low < curves) & (curves < high), axis=1)
+                options.append((int(covered.sum()), (side, low, high)))
+        if options:
+            _, ((right, up), low, high) = min(options, key=lambda option: option[0])
+            taken.append((low, high))
             axes.annotate(
-                words, (value, height), xytext=(7, 5), textcoords="offset points", fontsize="small", color=NEUTRAL
-            )
-    return marked
+                f"{value:.4g}", (value, height), xytext=(7 * right, 5 * up), textcoords="offset points",
+                ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small", color=NEUTRAL,
+            )  # fmt: skip
 
 
 def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:

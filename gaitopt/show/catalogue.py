@@ -81,8 +81,6 @@ WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
 OVER = "force_over_"
 """Beginning of the name of the force ratio over a shape coordinate."""
-BRANCH_FIGURES = ("multipliers", *SCALARS, "friction")
-"""Figures of a branch: its multipliers in the complex plane, or any scalar over the parameter."""
 USUAL_BRANCH_FIGURES = ("spectral_radius", "multipliers", "speed", "cost_of_transport")
 CYCLE_FIGURES = ("step_length",)
 """Further figures where cycles have several steps."""
@@ -129,8 +127,13 @@ def _(result: Mapping) -> Figures:  # type: ignore[type-arg] # singledispatch ta
 
 def _families_figures(branches: Mapping[str, Sequence[Record]], parameter: Parameter) -> Figures:
     """The figures of several branches over one parameter, by their names in the legend."""
-    names = tuple(name for name in BRANCH_FIGURES if name != "multipliers")
+    names = _known_figures([record for records in branches.values() for record in records])
     return Figures(draw=lambda name: over_parameter(branches, parameter, name), names=names, usual=("spectral_radius",))
+
+
+def _known_figures(records: Sequence[Record]) -> tuple[str, ...]:
+    """Names of the scalars of branches that any of their gaits has."""
+    return tuple(name for name in (*SCALARS, "friction") if any(record.get(name) is not None for record in records))
 
 
 def _parameter_key(branch: Any) -> str | None:
@@ -246,7 +249,7 @@ def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) 
     works = any(record.get("work") for record in records)  # passive walkers have no cost
     usual = [name for name in USUAL_BRANCH_FIGURES if works or name != "cost_of_transport"]
     usual += CYCLE_FIGURES if any("steps" in record for record in records) else ()
-    return Figures(draw=draw, names=BRANCH_FIGURES, usual=tuple(usual))
+    return Figures(draw=draw, names=("multipliers", *_known_figures(records)), usual=tuple(usual))
 
 
 def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:

@@ -8,6 +8,7 @@ folder has the same figure.
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle, pairwise
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from gaitopt.arrays import Array
 from gaitopt.gait.measures import ContactObservation, friction_ratio, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.modes import OFF, Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
 from gaitopt.show.motion import (
@@ -38,6 +40,8 @@ from gaitopt.show.motion import (
 )
 from gaitopt.show.style import (
     COLOURS,
+    CURVES,
+    HEIGHT,
     JUMP,
     MODE_COLOURS,
     MODE_WORDS,
@@ -54,16 +58,24 @@ from gaitopt.verification.walk import Walk
 
 OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "none"}
 """Look of the region beyond the friction cone, on any background."""
-SLIP_WIDTH = 4.0
-"""Width of the force ratio of a foot that slips [points]."""
+SLIP_WIDTH, EDGE_DASHES = 4.0, (0, (1.3, 0.6))
+"""Width [points] and dashes, in widths, of the force ratio of a foot that slips: on the edge of the cone."""
+SHORTEST = 1.0
+"""Width of the edge of a bar that slips, so that a slip of less than a pixel is seen [points]."""
+MARKED_STATES = 6
+"""Most states after impacts that are marked in the portrait of a walk."""
 CONE_ROOM = 1.35
 """Half height of the axes relative to the coefficient of friction."""
 VISIBLE = 1e-6
 """Smallest jump of a state [rad, m; per s] that is not due to rounding."""
 GAIT, FAILED = "#009e73", "#d55e00"
 """Colours of the gait with which a walk is compared, and of the end of a walk that failed."""
+STRIP_ROW = 0.1
+"""Height of each further row of the modes above torques [inch]."""
 PANEL_HEIGHT, FOOT = 1.35, 1.1
 """Height of one panel, and of axis and legend below [inch]."""
+LABEL_CHARACTERS = 16
+"""Characters of a label that fit beside a panel."""
 ROUNDING = 1e-17
 """Height at which a difference of zero is drawn on the log axis."""
 
@@ -145,7 +157,7 @@ def _contact_colours(motions: Sequence[Motion]) -> dict[tuple[str, tuple[str, ..
         for arc in step.arcs
         for contact in touching_contacts(arc, observe(arc))
     )
-    return dict(zip(pairs, cycle(COLOURS), strict=False))
+    return dict(zip(pairs, cycle(CURVES), strict=False))
 
 
 def _contact_entries(motions: Sequence[Motion], colours: Mapping[tuple[str, tuple[str, ...]], str]) -> list[Line2D]:
@@ -166,8 +178,9 @@ def _line(contact: ContactObservation) -> Any:
 
 def torques(motions: Sequence[Motion]) -> Figure:
     """Torque of every actuator over one cycle [N m]; the strip on top shows the modes."""
-    figure, (strip, axes) = panels(2, heights=[len(contact_rows(motions)), 14])
-    colours = cycle(COLOURS)
+    rows = len(contact_rows(motions))
+    figure, (strip, axes) = panels(2, heights=[rows, 14], height=HEIGHT + STRIP_ROW * (rows - 1))
+    colours = cycle(CURVES)
     handles: list[Line2D | Patch] = []
     for motion in motions:
         for k, name in enumerate(motion.walker.actuators):
@@ -199,13 +212,14 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
                 word = arc.mode.contacts.get(name, arc.mode.contact)
                 if word != OFF:
                     colour = MODE_COLOURS[Mode(word)]
-                    axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=colour)
+                    edge = SHORTEST if Mode(word).slips else 0.0
+                    axes.barh(row, arc.duration, left=began + arc.start, height=0.8, color=colour, linewidth=edge)
                     present.add(Mode(word))
     labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
     if any(motion.walker.contacts for motion in motions):
         names = [f"{label}: {name}" if label else name for label, (_, name) in zip(labels, rows, strict=True)]
         labels = [name.replace("_", " ") for name in names]
-    axes.set_yticks(range(len(rows)) if any(labels) else [], labels if any(labels) else [])
+    axes.set_yticks(range(len(rows)) if any(labels) else [], labels if any(labels) else [], fontsize="small")
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.tick_params(length=0, labelbottom=False)
     axes.grid(visible=False)
@@ -221,7 +235,7 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colours: Mapping[tuple
         for contact in touching_contacts(arc, observe(arc)):
             style = {"color": colours[motion.name, contact.names], "linestyle": _line(contact)}
             if contact.direction:  # on the edge of the cone, whose line would hide it
-                style["linewidth"] = SLIP_WIDTH
+                style |= {"linewidth": SLIP_WIDTH, "linestyle": EDGE_DASHES}
             axes.plot(where, friction_ratio(contact.force), **style)
         ends.append(float(where[-1]))
     last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1
@@ -264,7 +278,7 @@ def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
 def phase_portrait(motions: Sequence[Motion]) -> Figure:
     """Angles [rad] against rates [rad/s] of all motions in one plane; a dot marks the state just after the impact."""
     figure, (axes,) = panels(height=4.6)
-    colours = cycle(COLOURS)
+    colours = cycle(CURVES)
     handles: list[Line2D] = []
     for motion in motions:
         for name in positions_of(motion):
@@ -275,10 +289,12 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
     axes.set_xlabel(position_label(motions))
     axes.set_ylabel("rate [rad/s, m/s]" if "length" in position_label(motions) else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]
-    after = entry("just after the impact", marker="o", linestyle="", markersize=5)
+    landing = any(motion.dynamics.system.cycle_end == TOUCHDOWN for motion in motions)
+    after = entry("just after the impact" if landing else "start", marker="o", linestyle="", markersize=5)
     locks = any(_leaps(step) for motion in motions if motion.walker.stops for step in motion.steps)
+    jumps = landing or any(_leaps(step) for motion in motions for step in motion.steps)
     jump = entry("impact, or a stop locks" if locks else "impact", **JUMP)
-    legend_below(figure, [*handles, *mode_legend(modes), jump, after])
+    legend_below(figure, [*handles, *mode_legend(modes), *([jump] if jumps else []), after])
     return figure
 
 
@@ -289,12 +305,14 @@ def _draw_orbit(axes: Axes, motion: Motion, name: str, colour: str) -> None:
         axes.plot(arc.states[:, angle], arc.states[:, rate], color=colour, linestyle=dashes(arc.mode))
     for before, after in (pair for step in motion.steps for pair in _leaps(step)):
         axes.plot([before[angle], after[angle]], [before[rate], after[rate]], color=colour, **JUMP)
-    axes.plot(*motion.steps[0].arcs[0].states[0, [angle, rate]], "o", color=colour, markersize=5)
+    starts = np.array([step.arcs[0].states[0, [angle, rate]] for step in motion.steps])
     for step, following in zip(motion.steps, (*motion.steps[1:], *motion.steps[: motion.periodic]), strict=False):
         last, first = step.arcs[-1].states[-1], following.arcs[0].states[0]
         angles, rates = (last[angle], last[angle], first[angle]), (last[rate], first[rate], first[rate])
         axes.plot(angles, rates, color=colour, **JUMP)  # first the rate jumps, then the angle
-        axes.plot(first[angle], first[rate], "o", color=colour, markersize=5)
+    count = len(starts) if motion.periodic else min(len(starts), MARKED_STATES)
+    few = np.linspace(0, len(starts) - 1, count).round().astype(int)
+    axes.plot(*starts[few].T, "o", color=colour, markersize=6, markeredgecolor=axes.get_facecolor(), zorder=3)
 
 
 def _leaps(step: Step) -> list[tuple[Array, Array]]:
@@ -318,7 +336,7 @@ def section_states(walk: Walk) -> Figure:
         panel.plot(range(len(states)), states[:, column], ".-", color=COLOURS[0], linewidth=1.0, markersize=7)
         if failed:
             panel.axvline(len(states) - 0.5, color=FAILED, linestyle="--")
-        panel.set_ylabel(f"{symbol(name)} [{state_unit(name)}]")
+        panel.set_ylabel(fill(f"{symbol(name)} [{state_unit(name)}]", LABEL_CHARACTERS))
         panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1].set_xlabel("steps since the start")
     figure.align_ylabels(axes)

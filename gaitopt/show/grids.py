@@ -43,8 +43,13 @@ BOUNDARY = 1.0
 """Modulus of the largest multiplier at which stability is lost."""
 ON_FRONT, BEATEN = "o", "s"
 """Markers of the designs of a front, and of those that another design beats."""
-FAILURES = ("#ffffff", "#d9d9d9", "#bdbdbd", "#f0e0d0", "#969696", "#e5dbe5", "#d5e0d5", "#c8c0b0")
-"""Shades of the ways to fail, in the order of how often they occur; pale, so that the gaits stand out."""
+FAILURES = (
+    "#000000", "#ffffff", "#bdbdbd", "#d5e0d5", "#c8c0b0", "#f5f0c8", "#d9d9d9", "#c9d6e6", "#f0e0d0",
+    "#6e6e6e", "#e5dbe5", "#e8c8c8", "#b8c8b8", "#d8c8e8", "#a8a8b8", "#c0b0a0", "#969696",
+)  # fmt: skip
+"""Shades of the ways to fail by their codes, so that every picture has the same, and last those without an end.
+
+They are pale, so that the gaits stand out."""
 MAP_HEIGHT, LINE_HEIGHT = 4.6, 1.6
 """Height of a map over two keys, and of a basin over one coordinate [inch]."""
 
@@ -172,10 +177,10 @@ def basin(result: Basin) -> Figure:
     words = [f"{gait} {k}" if several else str(gait) for k, gait in enumerate(result.attractors, 1)]
     colours = [COLOURS[k % len(COLOURS)] for k in range(len(words))]
     endings, counts = np.unique(result.endings[result.labels < 0], return_counts=True)
-    for rank, ending in enumerate(endings[np.argsort(-counts)]):
+    for ending in endings[np.argsort(-counts)]:
         classes[(result.labels < 0) & (result.endings == ending)] = len(words)
         words.append("undecided" if ending == UNDECIDED else str(ENDINGS[ending]).replace("_", " "))
-        colours.append(FAILURES[rank % len(FAILURES)])
+        colours.append(FAILURES[ending])
     handles = [
         Line2D([], [], label=w, marker="s", linestyle="", markerfacecolor=c, markeredgecolor="#8c8c8c", markersize=8)
         for w, c in zip(words, colours, strict=True)

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import relevant_scalars, scalar_values, state_unit
+from gaitopt.problem.scalars import SCALARS, relevant_scalars, scalar_values, state_unit
 from gaitopt.show.branches import OF_EACH_STEP
 from gaitopt.show.film import film, pack
 from gaitopt.show.gaits import ROUNDING, section_states
@@ -82,6 +82,7 @@ def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
         "symbols": {name: symbol(name) for name in states},
         "units": {name: state_unit(name) for name in states},
         "parameters": {key: asdict(label(key)) for key in sorted(freed)},
+        "slipping": SCALARS["required_friction"].meaning,  # of ``required_friction`` where a foot slips
     }
 
 

@@ -55,8 +55,6 @@ CHAOTIC = 1e-3
 """Lyapunov exponent above which a motion without a period is chaos, and below which it may be a torus."""
 SHOWN_DIGEST = 16
 """Digits of a problem's SHA-256 in a table."""
-SLIPPING_RATIO = "largest |f_t|/f_n while sticking"
-"""Label of ``required_friction`` for a gait that slips, which is not meant to stick."""
 LONGEST_BOUND = 15
 """Most digits of a bound in a table."""
 WIDTH = 110
@@ -258,7 +256,7 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
         slips = any(Mode.from_record(phase).slips for step in steps for phase in step["phases"])
-        labels = {"required_friction": SLIPPING_RATIO} if slips else {}
+        labels = {"required_friction": SCALARS["required_friction"].meaning} if slips else {}  # not meant to stick
         keys = relevant_scalars([record])
         scalars = ((labels.get(key, label_of(key)), number(values[key]), unit_of(key)) for key in keys)
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))

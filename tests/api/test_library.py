@@ -18,7 +18,7 @@ from gaitopt.errors import ProblemError, StorageError
 from gaitopt.gait.gait import Cause
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.search.explain import Explanation
-from gaitopt.show.catalogue import BRANCH_FIGURES, GAIT_FIGURES
+from gaitopt.show.catalogue import GAIT_FIGURES, figures_of
 from gaitopt.show.tables import print_branch
 
 pd, xr = pytest.importorskip("pandas"), pytest.importorskip("xarray")
@@ -93,7 +93,7 @@ def test_everything_the_command_line_draws_is_drawn_from_the_objects(branch, wal
     gaits = [gait("compass-passive-a"), gait("compass-passive-b")]
     assert all(isinstance(gaits[0].plot(word), Axes) for word in GAIT_FIGURES)
     assert isinstance(go.plot(gaits, "force"), Axes)
-    assert all(isinstance(branch.plot(word), Axes) for word in BRANCH_FIGURES)
+    assert all(isinstance(branch.plot(word), Axes) for word in figures_of(branch).names)
     assert isinstance(swept[0].plot("speed"), Axes)
     assert isinstance(walk.plot(), Axes)
     with pytest.raises(ValueError, match="choose from portrait"):

@@ -181,6 +181,16 @@ def test_multipliers_stand_beside_their_circle_and_motors_that_do_not_exist_nowh
     assert "±" in page.locator(".multipliers tbody").inner_text()
     assert not re.search("cost of transport|dampers", page.locator("table").first.inner_text())
     assert "x\u0307" in page.locator("table").first.inner_text()
+    assert "|f_t|/f_n while sticking" in page.locator("table").first.inner_text()
+
+
+def test_the_unit_circle_is_round_and_fills_its_panel(visit):
+    page = visit(comparison_report([gait("compass-passive-a"), gait("rimless-wheel-slip")]))
+    panels = page.locator("figure", has_text="Floquet multipliers")
+    for k in range(panels.count()):
+        frame, circle = (panels.nth(k).locator("path.axis").nth(n).bounding_box() for n in range(2))
+        assert circle["width"] == pytest.approx(circle["height"], abs=1)
+        assert circle["width"] > 0.75 * max(frame["width"], frame["height"])
 
 
 def test_figures_that_are_swiped_leave_no_gap_below_the_first(visit):
@@ -236,6 +246,7 @@ def test_kinds_of_special_points_differ_and_are_explained(visit, branch_page):
     shapes = {page.locator(".diagram .special").nth(k).get_attribute("class") for k in range(2)}
     assert len(shapes) == 2
     assert "Neimark" in page.locator(".diagram .key").last.inner_text()
+    assert "0.135" in page.locator(".diagram text").all_text_contents()  # beside its mark
 
 
 def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
@@ -277,7 +288,8 @@ def test_everything_that_is_operated_or_drawn_has_a_name_for_a_screen_reader(vis
 
 def test_a_walk_is_shown_from_start_to_end(visit):
     walk = simulate(gait("compass-passive-a"), {"theta1": -0.15}, steps=9)
-    page = visit(walk_report(walk), width=390, motion="reduce")
+    page = visit(walk_report(walk), width=390, motion="reduce", scheme="dark")
+    assert page.evaluate("getComputedStyle(document.querySelector('.paper img')).filter") != "none"  # no white picture
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.locator("tbody tr").count() >= len(walk.complete_steps) + 1
     page.get_by_role("slider", name="time").fill("1000")

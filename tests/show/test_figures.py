@@ -7,17 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
 from matplotlib.contour import ContourSet
 from pictured import SEQUENCES, TORSO, branch, gait
 
-from gaitopt import Mode, Sweep, load_problem
+from gaitopt import Mode, Sweep, load_problem, simulate
 from gaitopt.gait.trajectory import Step
+from gaitopt.problem.scalars import SCALARS
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.branches import UNSTABLE, multiplier_paths, multiplier_plane, over_parameter
-from gaitopt.show.catalogue import BRANCH_FIGURES, branch_figures, figures_of
-from gaitopt.show.grids import front_figure, pareto_front, sweep
+from gaitopt.show.catalogue import branch_figures, figures_of
+from gaitopt.show.gaits import EDGE_DASHES
+from gaitopt.show.grids import FAILURES, front_figure, pareto_front, sweep
 from gaitopt.show.motion import differences, motion_from_record, motion_of, simulated, thinned
-from gaitopt.show.style import SLIP_DASHES, Parameter, label, parameter_of, save, symbol
+from gaitopt.show.style import MODE_COLOURS, SLIP_DASHES, Parameter, label, parameter_of, save, symbol
+from gaitopt.simulation.outcomes import ENDINGS
 
 FRICTION = Parameter(key="friction")
 
@@ -68,7 +72,8 @@ def test_the_foot_slips_where_the_curve_is_dashed(word):
     shown = gait("compass-passive-a")
     axes = figures_of(shown).draw(word).axes[0]
     curves_drawn = len(shown.system.walker.shape) if word == "portrait" else 1
-    assert len(curves(axes, SLIP_DASHES)) == 2 * curves_drawn
+    style = EDGE_DASHES if word == "force" else SLIP_DASHES
+    assert len(curves(axes, style)) == 2 * curves_drawn
     assert len(curves(axes, (0, None))) == curves_drawn
 
 
@@ -144,9 +149,40 @@ def test_special_points_have_a_marker_and_a_word():
     assert sorted(line.get_xdata()[0] for line in marks) == [0.135, 0.16]
 
 
-@pytest.mark.parametrize("word", BRANCH_FIGURES)
-def test_every_scalar_of_a_branch_can_be_drawn(word):
-    assert branch_figures(gait("compass-passive-a").problem, "friction", branch()).draw(word).axes
+def test_every_scalar_that_gaits_of_a_branch_have_can_be_drawn():
+    figures = branch_figures(gait("compass-passive-a").problem, "friction", branch())
+    assert {*SCALARS} - {*figures.names} == {"apex_height"}  # of walkers that fly
+    assert all(figures.draw(word).axes[0].has_data() for word in figures.names)
+
+
+def test_values_stand_beside_their_marks_and_cover_no_other():
+    """Two special points a hundredth of the axis apart have their values on two sides."""
+    point = {"record": "point", "branch": 0, "phases": [{"mode": "stick"}], "impact": "stick"}
+    points = [{**point, "index": k, "value": 0.1 * k, "spectral_radius": 0.5} for k in range(11)]
+    fold = {"record": "special", "branch": 0, "type": "fold", "status": "converged", "next": [], "gait": {}}
+    figure = over_parameter({"gait": [*points, {**fold, "value": 0.5}, {**fold, "value": 0.51}]}, FRICTION)
+    figure.canvas.draw()
+    first, second = figure.axes[0].texts
+    assert (first.get_text(), second.get_text()) == ("0.5", "0.51")
+    assert not first.get_window_extent().overlaps(second.get_window_extent())
+
+
+def test_the_portrait_of_a_walk_marks_at_most_six_states_and_outlines_them():
+    axes = simulate("compass-passive-stick", steps=9).plot("portrait")
+    marks = [line for line in axes.lines if line.get_marker() == "o"]
+    assert [len(line.get_xdata()) for line in marks] == [6, 6]
+    assert {line.get_markeredgecolor() for line in marks} == {axes.get_facecolor()}
+
+
+def test_a_slip_of_less_than_a_pixel_is_seen_in_the_gait_diagram():
+    axes = gait("compass-passive-a").plot("contacts")
+    widths = {Mode.STICK: 0.0, Mode.SLIP_FORWARD: 1.0, Mode.SLIP_BACKWARD: 1.0}
+    bars = {patch.get_facecolor(): patch.get_linewidth() for patch in axes.patches}
+    assert bars == {to_rgba(MODE_COLOURS[mode]): width for mode, width in widths.items()}
+
+
+def test_a_way_to_fail_has_its_colour_in_every_basin():
+    assert len(set(FAILURES)) == len(FAILURES) == len(ENDINGS) + 1  # and those without an end
 
 
 def test_unstable_gaits_of_a_front_are_hollow():

@@ -7,6 +7,7 @@ const SPECIAL_WORDS = {
 };
 const LOG = 10; // multipliers beyond this go on a log axis
 const SMALLEST = 1e-3; // height of a multiplier of zero on that axis
+const WRITTEN = 42; // width of a value beside a mark [pixels]
 const NEAR = 40; // largest distance of the pointer from a gait that it selects [pixels]
 
 // Outlines around (0, 0) of unit size, one for every type of special point.
@@ -92,8 +93,9 @@ class BranchDiagram {
 
   paint(chart, level) {
     level.forEach((y) => chart.level(y, "axis faint"));
-    this.numbers.forEach((number, n) => this.paintBranch(chart, this.gaits.filter((gait) => gait.branch === number), COLOURS[n % COLOURS.length]));
-    for (const special of this.specials) this.paintSpecial(chart, special);
+    this.numbers.forEach((number, n) => this.paintBranch(chart, this.joined(number), COLOURS[n % COLOURS.length]));
+    const marks = this.specials.flatMap((special) => this.paintSpecial(chart, special));
+    this.writeValues(chart, marks);
     this.marker = svg(chart.svg, "circle", { class: "chosen", r: 7 });
     this.mark();
     chart.svg.addEventListener("pointermove", (event) => this.hover(event));
@@ -104,26 +106,61 @@ class BranchDiagram {
     });
   }
 
-  paintBranch(chart, gaits, colour) {
-    const known = gaits.filter((gait) => typeof this.value(gait) === "number");
-    const points = (gait) => this.values(gait).map((value) => [gait.value, this.height(value)]);
-    known.slice(1).forEach((gait, k) => {
-      const before = points(known[k]);
-      points(gait).forEach((point, step) => chart.line([before[step], point], `curve ${colour} ${radius(gait) < 1 ? "thick" : "unstable"}`));
-    });
-    known.forEach((gait) => points(gait).forEach((point) => chart.dot(...point, `dot ${colour}`, 2)));
+  // Points of a branch, with those of its special points between them so that lines reach the markers. A special point
+  // is as stable as the point before it: stability is lost at the marker.
+  joined(number) {
+    const known = this.gaits.filter((gait) => gait.branch === number && typeof this.value(gait) === "number");
+    const line = known.map((gait) => ({ value: gait.value, heights: this.values(gait), stable: radius(gait) < 1, dot: true }));
+    for (const { branch, next, type, value, scalars, steps } of line.length ? this.specials : []) {
+      const [key, own] = [this.quantity.value, branch === number];
+      if (typeof scalars[key] !== "number" || !(own || next?.includes(number)) || (key === "spectral_radius" && !(type in MARKS))) continue;
+      const detours = line.slice(1).map((point, k) => Math.abs(value - line[k].value) + Math.abs(point.value - value) - Math.abs(point.value - line[k].value));
+      const beyond = 2 * Math.abs(value - line.at(-1).value);
+      const least = Math.min(...detours);
+      const place = !own ? 0 : beyond <= least ? line.length : detours.indexOf(least) + 1;
+      line.splice(place, 0, { value, heights: steps?.[key] ?? [scalars[key]], stable: line[Math.max(place - 1, 0)].stable });
+    }
+    return line;
   }
 
+  paintBranch(chart, line, colour) {
+    const points = ({ value, heights }) => heights.map((height) => [value, this.height(height)]);
+    line.slice(1).forEach((point, k) => {
+      const [before, after] = [points(line[k]), points(point)]; // where a doubled family begins, its origin has fewer steps
+      for (let step = 0; step < Math.max(before.length, after.length); step += 1)
+        chart.line([before[step % before.length], after[step % after.length]], `curve ${colour} ${point.stable ? "thick" : "unstable"}`);
+    });
+    for (const point of line.filter(({ dot }) => dot)) points(point).forEach((place) => chart.dot(...place, `dot ${colour}`, 2));
+  }
+
+  // Mark a special point; its places as [value, x, y, written].
   paintSpecial(chart, special) {
     const own = special.scalars[this.quantity.value];
     const nearest = this.gaits[this.nearestTo(special)];
     const values = typeof own === "number" ? (special.steps?.[this.quantity.value] ?? [own]) : nearest ? this.values(nearest) : [];
-    if (typeof special.value !== "number" || special.bound) return;
+    if (typeof special.value !== "number" || special.bound) return [];
     const size = values.length > 1 ? 4 : 7;
-    for (const y of values.filter((value) => typeof value === "number")) {
+    return values.filter((value) => typeof value === "number").map((y, k) => {
       const [a, b] = [chart.px(special.value), chart.py(this.height(y))];
       const mark = svg(chart.svg, "path", { class: `special ${special.type}`, d: markPath(special.type, a, b, size) });
       svg(mark, "title").textContent = SPECIAL_WORDS[special.type] ?? special.type;
+      return [special.value, a, b, k === 0 && special.type in MARKS];
+    });
+  }
+
+  // Write values beside their marks, where they cover no other mark or value; left out if there is no such place.
+  writeValues(chart, marks) {
+    const taken = marks.map(([, x, y]) => [x - 8, x + 8, y - 8, y + 8]);
+    for (const [value, x, y] of marks.filter(([, , , written]) => written)) {
+      for (const [right, down] of [[1, -1], [-1, -1], [1, 1], [-1, 1]]) {
+        const [a, b] = [x + 9 * right, y + (down > 0 ? 20 : -9)];
+        const box = [Math.min(a, a + WRITTEN * right), Math.max(a, a + WRITTEN * right), b - 12, b + 1];
+        const free = taken.every(([left, end, top, bottom]) => box[0] > end || box[1] < left || box[2] > bottom || box[3] < top);
+        if (!free || box[0] < 0 || box[1] > chart.width || box[2] < 0) continue;
+        taken.push(box);
+        chart.text(a, b, String(Number(value.toPrecision(4))), right > 0 ? "start" : "end");
+        break;
+      }
     }
   }
 

@@ -4,22 +4,22 @@ const MARGIN = { left: 66, right: 12, top: 10, bottom: 42 };
 const PADDING = 0.05; // margin on both sides of a range, relative to it
 
 class Chart {
-  // paint(chart) draws the contents; ranges are [low, high]; square: units of both axes are equally long
+  // paint(chart) draws the contents; ranges are [low, high]; square: the panel is
   constructor(host, { title, x, y, xRange, yRange, height = 250, square = false, yTick = String }, paint) {
-    Object.assign(this, { x, y, xWanted: padded(xRange), yRange: padded(yRange), height, square, yTick, paint });
+    Object.assign(this, { x, y, xRange: padded(xRange), yRange: padded(yRange), height, square, yTick, paint });
     this.box = html("div", { class: "chart" });
     this.title = title;
     host.append(html("figure", {}, html("figcaption", {}, title), this.box));
     new ResizeObserver(() => {
       const width = this.box.clientWidth; // zero after the chart was removed from the page
-      if (width > 0 && width !== this.width) this.redraw();
+      if (width > 0 && width !== this.room) this.redraw();
     }).observe(this.box);
   }
 
   redraw() {
-    this.width = this.box.clientWidth;
-    const inner = this.width - MARGIN.left - MARGIN.right;
-    this.xRange = this.square ? squared(this.xWanted, this.yRange, inner / (this.height - MARGIN.top - MARGIN.bottom)) : this.xWanted;
+    this.room = this.box.clientWidth;
+    const side = this.height - MARGIN.top - MARGIN.bottom;
+    this.width = this.square ? Math.min(this.room, side + MARGIN.left + MARGIN.right) : this.room;
     this.box.querySelector("svg")?.remove();
     this.svg = svg(this.box, "svg", { width: this.width, height: this.height, role: "img", "aria-label": this.title });
     this.axes();
@@ -89,11 +89,6 @@ function extent(values) {
 function padded([low, high]) {
   const pad = PADDING * (high - low) || PADDING * Math.abs(high) || 1e-3;
   return [low - pad, high + pad];
-}
-
-function squared([low, high], [bottom, top], shape) {
-  const half = ((top - bottom) * shape) / 2;
-  return [(low + high) / 2 - half, (low + high) / 2 + half];
 }
 
 function ticks([low, high], wanted) {

@@ -4,7 +4,7 @@
 const COLOURS = ["first", "second", "third", "fourth", "fifth", "sixth", "seventh"];
 const CARRIES = 0.01; // smallest normal force with a force ratio, relative to the weight
 const LEAP = 1e-3; // smallest jump of a state, relative to its range
-const REACH = 2; // half width of the plane of multipliers; larger ones are at its edge with their value
+const REACH = 1.5; // half width of the plane of multipliers; larger ones are at its edge with their value
 
 // Times, columns and phases of an unrolled film, and the slip of every contact.
 function motion(film) {
@@ -45,11 +45,11 @@ const STROKES = { stick: "", flight: "flying" };
 
 // Draw y versus x, phase by phase, where y is a number: there is no force in flight. A line is dashed where the contact
 // with number n slips; without a number, where any does.
-function stroke(chart, moving, x, y, colour, n) {
+function stroke(chart, moving, x, y, colour, n, style = "") {
   for (const { mode: overall, contacts, first, last } of moving.film.phases) {
     const mode = n === undefined ? overall : contacts[n] ?? "flight";
     const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]).filter((point) => point.every(Number.isFinite));
-    if (points.length) chart.line(points, `curve ${colour} ${STROKES[mode] ?? "slipping"}`);
+    if (points.length) chart.line(points, `curve ${colour} ${STROKES[mode] ?? "slipping"} ${style}`);
   }
 }
 
@@ -129,14 +129,15 @@ function forceRatio(host, moving, fellows) {
   new Chart(host, options, (chart) => {
     chart.band(friction, Infinity, "beyond");
     chart.band(-Infinity, -friction, "beyond");
-    ratios(moving).forEach((ratio, n) => stroke(chart, moving, moving.t, ratio, COLOURS[n % COLOURS.length], n));
+    ratios(moving).forEach((ratio, n) => stroke(chart, moving, moving.t, ratio, COLOURS[n % COLOURS.length], n, "on-edge"));
     stepEnds(film).forEach(([, last], step) => {
       if (Number.isFinite(film.impulse_ratios[step])) chart.cross(moving.t[last], film.impulse_ratios[step], "curve second");
     });
   });
   const cone = `Shaded: beyond the friction cone ±μ = ±${Number(friction.toPrecision(4))}.`;
   const cross = film.impulse_ratios.some(Number.isFinite) ? [["second", "impulse ratio that a sticking impact needs (cross)"]] : [];
-  legend(host, [...contactKey(film), ...cross], friction < reach * 1.05 ? cone : `The cone ±${friction} is wider than the picture.`);
+  const slips = film.phases.some(({ mode }) => !(mode in STROKES)) ? "Thick, dashed: the foot slips. " : "";
+  legend(host, [...contactKey(film), ...cross], slips + (friction < reach * 1.05 ? cone : `The cone ±${friction} is wider than the picture.`));
 }
 
 function normalForce(host, moving, fellows) {
@@ -174,11 +175,17 @@ function multiplierPlane(host, gait) {
   new Chart(host, options, (chart) => {
     const turn = Array.from({ length: 121 }, (_, k) => (2 * Math.PI * k) / 120);
     chart.line(turn.map((angle) => [Math.cos(angle), Math.sin(angle)]), "axis");
+    const beyond = new Map(); // places at the edge with the sizes of their multipliers
     for (const [re, im] of gait.multipliers) {
       const size = Math.max(Math.abs(re), Math.abs(im)) / reach;
       const [x, y] = size > 1 ? [re / size, im / size] : [re, im];
       chart.dot(x, y, `dot ${Math.hypot(re, im) < 1 ? "first" : "second"}`, 5);
-      if (size > 1) chart.text(chart.px(x), chart.py(y) - 9, `${shown(Number(Math.hypot(re, im).toPrecision(3)))} ↗`, "middle");
+      const place = `${chart.px(x).toFixed(0)} ${chart.py(y).toFixed(0)}`;
+      if (size > 1) beyond.set(place, [...(beyond.get(place) ?? []), shown(Number(Math.hypot(re, im).toPrecision(3)))]);
+    }
+    for (const [place, sizes] of beyond) {
+      const [x, y] = place.split(" ").map(Number);
+      chart.text(x + (x > chart.px(0) ? 6 : -6), y - 9, sizes.join(", "), x > chart.px(0) ? "end" : "start");
     }
   });
   legend(host, [["first", "inside the unit circle"], ["second", "outside: unstable"]]);

@@ -58,7 +58,8 @@ function numbersTable(host, gaits, labels) {
     if (values.length === 2) cells.push(values.every((v) => typeof v === "number") ? shown(values[1] - values[0]) : "");
     body.append(html("tr", {}, html("th", { scope: "row" }, words), html("td", {}, unit), ...cells.map((cell) => html("td", { class: "number" }, cell))));
   };
-  for (const [key, { words, unit }] of Object.entries(labels.scalars)) row(words, unit, gaits.map((gait) => gait.scalars[key]));
+  const slips = gaits.some(({ film }) => film.phases.some(({ mode }) => !(mode in STROKES)));
+  for (const [key, { words, unit }] of Object.entries(labels.scalars)) row(slips && key === "required_friction" ? labels.slipping : words, unit, gaits.map((gait) => gait.scalars[key]));
   const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
   for (const name of states.filter((name) => name !== "x")) {
     row(`${labels.symbols[name] ?? name} after impact`, labels.units[name], gaits.map((gait) => gait.state[name]));
