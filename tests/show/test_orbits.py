@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import runpy
 from functools import cache
 from pathlib import Path
@@ -193,6 +194,20 @@ def test_the_command_that_makes_the_set_draws_its_orbits():
 def test_a_file_has_the_stated_format(name):
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.validate(orbit(name), json.loads((SET / "schema.json").read_text()))
+
+
+def test_the_page_names_every_field():
+    page = (ROOT / "docs" / "reference-orbits.md").read_text()
+
+    def fields(schema: Any) -> set[str]:
+        parts = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
+        own = schema.get("properties", {}) if isinstance(schema, dict) else {}
+        return set(own).union(*(fields(part) for part in parts))
+
+    unnamed = {
+        name for name in fields(json.loads((SET / "schema.json").read_text())) if not re.search(rf"\b{name}\b", page)
+    }
+    assert unnamed == set()
 
 
 def test_the_set_has_about_thirty_orbits_of_ten_mechanisms_and_laws():
