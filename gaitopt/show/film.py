@@ -201,7 +201,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
             phases.append(
                 {
                     "mode": _overall(arc.mode),
-                    "words": _words(arc.mode),
+                    "words": contacts_words(arc.mode),
                     "contacts": [arc.mode.contacts[name] if name in arc.mode.touching else None for name in names],
                     "start": _short(began + arc.start),
                     "end": _short(began + arc.end),
@@ -240,7 +240,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "repeats": REPEATS if motion.periodic else 1,
         "step_length": _short(path[-1][1]),
         "path": [[_short(time), _short(place)] for time, place in path],
-        "impacts": [_words(impact.mode) for impact in impacts],
+        "impacts": [contacts_words(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.walker.shape),
         "lengths": bool(motion.walker.lengths),
@@ -260,7 +260,7 @@ def _overall(mode: Mode) -> str:
     return next((word for word in words if word != Mode.STICK), words[0] if words else str(Mode.FLIGHT))
 
 
-def _words(mode: Mode) -> str:
+def contacts_words(mode: Mode) -> str:
     """What the contacts on the ground do: ``heel slip forward, toe stick``."""
     text = mode.brief if mode.is_named else mode.contact
     return text.replace("_", " ").replace(" + ", ", ")

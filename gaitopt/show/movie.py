@@ -16,9 +16,9 @@ from matplotlib.axes import Axes
 from gaitopt.arrays import Array
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import curves
-from gaitopt.show.film import Skeleton, skeleton, slope
+from gaitopt.show.film import Skeleton, contacts_words, skeleton, slope
 from gaitopt.show.motion import Motion, with_start_times
-from gaitopt.show.style import COLOURS, MODE_WORDS, NEUTRAL, figure_style, panels
+from gaitopt.show.style import COLOURS, NEUTRAL, figure_style, panels
 
 MOVIES = ("gif", "mp4")
 """Formats of a movie."""
@@ -29,7 +29,7 @@ DPI, HEIGHT = 100, 4.0
 MARKS = 6
 """Marks on the ground per cycle."""
 ROOM = 0.15
-"""Room above and below the walker, relative to its height."""
+"""Room on all sides of the walker, relative to its height or breadth."""
 LARGEST_DISC = 0.07
 """Radius of a disc with the whole mass, relative to the height of the picture; its area is the share of the mass."""
 
@@ -53,7 +53,9 @@ def movie(motion: Motion, extension: str) -> bytes:
     heights = np.concatenate([drawing.points[:, :, 1].ravel() for _, drawing, _, _ in frames])
     length = sum(step.impact.step_length for step in motion.steps if step.impact is not None)
     figure, (axes,) = panels(height=HEIGHT)
-    size = float(np.ptp(heights)) * (1 + 2 * ROOM)
+    across = [drawing.points[:, :, 0] + origin - place for place, drawing, origin, _ in frames]
+    breadth = 2 * max(float(np.abs(x).max()) for x in across)  # the walker stays in the picture, which follows it
+    size = (1 + 2 * ROOM) * max(float(np.ptp(heights)), breadth * HEIGHT / figure.get_figwidth())
     width = size * figure.get_figwidth() / HEIGHT
     writer = PillowWriter(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE)
     with TemporaryDirectory() as folder, figure_style():
@@ -89,10 +91,9 @@ def _frames(motion: Motion) -> Iterator[tuple[float, Skeleton, float, str]]:
             s = 2 * (inside - arc.start) / arc.duration - 1
             states = np.asarray(curves.evaluate(curves.coefficients(arc.states), s))
             drawn = skeleton([replace(arc, times=inside, states=states)])
-            mode = MODE_WORDS.get(arc.mode.contact, str(arc.mode))
             for k, time in enumerate(inside):
                 here = replace(drawn, points=drawn.points[k : k + 1])
-                yield origin + length * float(time) / step.period, here, origin, mode
+                yield origin + length * float(time) / step.period, here, origin, contacts_words(arc.mode)
         origin += length
 
 
@@ -105,7 +106,8 @@ def _turned(motion: Motion, points: Array) -> Array:
 def _draw(axes: Axes, motion: Motion, drawing: Skeleton, shift: float) -> None:
     points = _turned(motion, drawing.points[0] + [shift, 0.0])
     for number, (a, b) in reversed([*enumerate(drawing.legs)]):
-        stands = drawing.sides[number] == 0 if drawing.sides else number == 0
+        sides = drawing.sides or ((0, 1) if len(drawing.legs) == 2 else (0,) * len(drawing.legs))
+        stands = sides[number] == 0
         colour = COLOURS[0] if stands else NEUTRAL
         axes.plot(*points[[a, b]].T, color=colour, linewidth=3, solid_capstyle="round")
     for a, b in drawing.ties:

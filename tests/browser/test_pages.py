@@ -38,6 +38,15 @@ def test_the_walker_walks_stops_and_is_scrubbed(visit, name):
     assert slider.input_value() == "701"
 
 
+def test_a_low_and_long_walker_is_whole_in_the_picture(visit):
+    page = visit(animation_page(motion_of(gait("crawler"))))
+    frame = page.locator("svg.walker").bounding_box()
+    for k in range(page.locator(".walker .leg").count()):
+        line = page.locator(".walker .leg").nth(k).bounding_box()
+        assert frame["x"] <= line["x"]
+        assert line["x"] + line["width"] <= frame["x"] + frame["width"]
+
+
 def test_the_speed_can_be_chosen(visit):
     page = visit(animation_page(motion_of(gait("compass-passive-a"))))
     page.get_by_label("speed").select_option("2")

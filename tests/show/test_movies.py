@@ -1,5 +1,6 @@
 """Movies of moving walkers, and figures in the axes and the style of the reader."""
 
+from inspect import signature
 from math import ceil
 
 import matplotlib.pyplot as plt
@@ -8,6 +9,7 @@ import pytest
 from named import named
 from PIL import Image, ImageSequence
 
+import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import UnknownNameError
 from gaitopt.show import movie
@@ -33,6 +35,14 @@ def test_a_gif_shows_one_cycle_in_real_time_and_repeats(tmp_path):
     apart = [np.abs(one - frames[0]).mean() for one in frames]
     assert min(apart[1:]) > 0.1  # the walker moves
     assert apart[-1] < 2 * apart[1]  # and comes back, as the next picture is the first one
+
+
+def test_a_low_and_long_walker_is_whole_in_the_picture(tmp_path):
+    """Both masses of the crawler are seen, on two sides of the middle, as discs of the neutral grey."""
+    grey = np.abs(pictures(named("crawler").animate().save(tmp_path / "walk.gif"))[0] - 0x75) < 3
+    left, right = np.array_split(grey.sum(axis=0) > 20, 2)
+    assert left.any()
+    assert right.any()
 
 
 def test_an_ending_that_is_not_written_is_an_error(tmp_path, monkeypatch):
@@ -86,6 +96,14 @@ def test_a_figure_with_several_panels_asks_for_as_many_axes():
         assert not axes[2].has_data()
     finally:
         plt.close(figure)
+
+
+def test_every_result_with_figures_draws_into_given_axes():
+    drawn = [
+        thing for thing in (getattr(go, name) for name in dir(go)) if isinstance(thing, type) and hasattr(thing, "plot")
+    ]
+    assert {"Gait", "Walk", "Branch", "Sweep", "Basin", "Front", "Attractors"} <= {thing.__name__ for thing in drawn}
+    assert all("ax" in signature(plot).parameters for plot in (go.plot, *(thing.plot for thing in drawn)))
 
 
 def test_figures_follow_the_style_sheet_of_the_reader():

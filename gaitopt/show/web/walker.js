@@ -3,6 +3,7 @@
 
 const VIEW = { width: 640, height: 360 };
 const WALKER_SHARE = 0.66; // height of the walker relative to the view
+const WIDTH_SHARE = 0.45; // largest distance of a point from the middle, relative to the width of the view
 const GROUND_AT = 0.84;
 const FORCE_PER_WEIGHT = 0.45; // length of the arrow of a force equal to the weight, in heights of the walker
 const CONE = 0.6;
@@ -16,7 +17,8 @@ class Walker {
     this.count = Object.keys(this.frames).filter((name) => /^y\d+$/.test(name)).length;
     this.duration = film.period * this.repeats;
     this.height = Math.max(...Array.from({ length: this.count }, (_, k) => Math.max(...this.frames[`y${k}`])));
-    this.scale = (WALKER_SHARE * VIEW.height) / this.height;
+    this.scale = Math.min((WALKER_SHARE * VIEW.height) / this.height, (WIDTH_SHARE * VIEW.width) / this.reach());
+    this.height = (WALKER_SHARE * VIEW.height) / this.scale; // of a low, long walker the height that would fit
     this.build(host);
     this.draw(0);
   }
@@ -37,6 +39,17 @@ class Walker {
     this.legs = this.film.legs.map(() => svg(this.world, "line", { class: "leg" }));
     this.discs = this.film.discs.map(([, share]) => svg(this.world, "circle", { class: "disc", r: this.height * (0.012 + 0.035 * Math.sqrt(share)) }));
     this.forces = this.film.contacts.map(() => svg(this.world, "path", { class: "force" }));
+  }
+
+  // Largest distance of a point from the middle of the picture, which follows the walker.
+  reach() {
+    let reach = 0;
+    for (const { start, end, first, last } of this.film.phases)
+      for (let row = first; row <= last; row += 1) {
+        const camera = this.along(start + ((end - start) * (row - first)) / Math.max(last - first, 1));
+        for (let k = 0; k < this.count; k += 1) reach = Math.max(reach, Math.abs(this.frames[`x${k}`][row] - camera));
+      }
+    return reach;
   }
 
   // Every slip of a contact in every cycle: its start time, its first and last frame, and its point.
