@@ -132,11 +132,19 @@ def solve_sequence(
 
 
 def _open_loop_gait(problem: Problem, start: Gait | None, progress: Valued, should_stop: Stop) -> Gait:
-    """The optimum over open-loop torques, which are then fixed in time."""
-    from gaitopt.design.open_loop import finished, optimise  # most problems have no such torques
+    """The optimum over open-loop torques, which are then fixed in time; on intervals that are short enough."""
+    from gaitopt.design.open_loop import MESHES, finished, keeps_contact, optimise  # most problems have no such torques
 
-    end = optimise(problem, build_system(problem), start=start, progress=progress, should_stop=should_stop)
-    return end if isinstance(end, Gait) else finished(end, build_system(end.problem))
+    system, gait, iterations = build_system(problem), start, 0.0
+    for intervals in MESHES:
+        end = optimise(problem, system, start=gait, intervals=intervals, progress=progress, should_stop=should_stop)
+        gait = end if isinstance(end, Gait) else finished(end, build_system(end.problem))
+        iterations += float(gait.solver["iterations"])
+        gait = replace(gait, solver={**gait.solver, "iterations": iterations})
+        if not gait.converged or keeps_contact(gait):
+            break
+    assert gait is not None
+    return gait
 
 
 def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearProgram:

@@ -22,7 +22,7 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
-from gaitopt.solver.collocation import ROOM, SAMPLES, STRUCTURAL, Collocation, Motion, straight_motion
+from gaitopt.solver.collocation import INTERVALS, ROOM, SAMPLES, STRUCTURAL, Collocation, Motion, straight_motion
 from gaitopt.solver.ipopt import IpoptResult
 from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram, checked_gait, failed_gait
 from gaitopt.solver.rollout import guessed_motion
@@ -36,6 +36,8 @@ VIOLATED = 0.5 * ROOM
 PROBABLE = 1e-4
 """A margin that is less than this between the points, in the motion of a gait with which a search begins, is held there
 from the beginning: fewer rounds."""
+MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)
+"""Fewest intervals, tried in turn: fast motions differ from polynomials by more than ``ROOM`` on long ones."""
 PRESSING = 0.05
 """Multiplier of a condition that is in the way, relative to the largest."""
 SIDE = {1.0: "<=", -1.0: ">="}
@@ -64,6 +66,7 @@ def optimise(
     system: HybridSystem,
     *,
     start: Gait | None = None,
+    intervals: int = INTERVALS,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> OpenLoopOptimum | Gait:
@@ -73,6 +76,7 @@ def optimise(
     ----------
     system : of the problem, whose law has no duration.
     start : a gait at which the search starts instead of the guess.
+    intervals : least number of intervals of the collocation.
 
     Raises
     ------
@@ -93,11 +97,11 @@ def optimise(
         )
     places, iterations, again = tuple[tuple[int, float], ...](), 0, None
     if start is not None and isinstance(start.system.control, OpenLoop):
-        collocation = Collocation(problem, system, durations, free=free)
+        collocation = Collocation(problem, system, durations, free=free, intervals=intervals)
         known = collocation.start(states, values, durations, freed)
         places = tuple(collocation.violated(known, SAMPLES, PROBABLE))
     for _ in range(MAX_EXCHANGES):
-        collocation = Collocation(problem, system, durations, free=free, places=places)
+        collocation = Collocation(problem, system, durations, free=free, intervals=intervals, places=places)
         result = collocation.solve(
             states, values, durations, freed, progress=progress, should_stop=should_stop, again=again
         )
@@ -151,6 +155,13 @@ def finished(optimum: OpenLoopOptimum, system: HybridSystem) -> Gait:
     freed = {key: dynamics.parameter(key) for key in [*collocation.free, *collocation.value_keys]}
     objective = sum(weight * gait.scalar(name) for name, weight in origin.objective.items())
     return replace(gait, freed=freed, solver={**optimum.solver, "objective": float(objective)})
+
+
+def keeps_contact(gait: Gait) -> bool:
+    """Whether the stance foot sticks and presses along the whole motion, not only along that of the collocation."""
+    needed, lowest = gait.measures.get("required_friction"), gait.measures.get("min_normal_force")
+    sticks = needed is None or not needed > gait.dynamics.static_friction
+    return sticks and (lowest is None or not lowest < 0)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -334,7 +345,7 @@ def _conflicts(
             if sign * (bound - reached) >= -MISSED * max(1.0, abs(bound)):
                 continue
             active = collocation.active(result.multipliers, result.bound_multipliers)
-            against = ", ".join(key.replace("_", " ") for key, size in active if size > PRESSING)
+            against = ", ".join(key if "." in key else key.replace("_", " ") for key, size in active if size > PRESSING)
             _, place = problem.place.locate(("constraints", name))
             relation = "=" if span.minimum == span.maximum else SIDE[sign]
             words = f"{place}: {name} {relation} {bound:g} conflicts with {against}: best reached {reached:.4g}"

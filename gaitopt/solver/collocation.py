@@ -616,7 +616,7 @@ class Collocation:
                 return 0.0, 0.0
             if name in ending.zeros:
                 return -np.inf, np.inf
-        if name == "upright" or margin(name).rises:
+        if margin(name).rises:
             return -np.inf, np.inf
         if starts and name == "slip_velocity" and self.cycle.onset_order(phase) > 0:
             return -np.inf, np.inf
@@ -849,33 +849,47 @@ class Collocation:
         return found
 
     def active(self, multipliers: Array, bound_multipliers: Array) -> list[tuple[str, float]]:
-        """Names of rows and bounds with the sizes of their multipliers, relative to the largest, largest first."""
+        """Names of rows and bounds with the sizes of their multipliers, relative to the largest, largest first.
+
+        A multiplier times its bound, or the natural unit of a margin, is the effect of a relative change of the bound.
+        """
         sums = dict[str, float]()
-        for name, value in zip(self.row_names, multipliers.tolist(), strict=True):
+        limits = np.where(multipliers > 0, self.ubg, self.lbg).tolist()
+        for name, at, value, limit in zip(self.row_names, self._row_places, multipliers.tolist(), limits, strict=True):
             if name not in STRUCTURAL:
-                sums[name] = sums.get(name, 0.0) + abs(value)
-        for key, value in zip(self.value_keys, bound_multipliers[self.slices["values"]].tolist(), strict=True):
+                unit = abs(limit) / (ROOM if at.mode is not None and name not in self.goals.ranges else 1.0) or 1.0
+                sums[name] = sums.get(name, 0.0) + abs(value) * (unit if np.isfinite(unit) else 1.0)
+        lower, upper = (each[self.slices["values"]] for each in self.bounds())
+        pressed = bound_multipliers[self.slices["values"]]
+        ends = np.where(pressed > 0, upper, lower)
+        for key, value, end in zip(self.value_keys, pressed.tolist(), ends.tolist(), strict=True):
             motor = key.split(".")[1]
             stated = self.law is not None and motor in self.law.bounds
             name = f"control.bounds.{motor}" if stated else f"the effort of {motor}"
-            sums[name] = sums.get(name, 0.0) + abs(value)
+            sums[name] = sums.get(name, 0.0) + abs(value) * (abs(end) if np.isfinite(end) else 0.0)
         for key, value in zip(self.free, bound_multipliers[self.slices["freed"]].tolist(), strict=True):
             sums[key] = abs(value)
         largest = max(sums.values(), default=0.0) or 1.0
         return sorted(((name, value / largest) for name, value in sums.items()), key=lambda each: -each[1])
 
     def worst(self, x: Array) -> list[Cause]:
-        """The condition that is violated most at a point."""
+        """The limit that is violated most at a point, or the largest residual of the equations of motion."""
         rows = Function("rows", [self.program.x, self.program.p], [self.program.g])
         g = np.asarray(rows(x, self.dynamics.p)).ravel()
         violation = np.maximum(self.lbg - g, g - self.ubg)
-        k = int(np.argmax(violation))
+        beyond = np.where([name in STRUCTURAL for name in self.row_names], 0.0, violation)
+        k = int(np.argmax(beyond if np.max(beyond) > ROOM else violation))
         name, bound = self.row_names[k], float(np.clip(g[k], self.lbg[k], self.ubg[k]))
         if not violation[k] > ROOM:
             return []
-        words = (
-            f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {'at least' if g[k] < bound else 'at most'} {bound:.4g}"
-        )
+        if self._row_places[k].mode is not None and name not in self.goals.ranges:
+            bound = 0.0  # without the room for the error of the collocation
+        side = "at least" if g[k] < bound else "at most"
+        words = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"
+        if name in STRUCTURAL:
+            words = (
+                f"no motion was found next to the guess: {name} of the equations of motion is off by {violation[k]:.3g}"
+            )
         return [Cause(what=name, words=words, needed=bound, available=float(g[k]))]
 
     def unpack(self, x: Array) -> dict[str, Array]:

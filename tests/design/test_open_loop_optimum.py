@@ -218,7 +218,17 @@ def test_a_speed_beyond_the_torque_limits_says_how_far_one_gets():
     gait = go.solve(go.parse_problem(text), progress=False)
     assert gait.status is go.Status.INFEASIBLE
     assert "constraints.speed: speed = 2 conflicts with" in gait.message
+    assert "control.bounds.hip" in gait.message
     assert "best reached" in gait.message
+
+
+@pytest.mark.slow
+def test_a_fast_robot_stays_upright_and_in_the_friction_cone_between_the_points():
+    gait = go.solve(go.load_problem("rabbit-optimal").replace({"constraints.speed": 1.6}), progress=False)
+    assert gait.converged, gait.message
+    assert gait.scalar("speed") == pytest.approx(1.6, rel=1e-7)
+    assert gait.scalar("required_friction") == pytest.approx(0.6, abs=1e-6)
+    assert go.verify(gait).passed
 
 
 @pytest.mark.slow
