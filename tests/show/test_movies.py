@@ -37,8 +37,9 @@ def test_a_gif_shows_one_cycle_in_real_time_and_repeats(tmp_path):
     assert apart[-1] < 2 * apart[1]  # and comes back, as the next picture is the first one
 
 
-def test_a_low_and_long_walker_is_whole_in_the_picture(tmp_path):
+def test_a_low_and_long_walker_is_whole_in_the_picture(tmp_path, monkeypatch):
     """Both masses of the crawler are seen, on two sides of the middle, as discs of the neutral grey."""
+    monkeypatch.setattr(movie, "RATE", 1)
     grey = np.abs(pictures(named("crawler").animate().save(tmp_path / "walk.gif"))[0] - 0x75) < 3
     left, right = np.array_split(grey.sum(axis=0) > 20, 2)
     assert left.any()
