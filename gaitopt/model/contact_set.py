@@ -35,6 +35,7 @@ from typing import Any
 
 import numpy as np
 from casadi import SX, Function, densify, horzcat, jacobian, jtimes, vec, vertcat
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -419,7 +420,8 @@ def _structure(walker: type[Walker], mode: Mode) -> Structure:
                 break
             place = place - np.linalg.pinv(slope) @ height.ravel()
         if np.all(np.isfinite(J)) and np.all(np.isfinite(M)) and np.abs(height).max(initial=0.0) < ON_GROUND:
-            found.append(_pivots(constraints, J[:, active], G[:, active].T, M[np.ix_(active, active)]))
+            fixed = np.array([[row[k].is_constant() for k in active] for row in rows])
+            found.append(_pivots(constraints, J[:, active], G[:, active].T, M[np.ix_(active, active)], fixed))
         if len(found) == SAMPLES:
             break
     if not found:
@@ -428,8 +430,22 @@ def _structure(walker: type[Walker], mode: Mode) -> Structure:
     return max(found, key=lambda one: sum(one.kept == other.kept for other in found))
 
 
-def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Array) -> Structure:
-    """The structure at one posture: J (n, n_q) rows and G (n_q, n) columns of all constraints, M mass matrix."""
+def _pivots(
+    constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Array, fixed: NDArray[np.bool_]
+) -> Structure:
+    """The structure at one posture.
+
+    The pivots vanish in no posture. First come entries of J that are the same everywhere, each with its partner in G;
+    what is left of M then is the mass matrix of a walker with fewer joints, whose pivots on the diagonal are positive.
+    Those of the other constraints are effective masses, which vanish at redundant constraints and in the paradox of
+    Painleve alone.
+
+    Parameters
+    ----------
+    J, G : rows, shape (n, n_q), and columns (n_q, n) of all constraints.
+    M : mass matrix, shape (n_q, n_q).
+    fixed : entries of J that do not depend on the posture.
+    """
     kept: list[int] = []
     basis = np.zeros((0, J.shape[1]))
     for k, row in enumerate(J):
@@ -445,19 +461,38 @@ def _pivots(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Arr
         nulls[kept, j] = -np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
     size = np.abs(G).max(initial=1.0)
     K = np.block([[M, -G[:, kept]], [J[kept], np.zeros((len(kept), len(kept)))]])
-    pivots, A = list[tuple[int, int]](), K.copy()
-    rows, columns = list(range(len(K))), list(range(len(K)))
-    while rows:  # Markowitz: the entry that fills least among those that are not small in their row
-        part = np.abs(A[np.ix_(rows, columns)])
-        filled = part > DEPENDENT
-        cost = (filled.sum(axis=1)[:, None] - 1.0) * (filled.sum(axis=0) - 1.0)
-        sizes = part / np.maximum(part.max(axis=1), DEPENDENT)[:, None]
-        cost[sizes < SMALL_PIVOT] = np.inf
-        i, j = map(int, np.unravel_index(np.argmin(cost - sizes / 2), cost.shape))
-        row, column = rows.pop(i), columns.pop(j)
+    pivots, A, n = list[tuple[int, int]](), K.copy(), len(M)
+
+    def eliminate(row: int, column: int) -> None:
         pivots.append((row, column))
-        for other in rows:
-            A[other] -= A[other, column] / A[row, column] * A[row]
+        left = [other for other in range(len(A)) if other not in {row for row, _ in pivots}]
+        A[left] -= np.outer(A[left, column] / A[row, column], A[row])
+
+    def fill(row: int, column: int) -> int:  # Markowitz
+        filled = np.abs(A[np.ix_(left, left)]) > DEPENDENT
+        return int((filled[left.index(row)].sum() - 1) * (filled[:, left.index(column)].sum() - 1))
+
+    left = list(range(len(K)))
+    no_inertia = [c for c in range(n) if abs(M[c, c]) <= DEPENDENT * np.abs(M).max()]
+    for columns in (no_inertia, range(n)):
+        for force, k in enumerate(kept, start=n):
+            if force not in left or not np.array_equal(J[k], G[:, k]):
+                continue
+            free = [c for c in columns if c in left and fixed[k, c] and A[force, c] == J[k, c] != 0]
+            if len(kept) == n:  # the walker cannot move: its posture stays
+                free = [
+                    c for c in columns if c in left and abs(A[force, c]) > SMALL_PIVOT * np.abs(A[force, left]).max()
+                ]
+            if free:
+                c = min(free, key=lambda c: fill(force, c))
+                eliminate(force, c)
+                eliminate(c, force)
+                left = [other for other in left if other not in (force, c)]
+    for coordinates in (True, False):
+        while rest := [k for k in left if (k < n) is coordinates]:
+            k = min(rest, key=lambda k: fill(k, k))
+            eliminate(k, k)
+            left.remove(k)
     return Structure(
         constraints=constraints,
         kept=tuple(kept),

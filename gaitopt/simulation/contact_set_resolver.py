@@ -140,6 +140,10 @@ class ContactSetResolver:
         before, size = velocities.reshape(-1, 2) / self._speed, self._dynamics.scales.length
         place = {name: k for k, name in enumerate(self._names)}
         massless = landing in self._massless
+        if not massless and heights[place[landing]] < -TOUCHING * size:
+            depth = -heights[place[landing]]
+            words = f"{landing} scuffs: it is {depth:.3g} m below the ground where it begins to count as a contact"
+            return Termination(Ending.SCUFFING, words)
         if not massless and before[place[landing], 1] >= -EDGE:
             words = f"{landing} does not come down: its normal velocity is {before[place[landing], 1]:.6g} sqrt(g l)"
             return Termination(Ending.IMPACT_INCONSISTENT, words)
