@@ -940,7 +940,12 @@ def _same_but_for_guess(first: Problem, second: Problem) -> bool:
 
 
 def _loaded(problem: Problem | str | Path) -> Problem:
-    return problem if isinstance(problem, Problem) else load_problem(problem)
+    if isinstance(problem, Problem):
+        return problem
+    if not isinstance(problem, str | Path):
+        words = "; its problem is gait.problem" if isinstance(problem, Gait) else ""
+        raise ProblemError(f"expected a problem, its name or its path, not a {type(problem).__name__}{words}")
+    return load_problem(problem)
 
 
 def _folder(problem: Problem, output: Output) -> Path | None:

@@ -38,6 +38,8 @@ def sentence(call):
         (lambda: go.load_problem(PASSIVE).replace({"walker.slope": 2}), "did you mean 2 deg?"),
         (lambda: go.verify(PASSIVE), "verify takes a gait, not a problem; give solve('compass-passive-a')"),
         (lambda: go.continuation(go.load_problem(PASSIVE), "friction", 0.1), "not a problem; give solve(problem)"),
+        (lambda: go.solve(named(PASSIVE)), "its name or its path, not a Gait; its problem is gait.problem"),
+        (lambda: go.find(["stick"]), "expected a problem, its name or its path, not a list"),
         (lambda: go.plot(PASSIVE), "plot takes a gait, not a problem; give solve('compass-passive-a')"),
         (lambda: go.animate(PASSIVE), "not a problem; give solve('compass-passive-a')"),
         (lambda: go.save_figures(PASSIVE, "figures"), "not a problem; give solve('compass-passive-a')"),
