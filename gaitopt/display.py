@@ -71,7 +71,7 @@ class Page:
         Raises
         ------
         UnknownNameError
-            If the path has another ending, or ffmpeg is missing.
+            If the path has another suffix, or ffmpeg is missing.
         StorageError
             If the file cannot be written.
         """

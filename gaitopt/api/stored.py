@@ -70,7 +70,7 @@ def stored_gait(problem: Problem, path: str | Path | None = None) -> Gait | None
     Raises
     ------
     StorageError
-        If the folder belongs to something else, or is broken.
+        If the folder belongs to something else, or is damaged.
     """
     from gaitopt.runs.results import restore_gait
 
@@ -117,7 +117,7 @@ def load_run(
     Raises
     ------
     StorageError
-        If the folder is not a run, or is broken, unfinished or newer.
+        If the folder is not a run, or is damaged, unfinished or newer.
     UnknownNameError
         If the result has no such part.
     ProblemError

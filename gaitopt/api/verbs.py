@@ -99,7 +99,7 @@ def solve(
         that meets its constraints. Or an attractor of a basin, whose cycle is solved for a gait.
     start : gait of the same walker, control law and mode sequence, from which a design starts instead of the guess; or
         a solution that ``multistart`` found for this problem, which becomes its gait.
-    method : ``newton`` is Newton's method next to the guess, for a design sequential quadratic programming; it also
+    method : ``newton`` is Newton's method from the guess, or sequential quadratic programming for a design; it also
         follows the gait of a file to changed values. ``ipopt`` solves the NLP (see ``nlp``) from the guess with IPOPT.
         ``auto`` uses IPOPT if Newton's method finds no gait, and for designs. All results are refined to rounding by
         Newton's method; ``gait.solver`` states the method.
@@ -391,7 +391,7 @@ def continuation(
     Raises
     ------
     UnknownNameError
-        If there is no such parameter; the message lists the near misses.
+        If there is no such parameter; the message lists similar names.
     ProblemError
         If a target is beyond a bound, no other branch can begin at such a special point, or events are to be stored.
     SolveError
@@ -620,8 +620,8 @@ def replay(
 ) -> "list[Replay]":
     """Replay a gait in another physics engine, and measure its errors.
 
-    The engine starts from the state of the gait just after an impact and walks one cycle at several time steps. It runs
-    in a separate process, so a crash of the engine is a result.
+    The engine starts from the state of the gait just after an impact and simulates one cycle with several time steps.
+    It runs in a separate process, so a crash of the engine is a result.
 
     Parameters
     ----------

@@ -287,9 +287,9 @@ def basin(
 ) -> int:
     """Compute basins of attraction on a grid of states.
 
-    A walk starts from every state, until it settles on a gait or fails. The other coordinates are those of RUN's gait.
-    Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the gait of the K-th
-    attractor; RUN is the folder that basin prints.
+    A walk from every state is simulated until it settles on a gait or fails. The other coordinates are those of RUN's
+    gait. Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the gait of
+    the K-th attractor; RUN is the folder that basin prints.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_basin

@@ -376,9 +376,8 @@ def replay(
 ) -> int:
     """Replay a gait in another physics engine.
 
-    The errors of the engine are measured versus time step. The engine starts from the gait's state and walks one cycle
-    at each time step. The result is stored in the run folder; `report` draws the motion of the engine over that of the
-    gait.
+    The engine starts from the gait's state and simulates one cycle with each time step; the errors are printed versus
+    time step. The result is stored in the run folder; `report` draws the motion of the engine over that of the gait.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.engines.replay import adapter

@@ -147,7 +147,7 @@ MethodOption = Annotated[
     typer.Option(
         "--method",
         metavar="auto|newton|ipopt",
-        help="Newton's method next to the guess, or IPOPT; auto runs IPOPT where Newton's method fails.",
+        help="Newton's method from the guess, or IPOPT; auto uses IPOPT if Newton's method fails.",
     ),
 ]
 OverOption = Annotated[

@@ -72,7 +72,7 @@ class ModeSequence:
 
 @dataclass(frozen=True)
 class Cycle:
-    """The steps after which a gait repeats; phases are counted through all of them.
+    """The steps of one cycle of a gait; phases are numbered through all steps.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Link:
     joint : name of the joint with the parent; empty for the root, and for a link that is fixed to its parent.
     position : the joint, or the origin of a fixed link, in the frame of the parent; it is the origin of this frame.
     sign : 1, or -1 for a joint whose angle counts the other way.
-    zero : the joint's angle is ``sign`` times (the angle of this link less that of its parent), plus ``zero`` [rad].
+    zero : the joint's angle is ``sign`` times (the angle of this link minus that of its parent), plus ``zero`` [rad].
     tip : the other end of the link in drawings; the foot, if there is one.
     foot : whether the tip is a foot. The first link with a foot belongs to the stance leg, the second one swings.
     foot_radius : radius of a round foot, whose centre is the tip [m].

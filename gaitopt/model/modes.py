@@ -44,14 +44,14 @@ class Mode(str):
     Attributes
     ----------
     contact : the states of the contacts, as a mode without stops.
-    contacts : state of every contact by name, in order: the one contact is ``foot``. Not to be written to.
+    contacts : state of every contact by name, in order: the one contact is ``foot``. Read-only.
     touching : names of the contacts that touch the ground, in order.
     directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip. Not
         to be written to.
     sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
     fixes_x : whether the one foot sticks, so that dx is zero.
     direction : sign of the slip velocity of the foot; 0 where there are several contacts.
-    stops : state of every stop and switch by name, in order; not to be written to.
+    stops : state of every stop and switch by name, in order; read-only.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
     key : the text as part of an identifier.

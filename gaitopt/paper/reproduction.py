@@ -95,7 +95,7 @@ def reproduce(
     SolveError
         If there is no gait, or the forward simulation refutes it.
     StorageError
-        If a run folder is broken, or a folder cannot be written.
+        If a run folder is damaged, or a folder cannot be written.
     """
     if paper != PAPER:
         raise UnknownNameError(f"no paper is called {paper!r}; choose from {PAPER}")

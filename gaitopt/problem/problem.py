@@ -120,7 +120,7 @@ class Problem(ProblemStatement):
         ----------
         overrides : values as in the file by dotted key, for instance ``{"friction": 0.16, "walker.slope": "2 deg"}``.
         label : text before the keys in messages, such as the option that sets them.
-        names : none; most keys have dots, so that Python takes no ``friction=0.16``.
+        names : an error; pass a mapping, because most keys contain dots.
 
         Raises
         ------

@@ -133,7 +133,7 @@ def read_result(folder: Path) -> Result:
     Raises
     ------
     StorageError
-        If the folder is not a run, or is broken, unfinished or newer.
+        If the folder is not a run, or is damaged, unfinished or newer.
     """
     wait_for_writer(folder, lambda: bool(kind_of(folder)))
     kind = kind_of(folder)

@@ -202,7 +202,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
 
 
 class Family:
-    """Gaits of one mode sequence at many parameter values; each starts from the previous ones. Not for several threads.
+    """Gaits of one mode sequence at many parameter values; each starts from the previous ones. One thread only.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class Family:
         Raises
         ------
         ValueError
-            If its walker, kind of control, impact law or mode sequence is another one.
+            If its walker, kind of control, impact law or mode sequence differs.
         """
         first = self.gait.problem
         same = (problem.cycle, problem.impact_law, type(problem.walker)) == (

@@ -56,7 +56,7 @@ class NonlinearProgram(Plotted, Program, ABC):
 
     Attributes
     ----------
-    problem : the one that is solved.
+    problem : the problem.
     """
 
     problem: Problem
@@ -102,7 +102,7 @@ class NonlinearProgram(Plotted, Program, ABC):
         return rows
 
     def unpack(self, w: Any) -> dict[str, Any]:
-        """The quantities of a point by name, in SI: numbers of numbers, and expressions of ``x``.
+        """The quantities of a point by name, in SI units; expressions if the point is ``x``.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class NonlinearProgram(Plotted, Program, ABC):
         return {TIME: origin + (moved if isinstance(w, MX) else np.asarray(moved).ravel()), **quantities}
 
     def pack(self, quantities: Mapping[str, Any]) -> Array:
-        """The point with these quantities, by the names of ``unpack``; others are those of ``x0``, times are ignored.
+        """The inverse of ``unpack``: missing quantities are taken from ``x0``, and times are ignored.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class NonlinearProgram(Plotted, Program, ABC):
 
     @overflow_allowed()
     def gait(self, w: Any, p: Array | None = None) -> Gait:
-        """The gait at a solution, which Newton's method refines to rounding with the freed parameters as they are.
+        """The gait at a solution, which Newton's method refines to rounding at fixed free parameters.
 
         Parameters
         ----------
