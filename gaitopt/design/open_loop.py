@@ -108,14 +108,14 @@ def optimise(
         iterations += result.iterations
         solver = {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
         if result.status is not Status.CONVERGED:
-            causes: tuple[Cause, ...] = ()
-            if result.status is not Status.INTERRUPTED:
+            status, words, causes = result.status, result.words, tuple[Cause, ...]()
+            if status is not Status.INTERRUPTED:
                 begin = (guessed_states(problem, dynamics, start)[0], values, durations, freed)
-                causes = tuple(_conflicts(problem, system, free, begin, should_stop)) or tuple(
-                    collocation.worst(result.w)
-                )
-            status = Status.INFEASIBLE if causes else result.status
-            words = "\n".join(cause.words for cause in causes) or result.words
+                causes = tuple(_conflicts(problem, system, free, begin, should_stop))
+                status = Status.INFEASIBLE if causes else status
+                causes = causes or tuple(collocation.worst(result.w))
+                reasons = "\n".join(cause.words for cause in causes)
+                words = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (words, reasons)))
             return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
         blocks = collocation.unpack(result.w)
         values, durations, freed = blocks["values"], blocks["durations"], blocks["freed"].tolist()

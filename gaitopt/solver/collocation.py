@@ -887,9 +887,7 @@ class Collocation:
         side = "at least" if g[k] < bound else "at most"
         words = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"
         if name in STRUCTURAL:
-            words = (
-                f"no motion was found next to the guess: {name} of the equations of motion is off by {violation[k]:.3g}"
-            )
+            words = f"{name} of the equations of motion is off by {violation[k]:.3g}"
         return [Cause(what=name, words=words, needed=bound, available=float(g[k]))]
 
     def unpack(self, x: Array) -> dict[str, Array]:
