@@ -264,8 +264,8 @@ AT_PERIOD = Margin(
 MARGINS: Mapping[str, Margin] = {**PHASE_MARGINS, **IMPACT_MARGINS, BREAKPOINT: AT_BREAKPOINT, CLOCK: AT_PERIOD}
 STOP = Margin(
     unit="one",
-    lost="the stop locks, or the switch triggers, earlier in the step",
-    absent="the stop does not lock, or the switch does not trigger",
+    lost="a stop locks, a switch triggers or the section is reached earlier in the step",
+    absent="the stop does not lock, the switch does not trigger, or the section is not reached",
     rises=True,
 )
 """The gap of any joint stop, and the margin of any switch or section."""

@@ -13,12 +13,12 @@ before the high ones, which differ so little that the page compresses well.
 import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, combinations
+from itertools import accumulate, combinations, pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, horzcat, vertcat
+from casadi import SX, Function, horzcat, vertcat, vertsplit
 from numpy.typing import ArrayLike
 
 from gaitopt.arrays import Array
@@ -30,7 +30,7 @@ from gaitopt.model.declaration import has_links, is_default, state_mechanism, st
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
-from gaitopt.model.walker import Walker
+from gaitopt.model.walker import Mechanism, Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.show.motion import Motion, with_start_times
@@ -52,6 +52,8 @@ RIGID = 1e-9
 """Relative change of a distance below which two points belong to one rigid part."""
 COINCIDENT = 1e-9
 """Distance [m] below which two points are one."""
+SAME_PLACE = 1e-9
+"""Distance of points that are the same up to rounding [m]."""
 DIGITS = 9
 """Digits of lengths that are compared: rounding does not decide which of two equal legs comes first."""
 
@@ -178,8 +180,40 @@ def _mechanism(
             )
             for name in walker.massless_contacts
         },
-        state_tree(walker, *named).sides() if has_links(walker) and is_default(walker, "outline") else (),
+        state_tree(walker, *named).sides()
+        if has_links(walker) and is_default(walker, "outline")
+        else _exchanged(walker, mechanism, lines, q, p),
     )
+
+
+def _exchanged(
+    walker: type[Walker], mechanism: Mechanism, lines: Sequence[Sequence[SX]], q: SX, p: SX
+) -> tuple[int | None, ...]:
+    """The sides of the pieces of an outline: pieces of two legs change places when the feet swap roles.
+
+    Returns
+    -------
+    sides : of every piece; () if no piece changes places with another.
+    """
+    pieces = [horzcat(*pair) for line in lines for pair in pairwise(line)]
+    if mechanism.relabel.numel() == 0 or not pieces:
+        return ()
+    base = {"x": mechanism.swing_foot[0], "y": mechanism.swing_foot[1]}
+    shape = dict(zip(walker.shape, vertsplit(SX(mechanism.relabel)), strict=True))
+    swapped = vertcat(*((shape | base)[name] for name in walker.coordinates()))
+    random = np.random.default_rng(0)
+    place = random.uniform(-0.3, 0.3, q.numel()), random.uniform(0.5, 1.5, p.numel())
+    drawn, after = Function("pieces", [q, p], [vertcat(*pieces)]), Function("swapped", [q, p], [swapped, base["y"]])
+    exchanged, height = after(*place)
+    here, there = (np.asarray(drawn(at, place[1])).reshape(-1, 2, 2) for at in (place[0], exchanged))
+    if "y" not in walker.coordinates():
+        there = there + np.array([[0.0], [float(height)]])
+    gaps = [[min(np.abs(one - other).max(), np.abs(one - other[:, ::-1]).max()) for other in there] for one in here]
+    partners = [int(np.argmin(row)) if min(row) < SAME_PLACE else k for k, row in enumerate(gaps)]
+    partners = [partner if partners[partner] == k else k for k, partner in enumerate(partners)]
+    if all(partner == k for k, partner in enumerate(partners)):
+        return ()
+    return tuple(None if partner == k else int(partner < k) for k, partner in enumerate(partners))
 
 
 def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:

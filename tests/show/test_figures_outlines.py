@@ -68,3 +68,11 @@ def test_the_lines_of_a_tree_know_the_leg_to_which_they_belong():
     for side, foot in ((0, 0), (1, 1)):
         ends = [drawn.points[:, b] for (_, b), each in zip(drawn.legs, drawn.sides, strict=True) if each == side]
         assert any(np.allclose(end, drawn.points[:, foot], atol=1e-12) for end in ends)
+
+
+@pytest.mark.parametrize(
+    ("name", "sides"), [("torso-passive", (0, 1, None)), ("heel-toe", (0,) * 4 + (1,) * 4), ("telescopic-passive", ())]
+)
+def test_the_lines_that_change_places_in_a_step_belong_to_two_legs(name, sides):
+    _, drawn = drawing(name)
+    assert drawn.sides == sides
