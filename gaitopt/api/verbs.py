@@ -273,7 +273,7 @@ def find(
     steps : maximum number of steps of a cycle; None for that of the problem.
     starts : number of start states of the search by simulation.
     seed : random seed.
-    method : by which the candidates of the search become gaits, as of ``solve``.
+    method : method that solves the candidates, as for ``solve``.
     within : fixed ranges of the start states by section coordinate; other ranges adapt to the gaits that are found.
     workers : number of processes; None for one per core.
     scheduler : address of an existing Dask scheduler to use instead, ``tls://host:8786``.
@@ -712,7 +712,7 @@ def sweep(
     warm : start each point from the gait of its neighbour instead, and solve it as ``solve`` where that fails. The
         result may then depend on the grid.
     from_guess : solve each point from the problem's guess instead, as ``solve(problem.from_guess())``.
-    method : as of ``solve``; results of different methods are stored separately.
+    method : as for ``solve``; results of different methods are stored separately.
     workers : number of processes; by default one per core.
     scheduler : address of an existing Dask scheduler to use instead of local processes, ``tls://host:8786``.
     output : run folder, by default ``results/NAME-HASH``; the sweep is stored in a folder within it, ``folder``.

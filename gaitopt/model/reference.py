@@ -620,7 +620,7 @@ class BezierMotion(BezierReference, GivenCurves):
 
     duration: Annotated[
         Duration | None,
-        Field(description="of curves over the clock [s]; the step may end earlier or later"),
+        Field(description="duration of curves over the clock [s]; the step may end earlier or later"),
         Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
     ] = None
     span: Annotated[
@@ -787,8 +787,8 @@ class TableCurves(BaseModel, Target):
             ge=1,
             le=20,
             strict=True,
-            description="of the polynomials closest to the rows; if left out, a cubic spline through them all, "
-            "which is for the clock",
+            description="degree of the polynomials fitted to the rows; if left out, a cubic spline through all rows, "
+            "which requires the clock",
         ),
     ] = None
 
@@ -949,7 +949,7 @@ class GaitCurves(BaseModel, Target):
             ge=1,
             le=20,
             strict=True,
-            description="over a phase: of the polynomials that are closest to the gait's angles",
+            description="over a phase variable: degree of the polynomials fitted to the gait's angles",
         ),
     ] = None
 
@@ -1028,7 +1028,7 @@ class CurveSpec(BaseModel):
     ] = 0.6
     duration: Annotated[
         Duration | None,
-        Field(description="of curves over the clock [s]; the period of the start's gait if left out"),
+        Field(description="duration of curves over the clock [s]; the period of the start's gait if left out"),
         Within(unit="time", possible=DURATION.possible, usual=(0.1, DURATION.usual[1])),
     ] = None
     points: Annotated[
