@@ -243,9 +243,14 @@ class Sensitivity:
         return self._impact["step_length"]
 
     @property
+    def weight(self) -> Differentiated:
+        """m g [N]."""
+        return self._impact["weight"]
+
+    @property
     def transport(self) -> Differentiated:
         """Weight times step length [J]."""
-        return self.distance * self._impact["weight"]
+        return self.distance * self.weight
 
     @property
     def incline(self) -> Differentiated:

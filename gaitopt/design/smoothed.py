@@ -112,9 +112,14 @@ class SmoothedScalars:
         return impact(z=self._t.Z[:, -1], p=self._t.p)["z_plus"][self._t.system.n_shape]
 
     @property
+    def weight(self) -> MX:
+        """m g [N]."""
+        return self._t.system.weight(self._t.p)
+
+    @property
     def transport(self) -> MX:
         """Weight times step length [J]."""
-        return self._t.system.weight(self._t.p) * self.distance
+        return self.weight * self.distance
 
     @property
     def incline(self) -> MX:

@@ -270,11 +270,16 @@ class _Measured:
         return float(buffered(self._dynamics.system.incline)(self._dynamics.p)[0][0])
 
     @property
+    def weight(self) -> float:
+        """m g [N]."""
+        return float(buffered(self._dynamics.system.weight)(self._dynamics.p)[0][0])
+
+    @property
     def transport(self) -> float:
         """Weight times distance [J]; NaN on the spot, where no cost is defined."""
         if abs(self.distance) <= ON_THE_SPOT * self._dynamics.scales.length:
             return float("nan")
-        return float(buffered(self._dynamics.system.weight)(self._dynamics.p)[0][0]) * self.distance
+        return self.weight * self.distance
 
     def integral(self, rate: str) -> float:
         """Integral of ``power``, ``absolute_power``, ``loss`` or ``squared_torque`` over all arcs."""

@@ -208,8 +208,9 @@ class MeasureRecord(TypedDict):
     damping_loss: NotRequired[NotNegative]  # not in records from before there were dampers
     cost_of_transport: Number | None
     absolute_cost_of_transport: NotNegative | None
-    gravity_cost: NotRequired[Number | None]  # neither this nor apex_height is in records of version 0.1
+    gravity_cost: NotRequired[Number | None]  # neither this, torque_cost nor apex_height is in records of 0.1
     torque_squared: NotNegative
+    torque_cost: NotRequired[Number | None]
     peak_torque: NotNegative
     slip_distance: NotNegative
     foot_clearance: Number | None

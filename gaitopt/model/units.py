@@ -70,6 +70,7 @@ UNITS: Mapping[str, tuple[str, Callable[[Scales], float]]] = {
     "drag": (" m sqrt(g/l)", lambda s: s.mass / s.time),
     "inertia": (" m l^2", lambda s: s.mass * s.length**2),
     "torque_squared": (" (m g l)^2 sqrt(l/g)", lambda s: s.energy**2 * s.time),
+    "torque_cost": (" (m g)^2 l sqrt(l/g)", lambda s: s.energy**2 * s.time / s.length),
 }
 """Natural units: symbol and value in SI; l is the length of a leg, m the total mass, g gravity."""
 SI = {

@@ -47,8 +47,12 @@ class Quantities(Protocol):
         """Path of the sliding foot [m]."""
 
     @property
+    def weight(self) -> Any:
+        """m g [N]."""
+
+    @property
     def transport(self) -> Any:
-        """Weight times distance, m g L [J]."""
+        """Weight times distance, m g L [J]; not a number where the walker stays on the spot."""
 
     @property
     def incline(self) -> Any:
@@ -165,6 +169,14 @@ SCALARS: Mapping[str, Scalar] = {
         within=Within(unit="torque_squared", possible=POSITIVE),
         needs=(MOTORS,),
         formula=lambda cycle: cycle.integral("squared_torque"),
+    ),
+    "torque_cost": Scalar(
+        label="squared torques per step length",
+        unit="N^2 m s",
+        meaning="integral of the squares of the torques per step length",
+        within=Within(unit="torque_cost", possible=symmetric(float("inf"))),
+        needs=(MOTORS,),
+        formula=lambda cycle: cycle.integral("squared_torque") / (cycle.transport / cycle.weight),
     ),
     "peak_torque": Scalar(
         label="peak torque",

@@ -219,7 +219,7 @@ class _Symbols:
 
     def __init__(self, durations: SX, distance: SX, slip: SX, weight: SX, push: SX, incline: SX) -> None:
         self.duration, self.distance, self.slip, self.incline = sum1(durations), distance, slip, incline
-        self.transport, self.push_work = weight * distance, push
+        self.weight, self.transport, self.push_work = weight, weight * distance, push
         self.integrals: dict[str, SX] = {}
 
     def integral(self, rate: str) -> SX:

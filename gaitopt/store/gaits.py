@@ -34,7 +34,7 @@ CLOSED = 1e-9
 """Difference between the states at the start of a cycle and after it, in natural units, that rounding may cause."""
 SAME_TIME = 1e-14
 """Relative to the period: the end of one arc and the start of the next may differ by rounding, other points never."""
-OLDER = {"damping_loss": 0.0, "gravity_cost": None, "apex_height": None}
+OLDER = {"damping_loss": 0.0, "gravity_cost": None, "torque_cost": None, "apex_height": None}
 """Scalars that are missing in records of earlier versions."""
 
 

@@ -18,6 +18,7 @@ from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.newton import Solution, polish
 
 SMOOTH = ("period", "step_length", "speed", "work", "absolute_cost_of_transport", "torque_squared", "slip_distance")
+SMOOTH += ("torque_cost",)
 PIECED = tuple(name for name in EXTREMA if name != RADIUS)
 
 

@@ -135,7 +135,9 @@ def test_derivatives_of_the_program_are_those_of_central_differences():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("objective", ["work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared"])
+@pytest.mark.parametrize(
+    "objective", ["work", "cost_of_transport", "absolute_cost_of_transport", "torque_squared", "torque_cost"]
+)
 def test_every_objective_gives_a_verified_optimum(objective):
     text = COMPASS.replace("cost_of_transport", objective).replace("constant", "linear")
     gait = go.solve(go.parse_problem(text.replace("speed: 0.4", "speed: 0.4, step_length: 0.3")), progress=False)

@@ -145,6 +145,7 @@ def test_constant_torques_are_squared_over_the_whole_period() -> None:
     _, _, step = compass_step()
     measures = measure([step])
     assert measures["torque_squared"] == pytest.approx(TORQUES @ TORQUES * (SLIPPING + STICKING), rel=1e-12)
+    assert measures["torque_cost"] == pytest.approx(measures["torque_squared"] / measures["step_length"], rel=1e-12)
     assert measures["peak_torque"] == pytest.approx(0.3, rel=1e-13)
 
 
