@@ -163,6 +163,7 @@ def test_a_guess_with_legs_that_do_not_close_is_refused_with_its_place() -> None
 
 
 def test_a_proof_of_a_closure_that_newton_solves_is_refused_by_name() -> None:
+    pytest.importorskip("flint")
     data: dict[str, Any] = problem_data(load_problem("compass-passive-a"))
     data["walker"]["model"] = CurvedCompass.model
     gait = go.solve(parse_problem(json.dumps(data), walkers=[CurvedCompass]))
