@@ -56,8 +56,9 @@ LIGHT = 1e-6
 """A mass below this part of the total is probably a mistake."""
 LOOSE = 0.1
 """Distance of a table's end from its joint above which the table is probably not for this gait [rad, or legs]."""
-MANY_PHASES = 10
-"""Phases of a step for which a solution takes many seconds; the time grows with the square of their number."""
+MANY_PHASES = 32
+"""Phases of a step for which a solution can take more than ten seconds; the time grows with the square of their number.
+An inchworm with 11 phases takes half a second."""
 TOO_SLIPPERY = "{} is less than tan(slope) = {}: no steady gait exists on this slope"
 NO_ENERGY = "no source of energy: a passive walker on level or uphill ground cannot have a periodic gait"
 STATE: Key = ("gait", "guess", "state")

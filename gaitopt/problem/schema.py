@@ -55,10 +55,12 @@ def section_model(name: str, keys: Mapping[str, Any], *, required: bool = True) 
 MAX_STEPS = 64
 """Steps of a cycle; longer motions count as irregular."""
 MAX_PHASES = 64
-"""Phases of one step; known gaits have up to five, and the equations grow with their number."""
+"""Phases of one step; known gaits have up to eleven, and the equations grow with their number."""
 FRICTION = Within(usual=(0, 3))
 DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
+RATE_OF_PART = Within(unit="rate", possible=symmetric(100), usual=symmetric(25))
+"""Rates of walkers with several contacts: their feet and other short parts turn faster than a leg swings."""
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
 LENGTH = Within(unit="length", possible=symmetric(1))
@@ -238,7 +240,7 @@ def state_section(walker: type[Walker]) -> type[Section]:
         known = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}
         known |= dict.fromkeys((*walker.lengths, "y"), ("[m]", POSITION if walker.contacts else LENGTH))
         known |= dict.fromkeys((*(f"d{length}" for length in walker.lengths), "dy"), ("[m/s]", SLIP))
-        words, within = known.get(name, ("[rad/s]", RATE))
+        words, within = known.get(name, ("[rad/s]", RATE_OF_PART if walker.contacts else RATE))
         return Annotated[Finite, Field(description=words), within]
 
     return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
