@@ -20,9 +20,11 @@ from gaitopt.verification.step_map import step_map
 
 SAMPLES = {1: 64, 2: 24}
 """Samples along each coordinate of a section with one or two coordinates."""
-ENOUGH, ROUNDS, FINER = 12, 3, 2
-"""Samples from which the walker should complete its step; rounds in search of these; and the factor by which there are
-more samples in the next round, if there is none of these."""
+ENOUGH, ROUNDS, FINER = 12, 4, 2
+"""Samples from which the walker should complete its step; rounds of samples; and the factor by which there are more
+samples in the next round, if there is none of these."""
+BESIDE = 2
+"""Samples on either side of those next to which the defect may vanish, between which the next round looks closer."""
 MANY = 10**6
 """Steps of a sweep, for the choice of the engine."""
 VARIATION = 3.0
@@ -56,7 +58,7 @@ def possible_gaits(problem: Problem) -> tuple[bool, list[dict[str, float]]]:
     sizes = {"dx": SLIP} | dict.fromkeys(type(walker).section, ANGLE)
     half = np.array([sizes.get(name, FASTEST) * unit for name, unit in zip(names, units, strict=True)])
     half = np.maximum(half, [2 * abs(guess.get(name, 0.0)) for name in names])
-    count, (lower, upper) = SAMPLES[len(names)], (-half, half)
+    count, (lower, upper), starts = SAMPLES[len(names)], (-half, half), list[float]()
     for _ in range(ROUNDS):
         axes = [np.linspace(*ends, count) for ends in zip(lower, upper, strict=True)]
         xi = np.array([*product(*axes)])
@@ -64,15 +66,20 @@ def possible_gaits(problem: Problem) -> tuple[bool, list[dict[str, float]]]:
             xi = np.column_stack([xi, np.zeros(len(xi))])
         walked = mapped(xi)
         known = np.flatnonzero(walked.completed)
-        if known.size >= ENOUGH or len(names) > 1:
+        defects = np.where(walked.completed[:, None], walked.states - xi, np.nan)[:, : len(names)] / units
+        near = _may_vanish(defects.reshape(*map(len, axes), len(names)))
+        if len(names) > 1:
             break
-        if known.size:  # the part of the section from which the walker completes its step
-            lower, upper = (xi[[max(known[0] - 1, 0)], :1].ravel(), xi[[min(known[-1] + 1, count - 1)], :1].ravel())
+        starts, beside = [*_crossings(axes[0], defects[:, 0])], 1
+        if known.size >= ENOUGH:
+            if starts or not near.any():
+                break
+            known, beside = np.flatnonzero(near), BESIDE  # the defect is small, but has no zero at this resolution
+        if known.size:  # the part of the section that matters
+            ends = max(known[0] - beside, 0), min(known[-1] + beside, count - 1)
+            lower, upper = xi[[ends[0]], :1].ravel(), xi[[ends[1]], :1].ravel()
         else:
             count *= FINER
-    defects = np.where(walked.completed[:, None], walked.states - xi, np.nan)[:, : len(names)] / units
-    near = _may_vanish(defects.reshape(*map(len, axes), len(names)))
-    starts = _crossings(axes[0], defects[:, 0]) if len(names) == 1 else iter(())
     return bool(near.any()), [{names[0]: start} for start in starts]
 
 

@@ -1,6 +1,7 @@
 """The moving walker as a GIF or an MP4, in real time; the picture follows the walker along the slope.
 
 A gait is shown over one cycle, which repeats without a jump: the marks on the ground are apart by a part of its length.
+A GIF plays it for ever; an MP4, which players show once, contains several cycles.
 """
 
 from collections.abc import Iterator
@@ -26,8 +27,10 @@ RATE = 25
 """Pictures per second; a GIF counts hundredths of a second, of which this is four."""
 DPI, HEIGHT = 100, 4.0
 """Resolution [dots per inch] and height [inch] of a picture."""
+SHOWN = 5.0
+"""Least duration of the MP4 of a gait [s]."""
 MARKS = 6
-"""Marks on the ground per cycle."""
+"""Marks on the ground per step."""
 ROOM = 0.15
 """Room on all sides of the walker, relative to its height or breadth."""
 LARGEST_DISC = 0.07
@@ -57,7 +60,9 @@ def movie(motion: Motion, extension: str) -> bytes:
     breadth = 2 * max(float(np.abs(x).max()) for x in across)  # the walker stays in the picture, which follows it
     size = (1 + 2 * ROOM) * max(float(np.ptp(heights)), breadth * HEIGHT / figure.get_figwidth())
     width = size * figure.get_figwidth() / HEIGHT
-    writer = PillowWriter(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE)
+    repeats = ceil(SHOWN * RATE / len(frames)) - 1 if motion.periodic else 0
+    loop = ["-vf", f"loop={repeats}:{len(frames)}"] if repeats > 0 else []
+    writer = PillowWriter(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE, extra_args=loop)
     with TemporaryDirectory() as folder, figure_style():
         path = Path(folder) / f"movie.{extension}"
         axes.set_position((0, 0, 1, 1))
@@ -70,7 +75,7 @@ def movie(motion: Motion, extension: str) -> bytes:
                 low = float(heights.min()) - ROOM * size
                 axes.set(xlim=(-width / 2, width / 2), ylim=(low, low + size))
                 _draw(axes, motion, drawing, origin - place)
-                spacing = abs(length) / MARKS or width / MARKS
+                spacing = abs(length) / (MARKS * len(motion.steps)) or width / MARKS
                 _draw_ground(axes, motion, place, spacing, width)
                 axes.text(0.02, 0.97, words, transform=axes.transAxes, va="top", color=NEUTRAL)
                 writer.grab_frame()

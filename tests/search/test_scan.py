@@ -82,3 +82,12 @@ def test_a_sweep_counts_the_gaits_of_a_place(tmp_path):
     assert len(rates) == 2
     assert np.ptp(rates) > 0.01
     assert go.load_run(swept.folder).records[0]["gaits"] == 2
+
+
+def test_a_closer_look_rules_out_what_nearly_has_a_gait_and_separates_two_gaits():
+    """On either side of the fold of the runner's gaits, whose defect is small along a large part of the section."""
+    place = go.load_problem("slip-run").replace({"walker.stiffness": 19.43})
+    assert possible_gaits(place.replace({"walker.attack": "67.3deg"})) == (False, [])
+    possible, starts = possible_gaits(place.replace({"walker.attack": "67.375deg"}))
+    assert possible
+    assert len(starts) == 2

@@ -62,8 +62,12 @@ def test_an_ending_that_is_not_written_is_an_error(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not movie.FFMpegWriter.isAvailable(), reason="needs ffmpeg")
-def test_an_mp4_is_one(tmp_path):
-    assert b"ftypisom" in named(WHEEL).animate().save(tmp_path / "walk.mp4").read_bytes()[:32]
+def test_an_mp4_lasts_long_enough_to_be_seen(tmp_path):
+    content = named(WHEEL).animate().save(tmp_path / "walk.mp4").read_bytes()
+    assert b"ftypisom" in content[:32]
+    header = content.index(b"mvhd") + 16  # after version and two dates: units per second, duration in these
+    scale, duration = np.frombuffer(content[header : header + 8], ">u4")
+    assert movie.SHOWN <= duration / scale < movie.SHOWN + named(WHEEL).measures["period"] + 2 / movie.RATE
 
 
 def test_plot_writes_the_animation_alone_in_a_moving_format(tmp_path, monkeypatch, capsys):
