@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -71,7 +72,7 @@ def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | No
     if ax is not None:
         with drawing_into(ax):
             draw(result, what)
-        return ax if isinstance(ax, Axes) else ax[0]
+        return ax if isinstance(ax, Axes) else np.ravel(ax)[0]
     figure = draw(result, what)
     _show(figure)
     return max(figure.axes, key=lambda axes: axes.get_position().width * axes.get_position().height)

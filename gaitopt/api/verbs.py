@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -215,6 +216,8 @@ def simulate(
     """
     from gaitopt.runs.grid import check_room
 
+    if not isinstance(steps, Integral):
+        raise ProblemError(f"steps is {steps!r}, but must be a whole number")
     begin = start if isinstance(start, Gait) else _loaded(start)
     problem = begin.problem if isinstance(begin, Gait) else begin
     folder = _folder(problem, output)

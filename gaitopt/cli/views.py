@@ -20,7 +20,7 @@ REPORT, COMPARISON_REPORT = "report.html", "comparison.html"
 def list_problems(terminal: Terminal) -> int:
     """List the included problems.
 
-    Period, radius and stability are shown for problems whose run is in results/.
+    Period, radius and stability are shown for problems whose run is in results/, if the terminal is wide enough.
     """
     from gaitopt.problem.problem import load_problem
     from gaitopt.problem.source import problem_names

@@ -330,7 +330,7 @@ def parse_problem(
     ProblemError
         As ``load_problem``; or if the text is missing, or is a path.
     """
-    if text is None or (text.endswith(SUFFIXES) and "\n" not in text):
+    if not isinstance(text, str) or (text.endswith(SUFFIXES) and "\n" not in text):
         given = text or path
         remedy = "" if given is None else f": load_problem({str(given)!r}) reads a file"
         raise ProblemError(f"parse_problem reads a YAML text, which is missing{remedy}")

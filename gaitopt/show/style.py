@@ -16,6 +16,7 @@ from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -91,7 +92,9 @@ def figure_style() -> Iterator[None]:
 @contextmanager
 def drawing_into(axes: Axes | Sequence[Axes] | None) -> Iterator[None]:
     """Draw the next figure into given axes rather than a figure of its own, within the block."""
-    given = None if axes is None else (axes,) if isinstance(axes, Axes) else tuple(axes)
+    given = None if axes is None else tuple(np.ravel(axes))
+    if given is not None and not all(isinstance(one, Axes) for one in given):
+        raise TypeError(f"ax is {axes!r}, but must be Matplotlib axes, as plt.subplots()[1]")
     token = _AXES.set(given)
     try:
         yield

@@ -47,8 +47,8 @@ NEGLIGIBLE = 1e-12
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 MODES = "phases; impact"
 LIST_COLUMNS = ("problem", "walker", MODES, "period [s]", "radius", "", "about")
-LEAST_ABOUT = 40
-"""Least width of the column ``about`` beside that of the mode sequences."""
+LEAST_ABOUT = {MODES: 40, "period [s]": 20, "radius": 20, "": 20}
+"""Least width of the column ``about`` beside a column that is left out otherwise."""
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
@@ -141,7 +141,7 @@ def with_degrees(value: float, unit: str) -> str:
 def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]]) -> None:
     """Problems in one table, by walker, each with period and stability of its gait if known.
 
-    Empty columns are left out, and the mode sequences where the terminal has no room for them.
+    Empty columns are left out, and those of ``LEAST_ABOUT`` where the terminal has no room for them.
     """
     rows = list[tuple[str, ...]]()
     for problem, record in sorted(problems, key=lambda pair: (pair[0].walker.model, pair[0].name)):
@@ -151,10 +151,13 @@ def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]])
         rows.append((problem.name, problem.walker.model, str(problem.modes), *gait, problem.about.strip()))
     columns = list(zip(LIST_COLUMNS, *rows, strict=True))
     columns = [column for column in columns if any(column[1:])]
-    modes = next(column for column in columns if column[0] == MODES)
-    others = sum(max(map(len, column)) + GAP for column in columns[:-1] if column is not modes)
-    if console.width - others - max(map(_longest_word, modes)) < LEAST_ABOUT:
-        columns.remove(modes)
+    everything = columns
+    for heading, least in LEAST_ABOUT.items():
+        widths = [max(map(_longest_word if column[0] == MODES else len, column)) for column in columns[:-1]]
+        if console.width - sum(widths) - GAP * len(widths) < least:
+            columns = [column for column in columns if column[0] != heading]
+    if _widths(columns, console.width - GAP * (len(columns) - 1)) is None:
+        columns = everything  # below each other
     headings, *cells = zip(*columns, strict=True)
     print_table(console, headings, cells)
 

@@ -139,13 +139,15 @@ def states_after_impacts(gait: Gait) -> Array:
 
 
 def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
-    if dynamics.system.walker.contacts:
-        return _contact_state(start, dynamics, state)
-    names = dynamics.system.walker.section_names(slipping=True)
+    walker, cycle = dynamics.system.walker, (start.problem if isinstance(start, Gait) else start).cycle
+    names = dynamics.system.section(cycle).names if walker.contacts else walker.section_names(slipping=True)
     if not isinstance(state, Mapping):
         raise ProblemError(
             f"state: {shown(state)} has no names; write {{{names[0]!r}: 0.1, ...}}, of {', '.join(names)}"
+            + f", or steps={state} for the number of steps" * isinstance(state, int)
         )
+    if walker.contacts:
+        return _contact_state(start, dynamics, state)
     unknown = [name for name in state if name not in names]
     if unknown:
         raise UnknownNameError(

@@ -31,6 +31,10 @@ def sentence(call):
     ("call", "words"),
     [
         (lambda: go.simulate(PASSIVE, [1, 2]), "has no names; write {'theta1': 0.1, ...}, of theta1, dtheta1, dtheta2"),
+        (lambda: go.simulate(PASSIVE, 3), "or steps=3 for the number of steps"),
+        (lambda: go.simulate("heel-toe", [1, 2]), "has no names; write {"),
+        (lambda: go.simulate(PASSIVE, steps="3"), "must be a whole number"),
+        (lambda: go.parse_problem({}), "reads a YAML text, which is missing"),
         (lambda: go.load_problem(PASSIVE).replace(friction=0.1), "replace({'friction': 0.1})"),
         (lambda: go.load_problem(PASSIVE).replace("friction"), "replace({'friction': 0.16})"),
         (lambda: go.parse_problem(path="x"), "load_problem('x') reads a file"),

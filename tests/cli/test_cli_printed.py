@@ -91,12 +91,14 @@ def test_no_word_of_the_list_is_lost_however_narrow_the_terminal(run, monkeypatc
         assert {name, problem.walker.model, *problem.about.split()} <= words
 
 
-def test_the_list_says_what_is_known_of_gaits_in_the_store(run, empty_folder):
+def test_the_list_says_what_is_known_of_gaits_in_the_store(run, empty_folder, monkeypatch):
     assert "unstable" not in run("list")[1]
     named("rimless-wheel-slip").save()
     out = run("list")[1]
     assert "0.755124" in out
     assert " stable " in out
+    monkeypatch.setenv("COLUMNS", "80")
+    assert run("list")[1].splitlines()[0].split() == ["problem", "walker", "about"]  # one table, without these
 
 
 def test_show_prints_the_file_as_it_is(run):

@@ -99,6 +99,8 @@ def test_a_figure_with_several_panels_asks_for_as_many_axes():
             named("slip-run").plot("force", ax=axes[0])
         assert named("slip-run").plot("force", ax=axes[:2]) is axes[0]
         assert not axes[2].has_data()
+        with pytest.raises(TypeError, match="must be Matplotlib axes"):
+            named("slip-run").plot("force", ax=figure)
     finally:
         plt.close(figure)
 
