@@ -72,7 +72,7 @@ def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | No
     if ax is not None:
         with drawing_into(ax):
             draw(result, what)
-        return ax if isinstance(ax, Axes) else np.ravel(ax)[0]
+        return ax if isinstance(ax, Axes) else next(np.array(ax, dtype=object).flat)
     figure = draw(result, what)
     _show(figure)
     return max(figure.axes, key=lambda axes: axes.get_position().width * axes.get_position().height)

@@ -92,7 +92,7 @@ def figure_style() -> Iterator[None]:
 @contextmanager
 def drawing_into(axes: Axes | Sequence[Axes] | None) -> Iterator[None]:
     """Draw the next figure into given axes rather than a figure of its own, within the block."""
-    given = None if axes is None else tuple(np.ravel(axes))
+    given: tuple[Any, ...] | None = None if axes is None else tuple(np.array(axes, dtype=object).flat)
     if given is not None and not all(isinstance(one, Axes) for one in given):
         raise TypeError(f"ax is {axes!r}, but must be Matplotlib axes, as plt.subplots()[1]")
     token = _AXES.set(given)
