@@ -79,6 +79,10 @@ def printed(command: str) -> str:
     return "\n".join(line.rstrip() for line in out.getvalue().strip("\n").splitlines())
 
 
+LONG = 80
+"""Lines of an output above which it scrolls in its block."""
+
+
 def run_tutorial(app: Any, doctree: Any) -> None:
     """Show below each command of the tutorial what it prints, and the figures that it draws."""
     if app.env.docname != "tutorial":
@@ -100,7 +104,8 @@ def run_tutorial(app: Any, doctree: Any) -> None:
                     for command in re.findall(r"^\$ (.*)$", text, re.MULTILINE):
                         output = printed(command)
                         shown.append(literal_block(prompt := f"$ {command}", prompt, language="console"))
-                        shown.append(literal_block(output, output, language="text", classes=["output"]))
+                        classes = ["output", "long"] if output.count("\n") > LONG else ["output"]
+                        shown.append(literal_block(output, output, language="text", classes=classes))
                         for line in output.splitlines():
                             if line.endswith(".svg"):
                                 name = Path(line.strip()).name

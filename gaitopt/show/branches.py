@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from gaitopt.arrays import Array
 from gaitopt.gait.branch import TERMINAL, ends_by_request
 from gaitopt.model.cycle import Cycle, mode_words
 from gaitopt.show.style import COLOURS, CURVES, NEUTRAL, Parameter, entry, label, legend_below, panels
@@ -56,6 +57,8 @@ TEXT = np.array([0.12, 0.06])
 """Size of the value beside a special point, relative to the axes; one that would cover another is left out."""
 MARK = np.array([0.015, 0.02])
 """Half size of the marker of a special point, and distance of its value, relative to the axes."""
+ROOM = 0.11
+"""Margin above and below the curves, for the value of a special point at their edge, relative to their height."""
 INSIDE = np.array([[0.0, 0.0], [1.03, 1.08]])
 """Corners of the region for these values, relative to the axes."""
 SAME_PLACE = 0.1
@@ -196,9 +199,10 @@ def _mark(
 
 def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None:
     """Write the parameter beside special points: beside no other mark or value, and over as little of the curves."""
+    axes.margins(y=ROOM)
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
-    curves = np.concatenate([to_axes.transform(line.get_xydata()) for line in axes.lines])
+    curves = np.concatenate([_along(to_axes.transform(line.get_xydata())) for line in axes.lines])
     taken = [(at - MARK, at + MARK) for at in (to_axes.transform(place) for _, *place in marks)]
     for kind, value, height in marks:
         at, options = to_axes.transform((value, height)), list[tuple[int, Any]]()
@@ -216,6 +220,13 @@ def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None
                 f"{value:.4g}", (value, height), xytext=(7 * right, 5 * up), textcoords="offset points",
                 ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small", color=NEUTRAL,
             )  # fmt: skip
+
+
+def _along(places: Array) -> Array:
+    """Places along a line through given ones, closer together than the text of a value is high; shape (n, 2)."""
+    lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T)))
+    evenly = np.linspace(0, lengths[-1], 2 + int(4 * lengths[-1] / TEXT.min()))
+    return np.column_stack([np.interp(evenly, lengths, column) for column in places.T])
 
 
 def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:

@@ -8,6 +8,7 @@ const SPECIAL_WORDS = {
 const LOG = 10; // multipliers beyond this go on a log axis
 const SMALLEST = 1e-3; // height of a multiplier of zero on that axis
 const WRITTEN = 42; // width of a value beside a mark [pixels]
+const BELOW = 0.05; // more room below the lowest mark, for its value, relative to the range
 const NEAR = 40; // largest distance of the pointer from a gait that it selects [pixels]
 
 // Outlines around (0, 0) of unit size, one for every type of special point.
@@ -81,7 +82,8 @@ class BranchDiagram {
     const { words, unit } = this.scalars[key];
     const options = { title: `${words} over ${this.parameter.words}`, x: this.axis, y: unit ? `${words} [${unit}]` : words, height: 340 };
     options.xRange = extent(this.gaits.map((gait) => gait.value));
-    options.yRange = extent([...drawn.flatMap((gait) => this.values(gait).map((value) => this.height(value))), ...level]);
+    const [low, high] = extent([...drawn.flatMap((gait) => this.values(gait).map((value) => this.height(value))), ...level]);
+    options.yRange = [low - BELOW * (high - low), high];
     if (this.log) options.yTick = (power) => shown(10 ** power);
     this.diagram.replaceChildren();
     this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart, level));
@@ -148,19 +150,22 @@ class BranchDiagram {
     });
   }
 
-  // Write values beside their marks, where they cover no other mark or value; left out if there is no such place.
+  // Write values beside their marks: over no other mark or value, and over as little of the curves as possible.
   writeValues(chart, marks) {
     const taken = marks.map(([, x, y]) => [x - 8, x + 8, y - 8, y + 8]);
+    const curves = [...chart.svg.querySelectorAll("path.curve")].flatMap((path) => Array.from({ length: Math.ceil(path.getTotalLength() / 3) }, (_, k) => path.getPointAtLength(3 * k)));
     for (const [value, x, y] of marks.filter(([, , , written]) => written)) {
-      for (const [right, down] of [[1, -1], [-1, -1], [1, 1], [-1, 1]]) {
+      const options = [[1, -1], [-1, -1], [1, 1], [-1, 1]].map(([right, down]) => {
         const [a, b] = [x + 9 * right, y + (down > 0 ? 20 : -9)];
         const box = [Math.min(a, a + WRITTEN * right), Math.max(a, a + WRITTEN * right), b - 12, b + 1];
         const free = taken.every(([left, end, top, bottom]) => box[0] > end || box[1] < left || box[2] > bottom || box[3] < top);
-        if (!free || box[0] < 0 || box[1] > chart.width || box[2] < 0) continue;
-        taken.push(box);
-        chart.text(a, b, String(Number(value.toPrecision(4))), right > 0 ? "start" : "end");
-        break;
-      }
+        const covered = curves.filter((point) => point.x > box[0] && point.x < box[1] && point.y > box[2] && point.y < box[3]).length;
+        return { a, b, box, right, covered, fits: free && box[0] >= 0 && box[1] <= chart.width && box[2] >= 0 && box[3] <= chart.py(chart.yRange[0]) };
+      }).filter(({ fits }) => fits);
+      if (!options.length) continue;
+      const { a, b, box, right } = options.reduce((best, option) => (option.covered < best.covered ? option : best));
+      taken.push(box);
+      chart.text(a, b, String(Number(value.toPrecision(4))), right > 0 ? "start" : "end");
     }
   }
 
