@@ -99,13 +99,14 @@ def continue_(
         if changes:
             raise typer.BadParameter(f"--set changes a problem, but {problem} is a point of a finished run")
         start, _ = stored.load_special_point(problem)
-        if start.gait is not None and start.gait.problem.free:  # whose values a point of the branch does not hold
+        gait = start.gait
+        if gait is not None and gait.problem.free:  # whose values a point of the branch does not hold
             words = "has free parameters: fix them at the values of the design, then continue"
-            raise ProblemError(f"{start.gait.problem.name} {words}")
+            raise ProblemError(f"{gait.problem.name} {words}")
     else:
-        start, *_ = gait_of(problem, changes, None, terminal, keep=False)
-        if not start.converged:
-            return report(start, None, terminal)
+        start = gait = gait_of(problem, changes, None, terminal, keep=False)[0]
+        if not gait.converged:
+            return report(gait, None, terminal)
     refuted, summary = False, list[dict[str, Any]]()
     with interruptible() as interrupted, _live(terminal, param) as show:
         records = verbs.continuation_records(
@@ -128,7 +129,7 @@ def continue_(
             if terminal.json:
                 terminal.print_json(record)
     if not terminal.json:
-        print_branch(terminal.results, summary, param)
+        print_branch(terminal.results, summary, param, None if gait is None else gait.problem)
         terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
     return NOT_VERIFIED if refuted else 0
 

@@ -159,7 +159,8 @@ def simulate(
     begin = options.state(state)
 
     def show(walk: "Walk") -> None:
-        terminal.show({**walk.to_record(), "run": None if output is None else str(output)}, print_walk)
+        record = {**walk.to_record(), "run": None if output is None else str(output)}
+        terminal.show(record, lambda console, shown: print_walk(console, shown, walk.problem))
 
     terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
     with shown_result(show), interruptible() as interrupted:

@@ -129,7 +129,7 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
 
     def print_attempt(console: "Any", record: "Mapping[str, Any]") -> None:
         if gait.converged:
-            print_gait(console, record)
+            print_gait(console, record, gait.problem)
             return
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
         console.print(f"`gaitopt explain {gait.problem.name}` says more")

@@ -159,7 +159,7 @@ class SmoothedScalars:
             impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
             label = Label(name=name, mode=cycle.impact, step=len(cycle.steps) - 1, unit=SI["impulse"])
             return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1))), (label, label)
-        unit = SI["force"] if name == "required_friction" else unit_of(name)
+        unit = SI["force"] if name == "required_friction" else unit_of(name, self._t.system)
         rows, labels = list[MX](), list[Label]()
         for s in self._samples:
             match name:
@@ -286,7 +286,7 @@ class SmoothedProblem:
 
         # constraints of the problem
         for k, (name, span) in enumerate(problem.constraints.items()):
-            scalar, label = self.scalar(name), (Label(name=name, unit=unit_of(name) or SI["one"]),)
+            scalar, label = self.scalar(name), (Label(name=name, unit=unit_of(name, problem) or SI["one"]),)
             if elastic:
                 give = slack[k] * max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
                 blocks.append(Block(name=name, expression=scalar + give, lower=span.minimum, labels=label))
@@ -310,7 +310,7 @@ class SmoothedProblem:
             size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
             tolerance, scaling = NEAR_OPTIMUM if elastic else ROUGH, 1 / size
         self._options = {"tol": tolerance, "max_iter": limit, "obj_scaling_factor": scaling}
-        extremum_labels = [Label(name=name, unit=unit_of(name) or SI["one"]) for name in self._extrema]
+        extremum_labels = [Label(name=name, unit=unit_of(name, problem) or SI["one"]) for name in self._extrema]
         slack_labels = [Label(name="slack", coordinate=name) for name in problem.constraints if elastic]
         meaning = (*equations.unknown_labels, *extremum_labels, *slack_labels)
         self.program = ShootingProgram(

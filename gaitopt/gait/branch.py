@@ -309,7 +309,8 @@ class Branch(Reported):
         return data_set(variables, places, self._units(header), parameter=self.parameter)
 
     def _units(self, header: Sequence[str]) -> dict[str, str]:
-        return {name: unit_of(name) for name in header} | {"value": unit_of(self.parameter)}
+        problem = self.points[0].gait.problem if self.points else None
+        return {name: unit_of(name, problem) for name in header} | {"value": unit_of(self.parameter, problem)}
 
 
 def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> Branch:

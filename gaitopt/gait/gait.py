@@ -174,7 +174,7 @@ def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
 
 def _units(system: HybridSystem) -> dict[str, str]:
     states = {name: state_unit(name) for name in system.state_names}
-    return {name: unit_of(name, system.walker.actuators) for name in trajectory_header(system)} | states
+    return {name: unit_of(name, system) for name in trajectory_header(system)} | states
 
 
 REPEATED = 1e-6

@@ -23,7 +23,8 @@ from gaitopt.model.walker import WalkerType
 
 Values = dict[str, Finite]
 Angles = dict[str, Annotated[Finite, Field(ge=-100, le=100)]]
-GAIN = Within(unit="torque", possible=(0, 1000), usual=(0, 100))
+KP = Within(unit="torque", possible=(0, 1000), usual=(0, 100))
+KD = Within(unit="damping", possible=(0, 1000), usual=(0, 100))
 Period = Annotated[Duration, Fixed, Field(description="period T of the clock [s]"), DURATION]
 
 
@@ -34,8 +35,12 @@ class Alternating(Control):
     jumps = True
 
     cycle: Period
-    first: Annotated[Values, Field(description="in the first half of the period, by actuator [N m, or N]"), TORQUE]
-    second: Annotated[Values, Field(description="in the second half of the period, by actuator [N m, or N]"), TORQUE]
+    first: Annotated[
+        Values, Field(description="torque or force of each motor in the first half of the period [N m, or N]"), TORQUE
+    ]
+    second: Annotated[
+        Values, Field(description="torque or force of each motor in the second half of the period [N m, or N]"), TORQUE
+    ]
 
     @property
     def period(self) -> float:
@@ -76,10 +81,10 @@ class Oscillating(Control):
     type = "oscillating"
 
     cycle: Period
-    kp: Annotated[Finite, Field(ge=0, description="gain on the angle [N m/rad]"), GAIN]
-    kd: Annotated[Finite, Field(ge=0, description="gain on the rate [N m s/rad]"), GAIN]
-    mean: Annotated[Angles, Field(description="middle of the sine by actuator [rad]")]
-    amplitude: Annotated[Angles, Field(description="amplitude of the sine by actuator [rad]")]
+    kp: Annotated[Finite, Field(ge=0, description="gain on the angle or length of each motor [N m/rad, or N/m]"), KP]
+    kd: Annotated[Finite, Field(ge=0, description="gain on its rate [N m s/rad, or N s/m]"), KD]
+    mean: Annotated[Angles, Field(description="mean value of the sine of each motor [rad, or m]")]
+    amplitude: Annotated[Angles, Field(description="amplitude of the sine of each motor [rad, or m]")]
 
     @property
     def period(self) -> float:

@@ -9,7 +9,7 @@ it reads ``segment data`` r, so that one compiled function serves all segments.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar, TypeAlias, get_args, get_origin
@@ -20,14 +20,17 @@ from pydantic import BaseModel, ConfigDict, Field, create_model
 from pydantic.fields import FieldInfo
 
 from gaitopt.arrays import Array
+from gaitopt.model.declaration import actuator_units
 from gaitopt.model.lagrangian import EquationsOfMotion
 from gaitopt.model.reference import Path, Target
-from gaitopt.model.units import Finite, Positive, Within, symmetric
+from gaitopt.model.units import MOTOR_WORDS, Finite, Positive, Within, symmetric, words_and_unit
 from gaitopt.model.walker import PluginClass, WalkerType
 
 OWN_PACKAGE = "gaitopt."
 SectionType: TypeAlias = type[BaseModel]
 TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
+OF_MOTOR = {"N m": TORQUE, "N": replace(TORQUE, unit="force")}
+"""Range of what a motor applies, by its unit."""
 
 
 class Fixed:
@@ -171,6 +174,11 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
                 values |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, Mapping) else {name: value}
         return values
 
+    def unit(self, key: str) -> str:
+        """Unit of a parameter by its key below ``control``, for motors that act on angles; from its description."""
+        described = type(self).model_fields.get(key.partition(".")[0])
+        return "" if described is None else words_and_unit(described.description or "")[1].partition(", or ")[0]
+
     @property
     def structure(self) -> tuple[object, ...]:
         """Key of the systems that can share the law's expressions: all but the values of the parameters."""
@@ -212,7 +220,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     limits: Annotated[
         dict[str, Positive],
-        Field(description="largest torque of a motor, which u approaches as L tanh(u / L) [N m], by actuator"),
+        Field(description="largest torque or force L of each motor [N m, or N]; it applies L tanh(u / L) instead of u"),
         Within(unit="torque", possible=(0, 1000)),
     ] = {}
 
@@ -259,8 +267,8 @@ def _torques(walker: WalkerType) -> SectionType:
     """The keys of constant torques for a walker."""
     limits = Control.model_fields["limits"]
     fields: dict[str, Any] = {
-        name: (Annotated[Finite, Field(description=f"torque of the {name} [N m]"), TORQUE], ...)
-        for name in walker.actuators
+        name: (Annotated[Finite, Field(description=f"{MOTOR_WORDS[unit]} of the {name} [{unit}]"), OF_MOTOR[unit]], ...)
+        for name, unit in actuator_units(walker).items()
     }
     fields["limits"] = (limits.annotation, limits)
     config = ConfigDict(frozen=True, extra="forbid")

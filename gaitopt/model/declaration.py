@@ -18,7 +18,7 @@ from typing import Any
 from weakref import WeakSet
 
 import numpy as np
-from casadi import DM, SX, Function, depends_on, jacobian, symvar, vertcat
+from casadi import DM, SX, Function, depends_on, horzcat, jacobian, symvar, vertcat
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -26,6 +26,7 @@ from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.links import Link, Tree
 from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
+from gaitopt.model.units import words_and_unit
 from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
@@ -253,6 +254,36 @@ def joint_limits(walker: type[Walker]) -> Mapping[str, tuple[tuple[float, float]
     q = SimpleNamespace(**{name: SX.sym(name) for name in (*walker.shape, *FOOT_COORDINATES)})
     p = SimpleNamespace(**{name: SX.sym(name) for name in walker.model_fields})
     return {link.joint: (link.range, link.effort) for link in state_tree(walker, q, p).links if link.joint}
+
+
+@built_once(maxsize=64)
+def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
+    """Unit of the force of every actuator by its name: ``N`` if the motor acts on a length, ``N m`` if on an angle.
+
+    If all lengths l of a walker grow in proportion, the derivative e of what a motor acts on with respect to a
+    coordinate grows with the power (de/dl l) / e (Euler); the dimension of the coordinate adds to it. A walker whose
+    mechanism is at fault has ``N m``; the error is that of its problem.
+    """
+    if not walker.actuators:
+        return {}
+    q = {name: SX.sym(name) for name in (*walker.shape, *FOOT_COORDINATES)}
+    p = {name: SX.sym(name) for name in walker.model_fields}
+    try:
+        motors = state_mechanism(walker, SimpleNamespace(**q), SimpleNamespace(**p)).motors
+    except ProblemError:
+        return dict.fromkeys(walker.actuators, "N m")
+    units = {name: words_and_unit(field.description or "")[1] for name, field in walker.model_fields.items()}
+    metres = {*walker.lengths, *FOOT_COORDINATES, *(name for name, unit in units.items() if unit == "m")}
+    lengths, symbols = vertcat(*(symbol for name, symbol in (q | p).items() if name in metres)), {**q, **p}
+    slopes = horzcat(*(jacobian(vertcat(*motors), q[name]) for name in walker.shape))
+    growths = [jacobian(slopes[:, k], lengths) @ lengths for k in range(len(walker.shape))]
+    place = np.random.default_rng(0).uniform(0.4, 0.6, len(symbols))
+    values = Function("slopes", [vertcat(*symbols.values())], [slopes, horzcat(*growths)])(place)
+    slope, growth = (np.asarray(value) for value in values)
+    acts_on = np.abs(slope).argmax(axis=1)  # the coordinate with the largest derivative
+    rows = zip(walker.actuators, slope, growth, acts_on.tolist(), strict=True)
+    powers = {name: (d[k] / e[k] if e[k] else 0.0) + (walker.shape[k] in metres) for name, e, d, k in rows}
+    return {name: "N" if round(power) == 1 else "N m" for name, power in powers.items()}
 
 
 def is_default(walker: type[Walker], method: str) -> bool:

@@ -17,10 +17,10 @@ from casadi import SX, dot
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import TORQUE, Control, Fixed, Instant, SectionType
-from gaitopt.model.declaration import joint_limits
+from gaitopt.model.control import OF_MOTOR, Control, Fixed, Instant, SectionType
+from gaitopt.model.declaration import actuator_units, joint_limits
 from gaitopt.model.reference import Path
-from gaitopt.model.units import Duration, Finite, Positive, Within
+from gaitopt.model.units import MOTOR_WORDS, Duration, Finite, Positive, Within
 from gaitopt.model.walker import WalkerType
 
 MOST_INTERVALS = 200
@@ -55,14 +55,12 @@ class OpenLoop(Control):
     ] = None
     bounds: Annotated[
         dict[str, Bounds],
-        Field(
-            description="range [lo, hi] of the torque of a motor [N m], by actuator; the effort of its joint, if any"
-        ),
+        Field(description="range [lo, hi] of the torque or force of each motor [N m, or N]; by default its effort"),
     ] = {}  # noqa: RUF012 - pydantic copies it
     rates: Annotated[
         dict[str, Positive],
         Fixed,
-        Field(description="largest rate of the torque of a motor [N m/s] of linear torques, by actuator"),
+        Field(description="largest rate of the torque or force of each motor [N m/s, or N/s]; linear order only"),
     ] = {}  # noqa: RUF012
 
     @classmethod
@@ -190,11 +188,10 @@ def _section(walker: WalkerType) -> SectionType:
         name: (entry.annotation if not entry.metadata else Annotated[(entry.annotation, *entry.metadata)], entry)
         for name, entry in OpenLoop.model_fields.items()
     }
-    words = "values of its torque [N m], a first guess unless there is a duration; zero if left out"
-    fields |= {
-        name: (Annotated[tuple[Finite, ...] | None, Field(description=words), TORQUE], None)
-        for name in walker.actuators
-    }
+    words = "values of the {} of the {} [{}]: a first guess, or with a duration the known values; zero if left out"
+    for name, unit in actuator_units(walker).items():
+        described = Field(description=words.format(MOTOR_WORDS[unit], name, unit))
+        fields[name] = (Annotated[tuple[Finite, ...] | None, described, OF_MOTOR[unit]], None)
     return create_model(
         "OpenLoopSection", __config__=ConfigDict(frozen=True, extra="forbid"), __doc__=OpenLoop.__doc__, **fields
     )

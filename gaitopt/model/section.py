@@ -156,6 +156,31 @@ class ContactSection(Section):
 
 
 @built_once(maxsize=64)
+class Cyclic(Protocol):
+    """A problem or a hybrid system, as far as its cycles are concerned."""
+
+    @property
+    def walker(self) -> Walker | type[Walker]:
+        """The walker or its class."""
+
+    @property
+    def cycle_end(self) -> str:
+        """What ends a cycle: ``touchdown``, ``clock`` or the name of a margin."""
+
+
+def cycle_start(of: Cyclic) -> str:
+    """When the first state of a cycle holds: after an impact or the landing of a massless foot, or at its start."""
+    end = cycle_end(of)
+    return "at the start of the cycle" if end == "end of cycle" else f"just after the {end}"
+
+
+def cycle_end(of: Cyclic) -> str:
+    """What ends a cycle: an impact, the landing of a massless foot, or its end by a clock or a margin."""
+    if of.cycle_end != TOUCHDOWN:
+        return "end of cycle"
+    return "landing" if of.walker.massless_feet or of.walker.massless_contacts else "impact"
+
+
 def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str) -> ContactSection:
     """The section of a walker with several contacts.
 

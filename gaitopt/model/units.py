@@ -85,6 +85,18 @@ SI = {
     "torque": "N m",
 }
 """SI units of margins by their natural unit."""
+OF_FORCES = {
+    "N m": "N",
+    "N m/s": "N/s",
+    "N m/rad": "N/m",
+    "N m s/rad": "N s/m",
+    "N^2 m^2 s": "N^2 s",
+    "N^2 m s": "N^2 s/m",
+    "rad": "m",
+}
+"""SI units of motors that act on lengths, by those of motors that act on angles."""
+MOTOR_WORDS = {"N": "motor force", "N m": "torque"}
+"""What a motor applies, by its unit."""
 Interval = tuple[float, float]
 ANY: Interval = (-math.inf, math.inf)
 

@@ -93,7 +93,8 @@ class VirtualConstraints(Control):
     gains: Annotated[
         dict[str, Gain],
         Field(
-            description="kp and kd: [1/s^2] and [1/s] of a linearising law, [N m/rad] and [N m s/rad] of a pd law",
+            description="gains kp on the outputs and kd on their rates; kp in 1/s^2 and kd in 1/s of a linearising "
+            "law, kp in N m/rad and kd in N m s/rad of a pd law (motor forces: N/m and N s/m)",
             json_schema_extra={
                 "properties": {name: {"type": "number", "minimum": 0, "maximum": LARGEST_GAIN} for name in GAINS},
                 "required": [*GAINS],
@@ -115,6 +116,11 @@ class VirtualConstraints(Control):
             "has that motor, or all motors act if there are as many as outputs"
         ),
     ] = None
+
+    def unit(self, key: str) -> str:
+        """As of every law; the units of the gains depend on the law."""
+        units = ("1/s^2", "1/s") if self.law is Law.LINEARISING else ("N m/rad", "N m s/rad")
+        return dict(zip(("gains.kp", "gains.kd"), units, strict=True)).get(key) or super().unit(key)
 
     @property
     def phase_variable(self) -> str:

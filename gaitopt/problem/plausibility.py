@@ -7,7 +7,7 @@ must be at least tan(slope).
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +24,7 @@ from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
 from gaitopt.model.contract import check_clock, jumping_operations
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
-from gaitopt.model.declaration import state_mechanism
+from gaitopt.model.declaration import actuator_units, state_mechanism
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction
 from gaitopt.model.lagrangian import parameter_namespace
@@ -33,7 +33,7 @@ from gaitopt.model.reference import TableCurves
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
-from gaitopt.model.units import DURATION, Scales, Within, symmetric, words_and_unit
+from gaitopt.model.units import DURATION, MOTOR_WORDS, Scales, Within, symmetric, words_and_unit
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key
@@ -137,14 +137,14 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
     at_start, at_end = (np.full(len(walker.actuators), np.nan) for _ in range(2))
     for segment, time in enumerate((0.0, *times)):
         at_start = np.asarray(function(time, z, p, law.data(segment))).ravel()
-        for k, actuator in enumerate(walker.actuators):
-            u = at_start[k]
+        for k, (actuator, unit) in enumerate(actuator_units(walker).items()):
+            u, words = at_start[k], MOTOR_WORDS[unit]
             if not np.isfinite(u):
-                yield Fault(("control",), f"{name}: the torque of {actuator} is {u:g} {where}, but must be a number")
+                yield Fault(("control",), f"{name}: the {words} of {actuator} is {u:g} {where}, but must be a number")
             elif segment and not law.jumps and abs(u - at_end[k]) > JUMP * max(abs(u), abs(at_end[k])):
-                jump = f"from {at_end[k]:.6g} to {u:.6g} N m at its breakpoint {time:g} s"
+                jump = f"from {at_end[k]:.6g} to {u:.6g} {unit} at its breakpoint {time:g} s"
                 remedy = "make it continuous there, or set jumps = True"
-                yield Fault(("control",), f"{name}: the torque of {actuator} jumps {jump}: {remedy}")
+                yield Fault(("control",), f"{name}: the {words} of {actuator} jumps {jump}: {remedy}")
         if segment < len(times):
             at_end = np.asarray(function(times[segment], z, p, law.data(segment))).ravel()
 
@@ -278,14 +278,15 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
         yield from _section_spans(STATE, state, problem.start.state)
         for k, duration in enumerate(problem.start.durations or ()):
             yield ("gait", "guess", "durations", k), duration, duration, DURATION
-    yield from _section_spans(("control",), control, dict(problem.control))
+    for path, lower, upper, within in _section_spans(("control",), control, dict(problem.control)):
+        yield path, lower, upper, _of_motor(walker, path, within)
     sections = {"walker": type(walker), "control": control}
     for key, unknown in problem.free.items():
         group, *names = key.split(".")
         ranges = _ranges(sections[group]).get(names[0], ()) if group in sections else ()
         for k, bound in enumerate((unknown.lower, unknown.upper)):
             place: Key = (group, *names, "free", k)
-            yield from ((place, bound, bound, within) for within in ranges)
+            yield from ((place, bound, bound, _of_motor(walker, (group, *names), within)) for within in ranges)
     for name, span in problem.constraints.items():
         for within in _scalar_range(name, problem):
             yield ("constraints", name), span.minimum, span.maximum, within
@@ -299,6 +300,16 @@ def _section_spans(path: Key, section: type[BaseModel], values: Mapping[str, Any
                 yield from (((*path, name, *key), number, number, within) for within in ranges[name])
         if isinstance(value, BaseModel):
             yield from _section_spans((*path, name), type(value), dict(value))
+
+
+def _of_motor(walker: Walker, path: Key, within: Within) -> Within:
+    """The range of a number of a control law in natural units of forces if its motor, or every motor, has a force."""
+    units = actuator_units(type(walker))
+    named = {units[str(name)] for name in path if name in units}
+    if path[0] != "control" or (named or {*units.values()}) != {"N"}:
+        return within
+    of_force = {"torque": "force" if named else "stiffness", "damping": "drag"}
+    return replace(within, unit=of_force.get(within.unit, within.unit))
 
 
 def _numbers(value: object) -> list[tuple[Key, float]]:
@@ -326,7 +337,8 @@ def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
     if name == "step_length" and modes == {Mode.STICK}:
         return (SLIPLESS_STEP,)
     if name in SCALARS:
-        return (SCALARS[name].within,)
+        within, forces = SCALARS[name].within, {*actuator_units(type(walker)).values()} == {"N"}
+        return (replace(within, unit="force") if name == "peak_torque" and forces else within,)
     group, _, coordinate = name.partition(".")
     if group != "state":
         return ()

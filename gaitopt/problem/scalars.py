@@ -14,13 +14,15 @@ References
 Gamus & Or (2013), eq. (22) for the cost of transport.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from typing import Any, Protocol
 
+from gaitopt.model.control import Control
+from gaitopt.model.declaration import actuator_units
 from gaitopt.model.registry import registered_walkers
-from gaitopt.model.units import Interval, Within, symmetric, words_and_unit
+from gaitopt.model.units import MOTOR_WORDS, OF_FORCES, Interval, Within, symmetric, words_and_unit
 
 POSITIVE: Interval = (0, inf)
 MOTORS, PUSH, DAMPERS, FLIGHT = "motors", "push", "dampers", "flight"
@@ -250,14 +252,10 @@ FRICTION_LABELS = {
     "friction.kinetic": "coefficient of kinetic friction",
     "friction.viscous": "drag of a slipping foot",
 }
-NUMBER_UNITS = {
-    "viscous": "N s/m",
-    "ankle": "N m",
-    "hip": "N m",
-    "kp": "N m/rad",
-    "kd": "N m s/rad",
-}
-"""Units of friction and control by the last part of the dotted key; walkers state theirs in field descriptions."""
+NUMBER_UNITS = {"viscous": "N s/m"}
+"""Units of friction by the last part of the dotted key; walkers and control laws state theirs in descriptions."""
+COLUMN_UNITS = {"t": "s", "f_t": "N", "f_n": "N"}
+"""Units of columns of a motion besides states and motors."""
 
 
 def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
@@ -281,10 +279,29 @@ def relevant_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
     return [key for key in keys if key not in needed or any(values.get(key) for values in known)]
 
 
-def label_of(key: str) -> str:
-    """Label of a scalar or of a number of the friction law by its key; that of a contact has the contact's name."""
+class Driven(Protocol):
+    """A problem or a hybrid system, whose motors determine units."""
+
+    @property
+    def walker(self) -> Any:
+        """The walker or its class."""
+
+    @property
+    def control(self) -> Control:
+        """The control law."""
+
+
+def label_of(key: str, of: Driven | None = None) -> str:
+    """Label of a scalar or of a number of the friction law by its key; that of a contact has the contact's name.
+
+    Parameters
+    ----------
+    of : problem or system, which tells whether its motors have torques or forces.
+    """
     if key in FRICTION_LABELS or not key.startswith("friction."):
-        return FRICTION_LABELS[key] if key in FRICTION_LABELS else SCALARS[key].label
+        label = FRICTION_LABELS[key] if key in FRICTION_LABELS else SCALARS[key].label
+        units = {*_motor_units(of).values()}
+        return label.replace("torque", " or ".join(MOTOR_WORDS[unit] for unit in sorted(units))) if units else label
     _, contact, *kind = key.split(".")
     return f"{FRICTION_LABELS['.'.join(('friction', *kind))]}, {contact.replace('_', ' ')}"
 
@@ -296,17 +313,34 @@ def state_unit(name: str) -> str:
     return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
 
 
-def unit_of(key: str, actuators: Collection[str] = ()) -> str:
-    """Unit of a column of results: a scalar, ``state.NAME``, a time, a force, a torque or a parameter; else none."""
-    if key in SCALARS:
-        return SCALARS[key].unit
+def unit_of(key: str, of: Driven | None = None) -> str:
+    """Unit of a column of results: a scalar, ``state.NAME``, a time, a force, a motor or a parameter; else none.
+
+    Parameters
+    ----------
+    of : problem or system to whose motors and control law the key refers.
+    """
+    motors, parts = _motor_units(of), key.split(".")
     if key.startswith("state."):
-        return state_unit(key.removeprefix("state."))
-    units = {"t": "s", "f_t": "N", "f_n": "N", **dict.fromkeys(actuators, "N m")}
-    if key in units:
-        return units[key]
-    name, described = key.rpartition(".")[2], ""
-    for walker in registered_walkers().values():
-        if name in walker.model_fields:
-            described = words_and_unit(walker.model_fields[name].description or "")[1]
-    return NUMBER_UNITS.get(name, described)
+        return state_unit(parts[-1])
+    if key in SCALARS:
+        unit, acting = SCALARS[key].unit, {*motors.values()}
+    elif key in motors or parts[0] in COLUMN_UNITS:
+        return motors.get(key) or COLUMN_UNITS[parts[0]]
+    elif parts[0] == "control":
+        motor = next((name for name in parts if name in motors), "")
+        unit = "" if of is None else "N m" if parts[1] == motor else of.control.unit(key.partition(".")[2])
+        acting = {motors[motor]} if motor else {*motors.values()} if unit != "rad" else set()
+    else:
+        unit, acting = NUMBER_UNITS.get(parts[-1], ""), set[str]()
+        for walker in registered_walkers().values():
+            if parts[-1] in walker.model_fields:
+                unit = words_and_unit(walker.model_fields[parts[-1]].description or "")[1]
+    units = dict.fromkeys(OF_FORCES.get(unit, unit) if motor == "N" else unit for motor in sorted(acting))
+    return " or ".join(units) or unit
+
+
+def _motor_units(of: Driven | None) -> Mapping[str, str]:
+    if of is None:
+        return {}
+    return actuator_units(of.walker if isinstance(of.walker, type) else type(of.walker))

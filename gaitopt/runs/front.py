@@ -104,7 +104,7 @@ class Front(Plotted, Sequence[FrontPoint]):
         """One row per design: value, objective, whether it is on the front, status and the scalars of its gait."""
         header = ["value", "objective", "pareto", "status", *SCALARS]
         rows = [[record.get(name) for name in header] for record in self.to_records()]
-        units = {name: unit_of(name) for name in header}
+        units = {name: unit_of(name, self.problem) for name in header}
         return data_frame(header, rows, units, problem=self.problem.name, over=self.key)
 
 

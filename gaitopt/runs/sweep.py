@@ -102,7 +102,7 @@ class Sweep(Plotted):
     def to_frame(self) -> "DataFrame":
         """One row per point: the columns of ``table.csv``, units in ``attrs["units"]``."""
         table = sweep_table(self)
-        units = {name: unit_of(name) for name in table.header}
+        units = {name: unit_of(name, self.problem) for name in table.header}
         return data_frame(table.header, table.rows, units, problem=self.problem.name)
 
     def to_xarray(self) -> "Dataset":
@@ -112,7 +112,7 @@ class Sweep(Plotted):
         columns = columns_of(table.header, table.rows)
         variables = {n: (keys, v.reshape(self.grid.shape)) for n, v in columns.items() if n not in keys}
         places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
-        units = {name: unit_of(name) for name in table.header}
+        units = {name: unit_of(name, self.problem) for name in table.header}
         return data_set(variables, places, units, problem=self.problem.name)
 
 

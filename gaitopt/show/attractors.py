@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.gait.branch import TERMINAL
+from gaitopt.model.section import cycle_start
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.attractors import Attractors
 from gaitopt.show.branches import UNSTABLE, is_stable, joined
@@ -43,7 +44,7 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
         If a branch is over another parameter.
     """
     figure, (axes,) = panels(height=HEIGHT)
-    parameter = Parameter(key=result.axis.key, in_degrees=result.axis.unit == "deg")
+    parameter = Parameter(key=result.axis.key, in_degrees=result.axis.unit == "deg", problem=result.problem)
     records = parameter.shown(result.records)
     handles, look = list[Line2D](), dict[str, Any](marker=".", markersize=4)
     for stored in branches.values():
@@ -69,7 +70,7 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
             for state in run["states"]
         ]
         look |= {"markersize": 2.5, "markeredgewidth": 0}
-        axes.set_ylabel(f"{symbol(name)} after the impact [{typeset(state_unit(name))}]")
+        axes.set_ylabel(f"{symbol(name)} {cycle_start(result.problem)} [{typeset(state_unit(name))}]")
     if points:
         axes.plot(*np.array(points).T, linestyle="", color=SETTLED, rasterized=True, zorder=3, **look)
     handles.append(entry("walks settle here", color=SETTLED, marker=".", linestyle=""))

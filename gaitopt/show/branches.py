@@ -106,7 +106,7 @@ def over_parameter(
             axes.set_yscale("log")
     _write_values(axes, marks)
     axes.set_xlabel(str(parameter.label))
-    written = label(quantity)
+    written = label(quantity, parameter.problem)
     split = any(len(_heights(point, quantity)) > 1 for point in drawn)
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
     stability = [entry("stable", linewidth=2.2), entry("unstable", linewidth=1.3, linestyle=UNSTABLE)]

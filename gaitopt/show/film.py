@@ -30,10 +30,11 @@ from gaitopt.model.declaration import has_links, is_default, state_mechanism, st
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import cycle_end, cycle_start
 from gaitopt.model.walker import Mechanism, Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.show.motion import Motion, with_start_times
+from gaitopt.show.motion import Motion, cycle_words, motor_label, time_label, with_start_times
 from gaitopt.show.style import MODE_WORDS
 
 FRAMES = 72
@@ -272,6 +273,11 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "period": _short(motion.period),
         "steps": len(motion.steps),
         "repeats": REPEATS if motion.periodic else 1,
+        "cycle": cycle_words(motion) if motion.periodic else "",
+        "cycle_start": cycle_start(motion.dynamics.system),
+        "cycle_end": cycle_end(motion.dynamics.system),
+        "time_label": time_label([motion]),
+        "motor_label": motor_label([motion]),
         "step_length": _short(path[-1][1]),
         "path": [[_short(time), _short(place)] for time, place in path],
         "impacts": [contacts_words(impact.mode) for impact in impacts],

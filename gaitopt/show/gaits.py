@@ -23,12 +23,13 @@ from gaitopt.arrays import Array
 from gaitopt.gait.measures import ContactObservation, friction_ratio, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.modes import OFF, Mode
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.section import TOUCHDOWN, cycle_start
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import state_unit
 from gaitopt.show.motion import (
     Motion,
     differences,
+    motor_label,
     points_of,
     position_label,
     positions_of,
@@ -177,7 +178,7 @@ def _line(contact: ContactObservation) -> Any:
 
 
 def torques(motions: Sequence[Motion]) -> Figure:
-    """Torque of every actuator over one cycle [N m]; the strip on top shows the modes."""
+    """Torque [N m] or force [N] of every motor over one cycle; the strip on top shows the modes."""
     rows = len(contact_rows(motions))
     figure, (strip, axes) = panels(2, heights=[rows, 14], height=HEIGHT + STRIP_ROW * (rows - 1))
     colours = cycle(CURVES)
@@ -190,7 +191,7 @@ def torques(motions: Sequence[Motion]) -> Figure:
             for began, arc in smooth(motion.steps):
                 axes.plot(began + arc.times, observe(arc).torque[:, k], color=colour)
     axes.set_xlabel(time_label(motions))
-    axes.set_ylabel("torque [N m]")
+    axes.set_ylabel(motor_label(motions))
     legend_below(figure, [*handles, *mode_strip(strip, motions)])
     return figure
 
@@ -291,7 +292,8 @@ def phase_portrait(motions: Sequence[Motion]) -> Figure:
     axes.set_ylabel("rate [rad/s, m/s]" if "length" in position_label(motions) else "angular rate [rad/s]")
     modes = [mode for motion in motions for mode in motion.modes]
     landing = any(motion.dynamics.system.cycle_end == TOUCHDOWN for motion in motions)
-    after = entry("just after the impact" if landing else "start", marker="o", linestyle="", markersize=5)
+    starts = dict.fromkeys(cycle_start(motion.dynamics.system) for motion in motions)
+    after = entry(" or ".join(starts), marker="o", linestyle="", markersize=5)
     locks = any(_leaps(step) for motion in motions if motion.walker.stops for step in motion.steps)
     jumps = landing or any(_leaps(step) for motion in motions for step in motion.steps)
     jump = entry("impact, or a stop locks" if locks else "impact", **JUMP)
@@ -341,7 +343,7 @@ def section_states(walk: Walk) -> Figure:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1].set_xlabel("steps since the start")
     figure.align_ylabels(axes)
-    handles = [entry("just after each impact", color=COLOURS[0], marker=".", linewidth=1.0)]
+    handles = [entry(cycle_start(walk.system).replace("the", "each"), color=COLOURS[0], marker=".", linewidth=1.0)]
     handles += [entry("the gait", color=GAIT, linewidth=1.4)] if len(walk.gait_states) else []
     words = f"the walk ends: {str(ending).replace('_', ' ')}"
     handles += [entry(words, color=FAILED, linestyle="--")] if failed else []

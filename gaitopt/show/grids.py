@@ -16,13 +16,24 @@ from matplotlib.lines import Line2D
 
 from gaitopt.arrays import Array
 from gaitopt.gait.gait import Status
+from gaitopt.model.section import cycle_start
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.runs.basin import UNDECIDED, Basin
 from gaitopt.runs.grid import Axis
 from gaitopt.runs.sweep import Sweep
 from gaitopt.show.branches import is_stable
-from gaitopt.show.style import COLOURS, NEUTRAL, Parameter, entry, figure_style, label, legend_below, panels, symbol
+from gaitopt.show.style import (
+    COLOURS,
+    NEUTRAL,
+    Parameter,
+    entry,
+    figure_style,
+    label,
+    legend_below,
+    panels,
+    symbol,
+)
 from gaitopt.simulation.outcomes import ENDINGS
 
 Record = Mapping[str, Any]
@@ -69,7 +80,8 @@ def sweep(result: Sweep, scalar: str) -> Figure:
         raise ValueError(f"a picture needs one or two axes, not {len(grid.axes)}")
     curve = len(grid.axes) == 1
     figure, (axes,) = panels() if curve else panels(height=MAP_HEIGHT)
-    labels = [str(Parameter(key=axis.key, in_degrees=axis.unit == "deg").label) for axis in grid.axes]
+    named = (Parameter(key=a.key, in_degrees=a.unit == "deg", problem=result.problem) for a in grid.axes)
+    labels = [str(parameter.label) for parameter in named]
     with figure_style():
         if curve:
             handles = []
@@ -96,7 +108,7 @@ def sweep(result: Sweep, scalar: str) -> Figure:
         if handles:
             legend_below(figure, handles)
         axes.set_xlabel(labels[0])
-        axes.set_ylabel(str(label(scalar)) if curve else labels[1])
+        axes.set_ylabel(str(label(scalar, result.problem)) if curve else labels[1])
     return figure
 
 
@@ -141,7 +153,7 @@ def _heat_map(figure: Figure, axes: Axes, result: Sweep, scalar: str) -> list[Li
     )
     beyond = (bool((values < low).any()), bool((values > high).any()))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
-    figure.colorbar(drawn, ax=axes, label=str(label(scalar)), extend=extend)
+    figure.colorbar(drawn, ax=axes, label=str(label(scalar, result.problem)), extend=extend)
     known = radii[np.isfinite(radii)]
     if min(radii.shape) < 2 or not known.size or not known.min() < BOUNDARY < known.max():
         return []
@@ -199,9 +211,9 @@ def basin(result: Basin) -> Figure:
         place = point if second else (*point, 0.0)
         axes.plot(*place, "+", color="white", markersize=12, markeredgewidth=3.5)
         axes.plot(*place, "+", color="black", markersize=11, markeredgewidth=1.4)
-    axes.set_xlabel(_state_label(first))
+    axes.set_xlabel(_state_label(first, result.problem))
     if second:
-        axes.set_ylabel(_state_label(second[0]))
+        axes.set_ylabel(_state_label(second[0], result.problem))
     else:
         axes.set_yticks([])
     axes.grid(visible=False)
@@ -210,10 +222,10 @@ def basin(result: Basin) -> Figure:
     return figure
 
 
-def _state_label(axis: Axis) -> str:
+def _state_label(axis: Axis, problem: Problem) -> str:
     unit = state_unit(axis.key)
     unit = unit.replace("rad", "°") if axis.unit == "deg" else unit
-    return f"{symbol(axis.key)} after the impact [{unit}]"
+    return f"{symbol(axis.key)} {cycle_start(problem)} [{unit}]"
 
 
 def front_figure(problem: Problem, key: str, points: Sequence[Record]) -> Figure:
@@ -232,7 +244,7 @@ def front_figure(problem: Problem, key: str, points: Sequence[Record]) -> Figure
     first = bounded if designs and bounded in designs[0] else "value"
     second = scalar if designs and scalar in designs[0] else "objective"
     failed = [point for point in points if point["objective"] is None]
-    return pareto_front({problem.name: designs}, first, second, varied=bounded, failed=failed)
+    return pareto_front({problem.name: designs}, first, second, varied=bounded, failed=failed, problem=problem)
 
 
 def pareto_front(
@@ -242,6 +254,7 @@ def pareto_front(
     *,
     varied: str = "value",
     failed: Sequence[Record] = (),
+    problem: Problem | None = None,
 ) -> Figure:
     """Gaits of one or several fronts in the plane of two scalars; unstable gaits are hollow, beaten ones off the line.
 
@@ -251,6 +264,7 @@ def pareto_front(
     first, second : keys of the scalars, on the horizontal and the vertical axis.
     varied : dotted key of the number whose values are ``value`` in the records.
     failed : records of requests without a design.
+    problem : whose motors determine units.
     """
     figure, (axes,) = panels()
     handles, looks = list[Line2D](), set[tuple[bool, bool]]()
@@ -278,7 +292,7 @@ def pareto_front(
         failures.setdefault(reasons[point["status"]], []).append((point["value"], 0.0))
     tick: dict[str, Any] = {"marker": "|", "markersize": 14, "markeredgewidth": 2, "clip_on": False}
     handles += _mark_failures(axes, failures, TICKS, tick, {"marker": "|", "markersize": 10}, at_foot=True)
-    axes.set_xlabel(str(label(varied if first == "value" else first)))
-    axes.set_ylabel(str(label(second)))
+    axes.set_xlabel(str(label(varied if first == "value" else first, problem)))
+    axes.set_ylabel(str(label(second, problem)))
     legend_below(figure, handles)
     return figure

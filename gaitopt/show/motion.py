@@ -16,9 +16,11 @@ from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.model.declaration import actuator_units
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.section import CLOCK, TOUCHDOWN, cycle_end
+from gaitopt.model.units import MOTOR_WORDS
 from gaitopt.model.walker import Walker
 from gaitopt.show.style import Label, label
 from gaitopt.simulation.simulator import Simulator
@@ -119,6 +121,23 @@ def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:
 def with_start_times(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
     """Every step with its start time, counted from the start of the first step [s]."""
     return zip(accumulate((step.period for step in steps[:-1]), initial=0.0), steps, strict=True)
+
+
+def motor_label(motions: Sequence[Motion]) -> str:
+    """Label of an axis with what the motors apply: torques, or forces of motors that act on lengths."""
+    units = {unit for motion in motions for unit in actuator_units(motion.walker).values()}
+    return ", ".join(f"{MOTOR_WORDS[unit]} [{unit}]" for unit in sorted(units, reverse=True))
+
+
+def cycle_words(motion: Motion) -> str:
+    """The sentence that says after what the gait repeats itself."""
+    system, steps = motion.dynamics.system, len(motion.steps)
+    if system.cycle_end == TOUCHDOWN:
+        after = f"every {cycle_end(system)}" if steps == 1 else f"{steps} steps"
+        return f"The gait repeats itself after {after}."
+    if system.cycle_end == CLOCK:
+        return f"The gait repeats itself after {motion.period:.6g} s, a period of its control law."
+    return f"A cycle ends where the margin {system.cycle_end.replace('_', ' ')} falls to zero."
 
 
 def time_label(motions: Sequence[Motion]) -> str:

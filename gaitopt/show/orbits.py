@@ -224,7 +224,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
         "coordinates": {name: state_unit(name) for name in (*walker.shape, "x", "y")},
         "states": {name: state_unit(name) for name in system.state_names},
         "parameters": {
-            name: {"key": key, "exact": exact[key], "value": values[key], "unit": unit_of(key)}
+            name: {"key": key, "exact": exact[key], "value": values[key], "unit": unit_of(key, system)}
             for key, name in names.items()
         },
         "exchanged": dict(walker.exchanged),
@@ -311,7 +311,7 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
     system, cycle, proved = gait.system, gait.cycle, theorem or {}
 
     def enclosed(name: str, value: float | None) -> dict[str, Any]:
-        return {"value": value, "unit": unit_of(name), "enclosure": proved.get(name)}
+        return {"value": value, "unit": unit_of(name, system), "enclosure": proved.get(name)}
 
     phases, events, began, number = [], [], 0.0, 0
     durations = proved.get("durations") or [None] * len(gait.phases)
@@ -351,7 +351,7 @@ def motion_record(gait: Gait, theorem: Mapping[str, Any] | None) -> dict[str, An
         "scalars": {name: enclosed(name, gait.measures.get(name)) for name in ENCLOSED},
         "samples": {
             "columns": list(header),
-            "units": [units[name] if name in units else unit_of(name, system.walker.actuators) for name in header],
+            "units": [units[name] if name in units else unit_of(name, system) for name in header],
             "rows": [list(row) for row in trajectory_rows(gait.steps)],
         },
     }

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
+from gaitopt.model.section import cycle_start
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, relevant_scalars, scalar_values, state_unit
 from gaitopt.show.branches import OF_EACH_STEP
@@ -72,16 +73,16 @@ def figure(value: float | str | None, digits: int = 6) -> str:
     return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
 
 
-def words(films: Sequence[Record], records: Sequence[Record]) -> dict[str, Any]:
-    """Labels of the scalars that occur and of the walker's states, for the scripts."""
+def words(films: Sequence[Record], records: Sequence[Record], problem: Problem) -> dict[str, Any]:
+    """Labels of the scalars that occur and of the walker's states, for the scripts; units as of a problem's motors."""
     names = {name for film in films for name in film["shape"]}
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
     return {
-        "scalars": {key: asdict(label(key)) for key in relevant_scalars(records)},
+        "scalars": {key: asdict(label(key, problem)) for key in relevant_scalars(records)},
         "symbols": {name: symbol(name) for name in states},
         "units": {name: state_unit(name) for name in states},
-        "parameters": {key: asdict(label(key)) for key in sorted(freed)},
+        "parameters": {key: asdict(label(key, problem)) for key in sorted(freed)},
         "slipping": SCALARS["required_friction"].meaning,  # of ``required_friction`` where a foot slips
     }
 
@@ -144,7 +145,7 @@ def comparison_report(gaits: Sequence[Gait], replays: Sequence[Record] = ()) -> 
         title=" and ".join(dict.fromkeys(gait["film"]["name"] for gait in shown)),
         about=gaits[0].problem.about if len(gaits) == 1 else "Side by side",
         replayed=svg(replayed_motion(motions[0], replays)) if any(replay["motion"] for replay in replays) else "",
-        data={"gaits": shown, **words([gait["film"] for gait in shown], records)},
+        data={"gaits": shown, **words([gait["film"] for gait in shown], records, gaits[0].problem)},
         checks=[(gait["film"]["name"], record["verification"]) for gait, record in zip(shown, records, strict=True)],
         origins=[provenance(gait.problem, gait.solver) for gait in gaits],
     )
@@ -210,7 +211,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
             "specials": specials,
             "cascades": [str(cascade) for cascade in cascades(shown.shown(records))],
             "parameter": asdict(shown.label),
-            **words(films, [_without(parameter, point) for point in points]),
+            **words(films, [_without(parameter, point) for point in points], problem),
         },
         checks=[],
         origins=[provenance(problem, {})],
@@ -256,6 +257,7 @@ def walk_report(walk: Walk) -> str:
         title=walk.problem.name,
         about=walk.problem.about,
         walk=walk,
+        start=cycle_start(walk.system),
         columns=[f"{symbol(name)} [{state_unit(name)}]" for name in names],
         rows=[(t, impact.replace("_", " "), state) for t, impact, state in rows],
         picture=svg(section_states(walk)),

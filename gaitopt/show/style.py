@@ -23,8 +23,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gaitopt.model.modes import Mode
+from gaitopt.model.units import MOTOR_WORDS
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, label_of, unit_of
+from gaitopt.problem.scalars import FRICTION_LABELS, SCALARS, Driven, label_of, unit_of
 from gaitopt.problem.source import parse_source
 from gaitopt.store.files import write_whole
 
@@ -200,11 +201,13 @@ class Parameter:
 
     key: str
     in_degrees: bool = False
+    problem: Problem | None = None
 
     @property
     def label(self) -> Label:
         """The label with the unit in which the parameter is shown."""
-        return replace(label(self.key), unit="°") if self.in_degrees else label(self.key)
+        written = label(self.key, self.problem)
+        return replace(written, unit="°") if self.in_degrees else written
 
     def shown(self, records: Iterable[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
         """Points and special points with their ``value`` in this unit."""
@@ -218,7 +221,8 @@ def parameter_of(problem: Problem, key: str) -> Parameter:
     value: Any = parse_source(problem.text, problem.name).data if problem.text else None
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
-    return Parameter(key=key, in_degrees=isinstance(value, str) and value.rstrip().endswith("deg"))
+    in_degrees = isinstance(value, str) and value.rstrip().endswith("deg")
+    return Parameter(key=key, in_degrees=in_degrees, problem=problem)
 
 
 def symbol(state: str) -> str:
@@ -233,15 +237,14 @@ def symbol(state: str) -> str:
     return written[0] + "\u0307" + written[1:] if len(greek) == 1 else f"rate of {written}"
 
 
-def label(key: str) -> Label:
-    """Label of a scalar, a state or a parameter; an unknown key is its own label."""
+def label(key: str, of: Driven | None = None) -> Label:
+    """Label of a scalar, a state or a parameter of a problem or system; an unknown key is its own label."""
     if key == "time":
         return Label(words="time since impact", unit="s")
     if key in SCALARS or key in FRICTION_LABELS:
-        return Label(words=f"{label_of(key)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key)))
-    last, unit = key.rpartition(".")[2], unit_of(key)
-    words = last.replace("_", " ")
-    return Label(words=f"{words} torque" if unit == "N m" else words, unit=typeset(unit))
+        return Label(words=f"{label_of(key, of)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key, of)))
+    last, unit = key.rpartition(".")[2], unit_of(key, of)
+    return Label(words=f"{last.replace('_', ' ')} {MOTOR_WORDS.get(unit, '')}".rstrip(), unit=typeset(unit))
 
 
 def typeset(unit: str) -> str:

@@ -23,6 +23,7 @@ from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.cycle import UNTIL, Cycle, mode_words
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import cycle_end, cycle_start
 from gaitopt.model.units import words_and_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
@@ -179,9 +180,7 @@ def print_problem(console: Console, problem: Problem) -> None:
     for key, value in parameters:
         group, _, name = key.partition(".")
         if group == "control":
-            described = type(problem.control).model_fields.get(name.partition(".")[0])
-            unit = "N m" if described is None else words_and_unit(described.description or "")[1]
-            contact.append((name, number(value), with_degrees(value, unit)))
+            contact.append((name, number(value), with_degrees(value, unit_of(key, problem))))
     if problem.reference is not None:
         ends = {str(getattr(target, "beyond_end", "")) for target in problem.control.targets.values()} - {""}
         contact.append(("reference", problem.reference.name, f"beyond its end: {', '.join(ends)}" if ends else ""))
@@ -195,11 +194,11 @@ def print_problem(console: Console, problem: Problem) -> None:
         for k, step in enumerate(steps, start=1):
             phases = [(str(index), mode.brief) for index, mode in enumerate(step.phases, start=1)]
             title = "one step" if len(steps) == 1 else f"step {k} of {len(steps)}"
-            section(console, title, ("phase", "mode"), [*phases, ("impact", step.impact.brief)])
+            section(console, title, ("phase", "mode"), [*phases, (cycle_end(problem), step.impact.brief)])
     if problem.start is not None:
         values = problem.start.state.items()
         state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
-        section(console, "guess, just after the impact", ("state", "value", "unit"), state, numbers=(1,))
+        section(console, f"guess, {cycle_start(problem)}", ("state", "value", "unit"), state, numbers=(1,))
     if problem.free:
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
         section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
@@ -211,29 +210,30 @@ def print_problem(console: Console, problem: Problem) -> None:
         section(console, "constraints", ("scalar", "from", "to"), spans, numbers=(1, 2))
 
 
-def print_gait(console: Console, record: Record) -> None:
-    """A gait from its JSON object."""
+def print_gait(console: Console, record: Record, problem: Problem) -> None:
+    """A gait of a problem from its JSON object."""
     stable = STABILITY[record["spectral_radius"] < 1]
     console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
     if record["solver"].get("method") in FOUND_BY:  # earlier versions did not say
         console.print(f"found by {FOUND_BY[record['solver']['method']]}")
-    _print_motion(console, record)
+    _print_motion(console, record, problem)
     rows = ((number(m["re"]), number(m["im"]), number(abs(complex(m["re"], m["im"])))) for m in record["multipliers"])
     section(console, "Floquet multipliers", ("re", "im", "modulus"), rows, numbers=(0, 1, 2))
     if record["verification"]:
         print_verification(console, record["verification"])
     if record["parameters"]:
-        freed = ((key, number(value), with_degrees(value, unit_of(key))) for key, value in record["parameters"].items())
+        values = record["parameters"].items()
+        freed = ((key, number(value), with_degrees(value, unit_of(key, problem))) for key, value in values)
         section(console, "values found", ("key", "value", "unit"), freed, numbers=(1,))
     for remark in record["message"].split("; ")[1:]:
         console.print(remark, soft_wrap=True)
 
 
-def print_walk(console: Console, record: Record) -> None:
-    """A simulated walk from its JSON object."""
-    console.print(f"{record['problem']}: {record['steps']} steps, {record['status']}", style="bold")
+def print_walk(console: Console, record: Record, problem: Problem) -> None:
+    """A simulated walk of a problem from its JSON object."""
+    console.print(f"{record['problem']}: {counted(record['steps'], 'step')}, {record['status']}", style="bold")
     console.print(record["message"])
-    _print_motion(console, record, last=" of the last step")
+    _print_motion(console, record, problem, last=" of the last step")
 
 
 def print_verification(console: Console, record: VerificationRecord) -> None:
@@ -247,7 +247,7 @@ def print_verification(console: Console, record: VerificationRecord) -> None:
     section(console, title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2))
 
 
-def _print_motion(console: Console, record: Record, last: str = "") -> None:
+def _print_motion(console: Console, record: Record, problem: Problem, last: str = "") -> None:
     if record["phases"]:  # a walk without a complete step has neither phases nor figures
         steps = record["steps"] if isinstance(record.get("steps"), list) else [record]
         phases = list[tuple[str, str, str]]()
@@ -255,13 +255,15 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
             for k, phase in enumerate(step["phases"], start=1):
                 until = f" (until {phase[UNTIL]})" if UNTIL in phase else ""
                 phases.append((str(k), f"{Mode.from_record(phase).brief}{until}", number(phase["duration"])))
-            phases.append(("impact", Mode.from_record(step["impact"]).brief, ""))
+            phases.append((cycle_end(problem), Mode.from_record(step["impact"]).brief, ""))
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
         slips = any(Mode.from_record(phase).slips for step in steps for phase in step["phases"])
         labels = {"required_friction": SCALARS["required_friction"].meaning} if slips else {}  # not meant to stick
         keys = relevant_scalars([record])
-        scalars = ((labels.get(key, label_of(key)), number(values[key]), unit_of(key)) for key in keys)
+        scalars = (
+            (labels.get(key, label_of(key, problem)), number(values[key]), unit_of(key, problem)) for key in keys
+        )
         section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     if "tracking_errors" in record:
         ends = record["tracking_errors"].items()
@@ -280,7 +282,7 @@ def _print_motion(console: Console, record: Record, last: str = "") -> None:
             rows.append(("largest V_zero", number(zero["potential_max"]), "kg^2 m^4/s^2"))
         section(console, f"virtual constraints{last}", ("", "value", "unit"), rows, numbers=(1,))
     state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
-    section(console, "state just after the impact", ("", "value", "unit"), state, numbers=(1,))
+    section(console, f"state {cycle_start(problem)}", ("", "value", "unit"), state, numbers=(1,))
 
 
 def friction(problem: Problem) -> str:
@@ -350,10 +352,10 @@ def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:
     section(console, title, columns, rows, numbers=(2, 3, 4, 5, 7))
 
 
-def print_branch(console: Console, records: Sequence[Record], parameter: str) -> None:
+def print_branch(console: Console, records: Sequence[Record], parameter: str, problem: Problem | None = None) -> None:
     """The branches of a family, its special points and cascades; records may have a ``sequence``."""
     specials = [record for record in records if record["record"] == "special"]
-    unit = unit_of(parameter)
+    unit = unit_of(parameter, problem)
     rows = list[tuple[str, ...]]()
     for branch in sorted({record["branch"] for record in records if record["record"] == "point"}):
         points = [record for record in records if record["record"] == "point" and record["branch"] == branch]
@@ -401,7 +403,7 @@ def print_basin(console: Console, record: Record) -> None:
 
 def print_attractors(console: Console, result: Attractors) -> None:
     """What walks settle on: neighbouring values with the same cycle lengths in one row."""
-    key, unit = result.axis.key, unit_of(result.axis.key)
+    key, unit = result.axis.key, unit_of(result.axis.key, result.problem)
     rows, before = list[tuple[str, ...]](), ""
     for record in result.records:
         runs = record["attractors"]
@@ -569,7 +571,7 @@ def print_result(result: Any, console: Console) -> None:
 @print_result.register
 def _(result: Gait, console: Console) -> None:
     if result.converged:
-        print_gait(console, result.to_record())
+        print_gait(console, result.to_record(), result.problem)
     else:
         console.print(f"{result.problem.name}: {result.status}: {result.message}")
 
@@ -602,14 +604,19 @@ def _(result: Trajectory, console: Console) -> None:
 
 
 print_result.register(Problem, lambda problem, console: print_problem(console, problem))
-print_result.register(Walk, lambda walk, console: print_walk(console, walk.to_record()))
+print_result.register(Walk, lambda walk, console: print_walk(console, walk.to_record(), walk.problem))
 print_result.register(Verification, lambda checked, console: print_verification(console, checked.to_record()))
 print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.to_record()))
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
-print_result.register(Branch, lambda branch, console: print_branch(console, branch.to_records(), branch.parameter))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
 print_result.register(Attractors, lambda attractors, console: print_attractors(console, attractors))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep.to_record()))
+
+
+@print_result.register
+def _(result: Branch, console: Console) -> None:
+    problem = result.points[0].gait.problem if result.points else None
+    print_branch(console, result.to_records(), result.parameter, problem)
 
 
 @print_result.register

@@ -70,8 +70,8 @@ STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused
 """Rows that define a motion rather than limit it."""
 MOTION = ("defect", "interpolation", "reset")
 """Those that compare states, all coordinates in turn."""
-RATES = {"power": "J", "absolute_power": "J", "squared_torque": "N^2 m^2 s"}
-"""Units of integrals."""
+RATES = {"power": "work", "absolute_power": "work", "squared_torque": "torque_squared"}
+"""Scalars with the units of the integrals."""
 LENGTHS = ("m", "m", "J")
 """Units of distance, slip, and the work of the push."""
 SAMPLES = 12
@@ -627,7 +627,7 @@ class Collocation:
     @property
     def x_labels(self) -> tuple[Label, ...]:
         """Meaning of each unknown; a state between two phases belongs to the later one."""
-        names, walker = self.system.state_names, self.system.walker
+        names = self.system.state_names
         phases = {pt.state: self.mesh[pt.interval].phase for pt in self.points}
         phases |= {state: self.mesh[k].phase for k, state in enumerate(self._first)}
         labels = [
@@ -635,10 +635,10 @@ class Collocation:
             for state in range(self.n_states)
             for name, unit in zip(names, map(state_unit, names), strict=True)
         ]
-        labels += [Label(name=key, unit="N m") for key in self.value_keys]
+        labels += [Label(name=key, unit=unit_of(key, self.system)) for key in self.value_keys]
         labels += [Label(name="duration", mode=m, phase=k, unit="s") for k, m in enumerate(self.cycle.phases)]
-        units = {name: unit_of(name, walker.actuators) or SI["one"] for name in (*self.free, *self.goals.extrema)}
-        units |= {rate: RATES[rate] for rate in self._rates}
+        units = {name: unit_of(name, self.system) or SI["one"] for name in (*self.free, *self.goals.extrema)}
+        units |= {rate: unit_of(RATES[rate], self.system) for rate in self._rates}
         units |= dict(zip(("distance", "slip", "push_work"), LENGTHS, strict=True))
         return (*labels, *(Label(name=name, unit=unit) for name, unit in units.items()))
 
@@ -655,7 +655,7 @@ class Collocation:
                 coordinate = names[run % len(names)]
                 unit = state_unit(coordinate)
             elif name == "integral":
-                unit = RATES[self._rates[run]]
+                unit = unit_of(RATES[self._rates[run]], self.system)
             elif name == "lengths":
                 unit = LENGTHS[run]
             elif name == CLEARANCE:
@@ -663,11 +663,11 @@ class Collocation:
             elif name.startswith(ANGLE):
                 unit = "rad"
             elif name.startswith("control."):
-                unit = "N m"
+                unit = unit_of(name, self.system)
             elif label.mode is not None and name not in SCALARS and name != "unused":
                 unit = SI[margin(name).unit]
             else:
-                unit = unit_of(name) or SI["one"]
+                unit = unit_of(name, self.system) or SI["one"]
             labels.append(replace(label, name=name, coordinate=coordinate, unit=unit))
         return tuple(labels)
 

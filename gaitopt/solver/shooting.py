@@ -227,7 +227,7 @@ class MultipleShooting:
         return (
             *(self.label(z, phases[node], node, unit=unit) for node in sorted(phases) for z, unit in self._states),
             *(self.label("duration", phase, unit="s") for phase in range(self.n_phases)),
-            *(Label(name=key, unit=unit_of(key) or self._unit_of_joint(key)) for key in self.free),
+            *(Label(name=key, unit=unit_of(key, self.system) or self._unit_of_joint(key)) for key in self.free),
         )
 
     @cached_property

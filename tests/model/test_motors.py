@@ -4,9 +4,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from casadi import SX, atan2, cos, sqrt
 
 import gaitopt as go
+from gaitopt.model.declaration import actuator_units
 from gaitopt.model.modes import Mode
+from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.systems import problem_dynamics
 
@@ -63,3 +66,25 @@ gait: {{phases: [stick], impact: stick, guess: {{state: {state | {"d" + name: 0.
             for v in np.eye(n)
         ]
         np.testing.assert_allclose(np.array(momenta).T @ (rates[0] - rates[1]), on_links, atol=1e-9)
+
+
+class MotorizedCrawler(Crawler):
+    """``Crawler`` with an angle, and motors on lengths and angles that are offset, or computed from each other."""
+
+    model = "motorized_crawler"
+    shape = ("gap", "rise", "bend")
+    actuators = ("offset", "hinge", "cylinder", "strut", "direction")
+
+    @classmethod
+    def mechanism(cls, q: Any, p: Any) -> Any:
+        """That of the crawler with five motors."""
+        cylinder = sqrt(p.rest**2 + q.gap**2 - 2 * p.rest * q.gap * cos(q.bend))
+        strut = p.rest * sqrt(2 - 2 * cos(q.bend))
+        motors = (q.gap - 0.5, q.bend - 1.57, cylinder, strut, atan2(SX(q.gap), q.rise))
+        return replace(super().mechanism(q, p), motors=motors)
+
+
+def test_a_motor_on_a_length_has_a_force_and_one_on_an_angle_a_torque() -> None:
+    """A length is in m whether it is a coordinate or follows from angles, and an angle between lengths is an angle."""
+    assert [*actuator_units(MotorizedCrawler).values()] == ["N", "N m", "N", "N", "N m"]
+    assert {*actuator_units(SprungRabbit).values()} == {"N m"}

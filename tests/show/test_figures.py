@@ -221,7 +221,8 @@ def test_symbols_and_units_are_those_of_the_textbook():
     assert symbol("torso") == "torso"
     assert symbol("dstance_shin") == "rate of stance shin"
     assert str(label("walker.slope")) == "slope [rad]"
-    assert str(label("control.hip")) == "hip torque [N m]"
+    assert str(label("control.hip", load_problem("compass-torque-slip"))) == "hip torque [N m]"
+    assert str(label("control.first.drive", load_problem("crawler"))) == "drive motor force [N]"
 
 
 def test_figures_need_neither_pyplot_nor_a_screen():

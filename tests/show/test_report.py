@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from pictured import branch, gait
 
+import gaitopt as go
 from gaitopt import Status
 from gaitopt.show.pages import branch_report, comparison_report, words
 
@@ -125,5 +126,5 @@ def test_a_name_cannot_smuggle_markup_into_a_page():
 
 
 def test_the_height_of_a_foot_that_flies_has_its_unit():
-    labels = words([{"shape": ["shortening"]}], [])
+    labels = words([{"shape": ["shortening"]}], [], go.load_problem("slip-run"))
     assert [labels["units"][name] for name in ("shortening", "y", "dy", "x")] == ["m", "m", "m/s", "m"]

@@ -37,10 +37,6 @@ function stepEnds({ phases }) {
   });
 }
 
-function timeAxis(film) {
-  return film.steps > 1 ? "time since the start [s]" : "time since impact [s]";
-}
-
 const STROKES = { stick: "", flight: "flying" };
 
 // Draw y versus x, phase by phase, where y is a number: there is no force in flight. A line is dashed where the contact
@@ -91,7 +87,10 @@ function portrait(host, moving, fellows, labels) {
     });
   });
   const locks = shape.some((name) => leaps(moving, moving[name], moving[`d${name}`]).length);
-  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}Dotted: the impact${locks ? ", or a stop that locks" : ""}. Dot: just after the impact.`);
+  const { film } = moving;
+  const dotted = film.cycle_end === "end of cycle" ? [] : [`the ${film.cycle_end}`];
+  if (locks) dotted.push(film.contacts.length > 1 ? "an impact within the cycle" : "a stop that locks");
+  legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}${dotted.length ? `Dotted: ${dotted.join(", or ")}. ` : ""}Dot: ${film.cycle_start}.`);
 }
 
 // Force ratios of all contacts; there is none while a contact carries nothing.
@@ -125,7 +124,7 @@ function forceRatio(host, moving, fellows) {
   const highest = Math.max(...extent(fellows.flatMap((fellow) => [...ratios(fellow).flat(), ...fellow.film.impulse_ratios])).map(Math.abs));
   const friction = Math.max(...film.contacts.map((contact) => contact.friction));
   const reach = friction < 1.6 * highest ? Math.max(highest, 1.12 * friction) : highest;
-  const options = { title: "Force ratio fₜ / fₙ", x: timeAxis(film), y: "force ratio σ", xRange: [0, longest(fellows)], yRange: [-reach, reach] };
+  const options = { title: "Force ratio fₜ / fₙ", x: film.time_label, y: "force ratio σ", xRange: [0, longest(fellows)], yRange: [-reach, reach] };
   new Chart(host, options, (chart) => {
     chart.band(friction, Infinity, "beyond");
     chart.band(-Infinity, -friction, "beyond");
@@ -144,7 +143,7 @@ function normalForce(host, moving, fellows) {
   const { film } = moving;
   if (film.contacts.length === 1 && !fellows.some((fellow) => fellow.film.phases.some(({ mode }) => mode === "flight"))) return;
   const loads = (fellow) => fellow.film.contacts.map((contact, n) => fellow[`f_n${n}`].map((force) => force / fellow.film.weight));
-  const options = { title: "Normal force fₙ over the weight", x: timeAxis(moving.film), y: "fₙ / (m g)", xRange: [0, longest(fellows)], yRange: extent(fellows.flatMap((fellow) => loads(fellow).flat())) };
+  const options = { title: "Normal force fₙ over the weight", x: moving.film.time_label, y: "fₙ / (m g)", xRange: [0, longest(fellows)], yRange: extent(fellows.flatMap((fellow) => loads(fellow).flat())) };
   new Chart(host, options, (chart) => loads(moving).forEach((load, n) => stroke(chart, moving, moving.t, film.contacts.length > 1 ? masked(film, load, n) : load, COLOURS[n % COLOURS.length], n)));
   if (film.contacts.length > 1) legend(host, contactKey(film));
 }
@@ -152,7 +151,7 @@ function normalForce(host, moving, fellows) {
 function slip(host, moving, fellows) {
   const range = extent(fellows.flatMap((fellow) => fellow.slipped.flatMap((x) => [...x])));
   if (range.every((value) => Math.abs(value) < 0.05)) return;
-  const options = { title: moving.slipped.length > 1 ? "Slip of each contact" : "Slip of the stance foot", x: timeAxis(moving.film), y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
+  const options = { title: moving.slipped.length > 1 ? "Slip of each contact" : "Slip of the stance foot", x: moving.film.time_label, y: "x [mm]", xRange: [0, longest(fellows)], yRange: range };
   new Chart(host, options, (chart) => moving.slipped.forEach((x, n) => stroke(chart, moving, moving.t, x, COLOURS[n % COLOURS.length], n)));
   if (moving.slipped.length > 1) legend(host, contactKey(moving.film));
 }
@@ -162,7 +161,7 @@ function torques(host, moving, fellows) {
   const torque = actuators.map((name) => moving[`torque ${name}`]);
   const range = extent(fellows.flatMap((fellow) => fellow.film.actuators.flatMap((name) => [...fellow[`torque ${name}`]])));
   if (!range.some((value) => value !== 0 && Number.isFinite(value))) return;
-  const options = { title: "Torques", x: timeAxis(moving.film), y: "torque [N m]", xRange: [0, longest(fellows)], yRange: range };
+  const options = { title: "Motors", x: moving.film.time_label, y: moving.film.motor_label, xRange: [0, longest(fellows)], yRange: range };
   new Chart(host, options, (chart) => torque.forEach((column, n) => stroke(chart, moving, moving.t, column, COLOURS[n])));
   legend(host, actuators.map((name, n) => [COLOURS[n], name.replaceAll("_", " ")]), strokesMean(moving));
 }
@@ -206,7 +205,7 @@ function comparison(host, { nodes, lines }, film, labels) {
   const solved = unpack(nodes);
   const walked = lines.map((line) => ({ mode: line.mode, ...unpack(line) }));
   const names = Object.keys(solved).filter((name) => name !== "t");
-  const options = { title: "Simulation and NLP", x: timeAxis(film), y: positionAxis(film), xRange: [0, film.period] };
+  const options = { title: "Simulation and NLP", x: film.time_label, y: positionAxis(film), xRange: [0, film.period] };
   options.yRange = extent(names.flatMap((name) => walked.flatMap((arc) => [...arc[name]])));
   new Chart(host, options, (chart) =>
     names.forEach((name, n) => {
@@ -220,7 +219,7 @@ function comparison(host, { nodes, lines }, film, labels) {
 
 function comparisonDifference(host, { gaps }, film) {
   const curves = gaps.map(unpack);
-  const options = { title: "Largest difference of the states", x: timeAxis(film), y: "|difference|", xRange: [0, film.period] };
+  const options = { title: "Largest difference of the states", x: film.time_label, y: "|difference|", xRange: [0, film.period] };
   options.yRange = extent(curves.flatMap((gap) => [...gap.difference]));
   options.yTick = (power) => (Number.isInteger(power) ? `1e${power}` : "");
   new Chart(host, options, (chart) => curves.forEach((gap) => chart.line(pairs(gap.t, gap.difference), "curve first")));

@@ -12,7 +12,7 @@ function badge(gait) {
 // The modes of every step and the impact that ends it.
 function sequence(film) {
   const steps = Array.from({ length: film.steps }, (_, step) => film.phases.filter((phase) => phase.step === step).map(({ words }) => words));
-  const words = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).join(film.contacts.length > 1 ? " → " : ", ")}; impact: ${film.impacts[step]}`);
+  const words = steps.map((modes, step) => `${modes.filter((mode, k) => mode !== modes[k - 1]).join(film.contacts.length > 1 ? " → " : ", ")}; ${film.cycle_end}: ${film.impacts[step]}`);
   return words.length > 1 && new Set(words).size === 1 ? `${words.length} times ${words[0]}` : words.join(" | ");
 }
 
@@ -62,7 +62,7 @@ function numbersTable(host, gaits, labels) {
   for (const [key, { words, unit }] of Object.entries(labels.scalars)) row(slips && key === "required_friction" ? labels.slipping : words, unit, gaits.map((gait) => gait.scalars[key]));
   const states = [...new Set(gaits.flatMap((gait) => Object.keys(gait.state)))];
   for (const name of states.filter((name) => name !== "x")) {
-    row(`${labels.symbols[name] ?? name} after impact`, labels.units[name], gaits.map((gait) => gait.state[name]));
+    row(`${labels.symbols[name] ?? name} ${gaits[0].film.cycle_start}`, labels.units[name], gaits.map((gait) => gait.state[name]));
   }
   const freed = [...new Set(gaits.flatMap((gait) => Object.keys(gait.parameters)))];
   for (const key of freed) row(`${labels.parameters[key].words} (free)`, labels.parameters[key].unit, gaits.map((gait) => gait.parameters[key]));
@@ -107,7 +107,7 @@ function together(panels, gaits) {
     if (!on) return;
     const layers = html("div", { class: "layers" });
     const walkers = gaits.slice(0, 2).map((gait) => new Walker(layers, gait.film));
-    overlay.append(layers, html("p", { class: "soft" }, `The second walker is drawn pale. Both start just after an impact; the picture follows each of them. Time and speed are those of ${gaits[0].film.name}.`));
+    overlay.append(layers, html("p", { class: "soft" }, `The second walker is drawn pale. Both start ${gaits[0].film.cycle_start}; the picture follows each of them. Time and speed are those of ${gaits[0].film.name}.`));
     const tick = () => {
       if (overlay.hidden || !walkers[0].ground.isConnected) return;
       for (const walker of walkers) walker.draw(panels[0].player.time % walker.duration);
