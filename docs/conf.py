@@ -7,6 +7,7 @@ import contextlib
 import io
 import os
 import re
+import runpy
 import shlex
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -84,7 +85,7 @@ LONG = 80
 
 
 def run_tutorial(app: Any, doctree: Any) -> None:
-    """Show below each command of the tutorial what it prints, and the figures that it draws."""
+    """Show below each command and program of the tutorial what it prints, and the figures that a command draws."""
     if app.env.docname != "tutorial":
         return
     pictures = Path(app.srcdir) / "built"  # ignored by git
@@ -99,8 +100,15 @@ def run_tutorial(app: Any, doctree: Any) -> None:
                 text = block.astext()
                 if block["language"] == "yaml" and (named := re.match(r"name: (\S+)", text)):
                     Path(f"{named[1]}.yaml").write_text(text)
+                if block["language"] == "python":
+                    Path("program.py").write_text(text)
+                    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()):
+                        runpy.run_path("program.py")
+                    output = out.getvalue().strip()
+                    shown = [literal_block(output, output, language="text", classes=["output"])]
+                    block.replace_self([block.deepcopy(), *shown])
                 if block["language"] == "console":
-                    shown: list[Element] = []
+                    shown = list[Element]()
                     for command in re.findall(r"^\$ (.*)$", text, re.MULTILINE):
                         output = printed(command)
                         shown.append(literal_block(prompt := f"$ {command}", prompt, language="console"))

@@ -74,6 +74,8 @@ COLLECT_AFTER = 100_000
 """New objects between two garbage collections. Modules and compiled functions live until the command ends; Python's
 default of 700 costs a tenth of its time."""
 
+VALUE_ERROR = "Value error, "
+"""Begins some messages about the value of an option."""
 COMPLETION = "_GAITOPT_COMPLETE"
 """Environment variable by which a shell asks for completions; see ``--show-completion``."""
 
@@ -148,7 +150,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _say(_error_words(error), error.exit_code, arguments)
         except typer.TyperException as error:
             command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
-            return _say(f"{error.format_message()} (see {command} --help)", error.exit_code, arguments)
+            words = error.format_message().replace(VALUE_ERROR, "")
+            return _say(f"{words} (see {command} --help)", error.exit_code, arguments)
         except KeyboardInterrupt:
             return _say(received.words, received.exit_code, arguments)
         except BrokenPipeError:

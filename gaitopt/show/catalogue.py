@@ -283,6 +283,8 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
             raise UnknownNameError(words)
         return [figures_of(result)]
     if kind == "attractors":
+        if foreign := [place for place in over if kind_of(place) != "branch"]:
+            raise UnknownNameError(f"--over {foreign[0]}: is not a folder with branches, as `gaitopt continue` writes")
         settled, branches = read_attractors(folder), {str(place): stored_branch(place) for place in over}
         for place, (_, key, _) in branches.items():
             if key != settled.axis.key:

@@ -59,9 +59,10 @@ def test_a_working_directory_that_is_deleted_is_named(run):
         (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 50}"), 2, "values; at most 1,000,000,000 are possible"),
         (("sweep", WHEEL, "--over", f"friction=1:2:{'9' * 5000}"), 2, "write --over friction=LO:HI:N"),
         (("front", "compass-torque-efficient", "--over", "constraints.speed=0.3:0.4:50000000"), 6, "about 600.0 GB"),
+        (("plot", WHEEL, "--format", "avi"), 2, "Invalid value for '--format': 'avi' is not one of"),
     ],
 )
-def test_what_is_too_large_is_refused_at_once(run, arguments, code, words):
+def test_what_is_too_large_or_unknown_is_refused_at_once(run, arguments, code, words):
     ended, out, err = run(*arguments)
     assert (ended, out) == (code, "")
     assert words in err

@@ -83,6 +83,7 @@ def test_the_command_prints_one_object_per_attractor_and_draws_over_a_branch(tmp
     capsys.readouterr()
     assert main(["plot", folder, "--over", "b", "--what", "dtheta", "--format", "svg", "--quiet"]) == 0
     assert capsys.readouterr().out.strip() == f"{folder}/dtheta.svg"
+    assert main(["plot", folder, "--over", "nosuch", "--quiet"]) == 2
     assert main(["plot", "b", "--over", "b", "--quiet"]) == 2
 
 
