@@ -267,7 +267,14 @@ def _torques(walker: WalkerType) -> SectionType:
     """The keys of constant torques for a walker."""
     limits = Control.model_fields["limits"]
     fields: dict[str, Any] = {
-        name: (Annotated[Finite, Field(description=f"{MOTOR_WORDS[unit]} of the {name} [{unit}]"), OF_MOTOR[unit]], ...)
+        name: (
+            Annotated[
+                Finite,
+                Field(description=f"{MOTOR_WORDS[unit]} of the {name.replace('_', ' ')} [{unit}]"),
+                OF_MOTOR[unit],
+            ],
+            ...,
+        )
         for name, unit in actuator_units(walker).items()
     }
     fields["limits"] = (limits.annotation, limits)

@@ -162,16 +162,22 @@ class Mode(str):
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
         """All forms."""
         word = {"type": "string", "enum": list(_DIRECTIONS)}
-        touching = {"type": "object", "additionalProperties": {"type": "string", "enum": [*_AFTER_IMPACT]}}
+        words = "what contacts do just after an impact at the start of the phase, where that differs"
+        touching = {
+            "type": "object",
+            "description": words,
+            "additionalProperties": {"type": "string", "enum": [*_AFTER_IMPACT]},
+        }
         contacts = {
             "type": "object",
-            "description": "what each named contact does; off if left out. impact: just after an impact at the start",
+            "description": "what each named contact does; a contact that is left out is off",
             "properties": {IMPACT: touching},
             "additionalProperties": {"type": "string", "enum": list(NAMED)},
             "not": {"required": ["mode"]},
         }
         state = {"type": "string", "enum": list(STATES)}
-        stops = {"type": "object", "properties": {"mode": word}, "required": ["mode"], "additionalProperties": state}
+        foot = {**word, "description": "what the stance foot does"}
+        stops = {"type": "object", "properties": {"mode": foot}, "required": ["mode"], "additionalProperties": state}
         return {"anyOf": [word, stops, contacts]}
 
     @classmethod

@@ -43,19 +43,23 @@ class OpenLoop(Control):
     type = "open_loop"
     jumps = True
 
-    intervals: Annotated[int, Field(ge=1, le=MOST_INTERVALS, strict=True, description="number N of equal intervals")]
+    intervals: Annotated[
+        int, Field(ge=1, le=MOST_INTERVALS, strict=True, description="number of equal intervals of the period")
+    ]
     order: Annotated[Order, Field(description="torques are constant on each interval, or linear and continuous")] = (
         Order.LINEAR
     )
     duration: Annotated[
         Duration | None,
         Fixed,
-        Field(description="of all intervals together [s], for known torques; the period of the gait if left out"),
+        Field(description="duration of all intervals together [s], if torques are known; by default that of the gait"),
         Within(unit="time", possible=(0, 1000), usual=(0.1, 50)),
     ] = None
     bounds: Annotated[
         dict[str, Bounds],
-        Field(description="range [lo, hi] of the torque or force of each motor [N m, or N]; by default its effort"),
+        Field(
+            description="lower and upper bound of the torque or force of each motor [N m, or N]; by default its effort"
+        ),
     ] = {}  # noqa: RUF012 - pydantic copies it
     rates: Annotated[
         dict[str, Positive],
@@ -190,7 +194,7 @@ def _section(walker: WalkerType) -> SectionType:
     }
     words = "values of the {} of the {} [{}]: a first guess, or with a duration the known values; zero if left out"
     for name, unit in actuator_units(walker).items():
-        described = Field(description=words.format(MOTOR_WORDS[unit], name, unit))
+        described = Field(description=words.format(MOTOR_WORDS[unit], name.replace("_", " "), unit))
         fields[name] = (Annotated[tuple[Finite, ...] | None, described, OF_MOTOR[unit]], None)
     return create_model(
         "OpenLoopSection", __config__=ConfigDict(frozen=True, extra="forbid"), __doc__=OpenLoop.__doc__, **fields

@@ -10,7 +10,7 @@ A ``BezierCurve`` has control points c_k that are parameters, which can be set, 
 Such a curve stays within the range of its control points. It starts at the first and ends at the last one, and its rate
 at the end, n (c_n - c_(n-1)) / duration, determines its continuation.
 
-A table over the clock is a cubic spline, whose knots are breakpoints. Over a phase variable a knot would be an event of
+A table of time is a cubic spline, whose knots are breakpoints. In a phase variable a knot would be an event of
 the motion, so that curves over a phase are single polynomials: Bezier curves, or those closest to the rows of a table.
 
 ``GaitReference`` and ``CurveReference`` are what a problem file says; ``gaitopt.systems`` replaces them by a
@@ -438,7 +438,7 @@ class BezierReference(BaseModel, Target):
 
     bezier: Annotated[
         dict[str, tuple[Point, ...]],
-        Field(description="control points of each curve [rad], each a number or {free: [lo, hi], guess: value}"),
+        Field(description="control points of each curve [rad]; each is a number or an unknown"),
     ]
 
     @property
@@ -522,20 +522,22 @@ CLOCK = "clock"
 Continuation = Annotated[
     Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
     Field(
-        description="over the clock, after the end of the reference: its last rate continues (linear), its last angle "
-        "is held (hold), or there is no torque (off)"
+        description="motion after the end of a reference in time: its last rate continues (linear), its last angle is "
+        "held (hold), or the motors are off (off)"
     ),
 ]
 
 
 class GivenCurves(BaseModel, Target):
-    """Curves that are given, over the clock or over a phase variable."""
+    """Curves that are given, as functions of the time since the impact or of a phase variable."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     phase: Annotated[
         Name,
-        Field(description="argument of the curves: clock, a shape coordinate, or a phase variable of the walker"),
+        Field(
+            description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable"
+        ),
     ] = CLOCK
     beyond_end: Continuation = None
 
@@ -555,7 +557,7 @@ class GivenCurves(BaseModel, Target):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """The end of curves over the clock."""
+        """The end of curves of time."""
         return () if self.phase_variable else (self.domain[1],)
 
     def data(self, segment: int) -> Array:
@@ -565,7 +567,7 @@ class GivenCurves(BaseModel, Target):
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
     ) -> tuple[SX, SX]:
-        """The curves; over the clock then their continuation."""
+        """The curves; curves of time then have their continuation."""
         start, end = self.domain
         points = self.points(p, joints)
 
@@ -603,8 +605,8 @@ class GivenCurves(BaseModel, Target):
             words = f"it has {', '.join(angles)}; clock is the time since the impact"
             yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; {words}"
         elif self.phase_variable and self.beyond_end is not None:
-            words = "curves over a phase variable continue as polynomials: leave it out"
-            yield ("beyond_end",), f"is for curves over the clock; {words}"
+            words = "curves of a phase variable continue as polynomials: leave it out"
+            yield ("beyond_end",), f"is for curves of time; {words}"
 
 
 def untracked(walker: "WalkerType") -> str:
@@ -614,18 +616,18 @@ def untracked(walker: "WalkerType") -> str:
 
 
 class BezierMotion(BezierReference, GivenCurves):
-    """Bezier curves that are given, over the clock or over a phase variable."""
+    """Given Bezier curves, as functions of the time since the impact or of a phase variable."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     duration: Annotated[
         Duration | None,
-        Field(description="duration of curves over the clock [s]; the step may end earlier or later"),
+        Field(description="duration of curves in time [s]; the step may end earlier or later"),
         Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
     ] = None
     span: Annotated[
         tuple[PointValue, PointValue] | None,
-        Field(description="phase variable at the start and the end of the curves [rad, or m]"),
+        Field(description="values of the phase variable at the start and the end of the curves [rad, or m]"),
     ] = None
 
     @property
@@ -653,10 +655,10 @@ class BezierMotion(BezierReference, GivenCurves):
         if not self.bezier:
             yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
         if self.phase_variable:
-            needed, other, words = "span", "duration", "curves over a phase variable need span: [START, END]"
+            needed, other, words = "span", "duration", "curves of a phase variable need span: [START, END]"
         else:
-            needed, other, words = "duration", "span", "curves over the clock need their duration: SECONDS"
-            words += "; those over a phase variable need phase: NAME and span: [START, END]"
+            needed, other, words = "duration", "span", "curves of time need their duration: SECONDS"
+            words += "; those of a phase variable need phase: NAME and span: [START, END]"
         if getattr(self, needed) is None:
             yield (needed,), f"is missing: {words}"
         if getattr(self, other) is not None:
@@ -666,7 +668,7 @@ class BezierMotion(BezierReference, GivenCurves):
 
 
 class FittedMotion(BezierMotion):
-    """Bezier curves over a phase variable that are closest to the angles of a gait, by at most some errors."""
+    """Bezier curves of a phase variable that are closest to the angles of a gait, by at most some errors."""
 
     errors: Mapping[str, float]
 
@@ -767,7 +769,7 @@ def _check_table(table: Table) -> Table:
 
 
 class TableCurves(BaseModel, Target):
-    """Polynomials that are closest to the rows of a table, over a phase variable."""
+    """Polynomials in a phase variable that are closest to the rows of a table."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -776,8 +778,8 @@ class TableCurves(BaseModel, Target):
         BeforeValidator(_read_table),
         AfterValidator(_check_table),
         Field(
-            description="CSV file relative to this one, or columns {t: [...], JOINT: [...]}: time since impact [s], "
-            "or phase variable, and joint angles [rad]"
+            description="CSV file, relative to this file, or columns {t: [...], JOINT: [...]}; the first column is "
+            "the time since the impact [s] or the phase variable, the others are joint angles [rad]"
         ),
         WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]}),
     ]
@@ -787,8 +789,8 @@ class TableCurves(BaseModel, Target):
             ge=1,
             le=20,
             strict=True,
-            description="degree of the polynomials fitted to the rows; if left out, a cubic spline through all rows, "
-            "which requires the clock",
+            description="degree of the polynomials fitted to the rows; by default a cubic spline in time passes "
+            "through all rows",
         ),
     ] = None
 
@@ -829,18 +831,18 @@ class TableCurves(BaseModel, Target):
         """A degree that is missing or too large for the rows."""
         rows = len(next(iter(self.table.columns.values())))
         if self.degree is None:
-            words = "a spline over a phase variable would have kinks at states: give degree: 6, or another number"
+            words = "a spline of a phase variable would have kinks at states: give degree: 6, or another number"
             yield ("degree",), f"is missing: {words}"
         elif self.degree >= rows:
             yield ("degree",), f"{self.degree} is too large: {rows} rows determine at most {rows - 1}"
 
 
 class TableReference(TableCurves, GivenCurves):
-    """A table of angles, in a file or as columns, over the clock or over a phase variable."""
+    """A table of angles, in a file or as columns, against the time since the impact or a phase variable."""
 
     @property
     def spline(self) -> Reference:
-        """Cubic splines through the rows of a table over the clock, and their continuation."""
+        """Cubic splines through the rows of a table of time, and their continuation."""
         return _spline(self.table, BeyondEnd(self.beyond_end or BeyondEnd.HOLD))
 
     @property
@@ -864,7 +866,7 @@ class TableReference(TableCurves, GivenCurves):
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
     ) -> tuple[SX, SX]:
-        """The curves; over the clock then their continuation."""
+        """The curves; curves of time then have their continuation."""
         return (
             super().weighted(now, p, joints, weights) if self.degree else self.spline.weighted(now, p, joints, weights)
         )
@@ -914,32 +916,35 @@ Joints = Annotated[
     dict[str, Name] | None,
     Field(
         min_length=1,
-        description="angle of that gait, a shape coordinate, motor or phase variable, for each joint that follows one; "
-        "by default each tracked joint or output follows its own",
+        description="for each joint, the angle of that gait that it follows: a shape coordinate, a motor or a phase "
+        "variable; by default each tracked joint or output follows its own angle",
     ),
 ]
 Phase = Annotated[
     Name | None,
     Field(
-        description="argument of the curves: a shape coordinate, or a phase variable of the walker; the clock if "
-        "left out"
+        description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable; "
+        "by default the clock"
     ),
 ]
 Span = Annotated[
     tuple[PointValue, PointValue] | None,
-    Field(description="phase variable at the start and the end of the curves; that of the gait if left out"),
+    Field(
+        description="values of the phase variable at the start and the end of the curves [rad, or m]; by default those "
+        "of the gait"
+    ),
 ]
 
 
 class GaitCurves(BaseModel, Target):
-    """Polynomials that are closest to the angles of another gait, over a phase variable."""
+    """Polynomials in a phase variable that are closest to the angles of another gait."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     gait: Annotated[
         Name,
         Field(
-            description="problem whose gait is tracked: a name, or a path relative to this file; or the folder of a run"
+            description="gait that is tracked: the name of a problem, its path relative to this file, or a run folder"
         ),
     ]
     joints: Joints = None
@@ -949,7 +954,7 @@ class GaitCurves(BaseModel, Target):
             ge=1,
             le=20,
             strict=True,
-            description="over a phase variable: degree of the polynomials fitted to the gait's angles",
+            description="degree of the polynomials fitted to the gait's angles as functions of a phase variable",
         ),
     ] = None
 
@@ -974,19 +979,19 @@ class GaitCurves(BaseModel, Target):
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
         """A degree that is missing."""
         if self.degree is None:
-            yield ("degree",), "is missing: curves over a phase variable are polynomials, for example degree: 8"
+            yield ("degree",), "is missing: curves of a phase variable are polynomials, for example degree: 8"
 
 
 class GaitReference(GaitCurves):
-    """The angles of another gait, over the time since the impact or over a phase variable."""
+    """The angles of another gait, as functions of the time since the impact or of a phase variable."""
 
     phase: Phase = None
     span: Span = None
     beyond_end: Annotated[
         BeyondEnd | None,
         Field(
-            description="over the clock, after the end of the reference: its motion continues (flow), its last rate "
-            "continues (linear), its last angle is held (hold), or there is no torque (off)"
+            description="motion after the end of a reference in time: that of the gait without an impact (flow), its "
+            "last rate continues (linear), its last angle is held (hold), or the motors are off (off)"
         ),
     ] = None
 
@@ -1001,7 +1006,7 @@ class GaitReference(GaitCurves):
         if self.phase_variable:
             yield from super().faults(walker)
         elif self.degree is not None:
-            yield ("degree",), "does not apply: over the clock the motion of the gait itself is followed"
+            yield ("degree",), "does not apply: without a phase variable the motion of the gait itself is followed"
 
 
 class CurveSpec(BaseModel):
@@ -1013,8 +1018,8 @@ class CurveSpec(BaseModel):
     start: Annotated[
         Name | None,
         Field(
-            description="problem whose gait gives the first guess: a name, or a path; not needed with points, and a "
-            "duration or a span"
+            description="name or path of the problem whose gait gives the first guess; not needed if points and a "
+            "duration or a span are given"
         ),
     ] = None
     within: Annotated[
@@ -1022,26 +1027,26 @@ class CurveSpec(BaseModel):
         Field(
             ge=SMALLEST,
             le=pi,
-            description="largest size of the control points, and so of the angles [rad]",
+            description="largest size of the control points, which bounds the angles [rad]",
         ),
         Within(usual=(0.01, pi)),
     ] = 0.6
     duration: Annotated[
         Duration | None,
-        Field(description="duration of curves over the clock [s]; the period of the start's gait if left out"),
+        Field(description="duration of curves in time [s]; by default the period of the gait of start"),
         Within(unit="time", possible=DURATION.possible, usual=(0.1, DURATION.usual[1])),
     ] = None
     points: Annotated[
         dict[str, tuple[Angle, ...]] | None,
         Field(
-            description="first guess of the degree + 1 Bezier control points of each joint [rad]; those that come "
-            "closest to the start's angles if left out"
+            description="first guess of the degree + 1 Bezier control points of each joint [rad]; by default those "
+            "closest to the gait of start"
         ),
     ] = None
 
 
 class FreeCurves(BaseModel, Target):
-    """Curves over a phase variable that a design finds."""
+    """Curves of a phase variable that a design finds."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -1117,7 +1122,7 @@ class FreeCurves(BaseModel, Target):
 
 
 class CurveReference(FreeCurves):
-    """Reference curves that a design finds, over the clock or over a phase variable."""
+    """Curves that a design finds, as functions of the time since the impact or of a phase variable."""
 
     phase: Phase = None
     span: Span = None
@@ -1136,7 +1141,7 @@ class CurveReference(FreeCurves):
 
     @property
     def given(self) -> Target:
-        """As of curves over the phase of a law; a duration is needed too, or a span."""
+        """As for curves of the phase variable of a law; a duration or a span is needed too."""
         duration, over_phase = self.curve.duration, bool(self.phase_variable)
         if not self.needs_no_start or (self.span if over_phase else duration) is None:
             return self
@@ -1158,7 +1163,7 @@ class CurveReference(FreeCurves):
             yield from super().faults(walker)
         words = "curves without a start need it"
         if self.phase_variable and self.curve.duration is not None:
-            yield ("curve", "duration"), "does not apply: curves over a phase variable have a span: [START, END]"
+            yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
         elif self.curve.start is None and points and self.phase_variable and self.span is None:
             yield ("span",), f"is missing: {words}, the phase at the start and the end"
         elif self.curve.start is None and points and not self.phase_variable and self.curve.duration is None:
@@ -1176,7 +1181,7 @@ def _follower_faults(target: GaitReference | CurveReference, walker: "WalkerType
             kinds = "flow, linear, hold or off" if isinstance(target, GaitReference) else "linear, hold or off"
             yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
         if target.span is not None:
-            yield ("span",), "does not apply: it is for curves over a phase variable, phase: NAME"
+            yield ("span",), "does not apply: it is for curves of a phase variable, phase: NAME"
         return
     if phase not in angles:
         words = f"it has {', '.join(angles)}; clock is the time since the impact"
@@ -1187,12 +1192,12 @@ def _follower_faults(target: GaitReference | CurveReference, walker: "WalkerType
     if target.span is not None and target.span[0] == target.span[1]:
         yield ("span",), f"is empty: both ends are {target.span[0]:g}; give the phase after and before the impact"
     if target.beyond_end is not None:
-        words = "curves over a phase variable continue as polynomials: leave it out"
-        yield ("beyond_end",), f"is for references over the clock; {words}"
+        words = "curves of a phase variable continue as polynomials: leave it out"
+        yield ("beyond_end",), f"is for references of time; {words}"
 
 
 class ConstantReference(BaseModel, Target):
-    """Constant angles: set-points."""
+    """Constant angles."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -1200,8 +1205,8 @@ class ConstantReference(BaseModel, Target):
         dict[str, Point],
         Field(
             min_length=1,
-            description="angle of each tracked joint [rad], a number or {free: [lo, hi], guess: value}; the motor of a "
-            "joint that is left out is off",
+            description="angle of each tracked joint [rad], a number or an unknown; the motor of a joint that is left "
+            "out is off",
         ),
     ]
 
@@ -1286,7 +1291,7 @@ PHASE_FORMS = {
     "gait": (GaitCurves, "gait: NAME, degree: 6"),
     "curve": (FreeCurves, "curve: {degree: 5, start: NAME}"),
 }
-"""Kinds of curves over a phase variable, each with an example."""
+"""Kinds of curves of a phase variable, each with an example."""
 
 
 def _reader(forms: Mapping[str, tuple[type[BaseModel], str]]) -> WrapValidator:
@@ -1323,4 +1328,4 @@ Followed = Annotated[
 ]
 """Type of the key ``reference``: what a file may say, or a motion that is ready for use."""
 OverPhase = Annotated[BezierReference | ConstantCurves | TableCurves | GaitCurves | FreeCurves, _reader(PHASE_FORMS)]
-"""Type of the key ``reference`` of curves over a phase variable."""
+"""Type of the key ``reference`` of curves of a phase variable."""

@@ -17,7 +17,7 @@ from gaitopt.model.walker import WalkerType
 
 
 class ProportionalDerivative(Control):
-    """PD tracking of a reference, over a clock that restarts at every impact or over a phase variable.
+    """PD tracking of a reference, a function of the time since the impact or of a phase variable.
 
     u = -kp (theta - theta_r) - kd (dtheta - dtheta_r)
     """
@@ -27,12 +27,12 @@ class ProportionalDerivative(Control):
 
     kp: Annotated[
         Finite,
-        Field(ge=0, description="gain on the angle [N m/rad]"),
+        Field(ge=0, description="gain on the error of the angle [N m/rad, or N/m]"),
         Within(unit="torque", possible=(0, 1000), usual=(0, 30)),
     ]
     kd: Annotated[
         Finite,
-        Field(ge=0, description="gain on the rate [N m s/rad]"),
+        Field(ge=0, description="gain on the error of the rate [N m s/rad, or N s/m]"),
         Within(unit="damping", possible=(0, 100), usual=(0, 10)),
     ]
     reference: Annotated[Followed, Field(description="motion that the joints track")]

@@ -35,7 +35,10 @@ from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, Tab
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType
 
-GAINS = ("kp", "kd")
+GAINS = {
+    "kp": "gain on the outputs, in 1/s^2 of a linearising law and in N m/rad, or N/m, of a pd law",
+    "kd": "gain on their rates, in 1/s of a linearising law and in N m s/rad, or N s/m, of a pd law",
+}
 LARGEST_GAIN = 1e9
 SMALLEST_CLAMP = 1e-3
 """Least width of a clamp: a narrower one is stiff, the integration resolves it by tiny steps."""
@@ -69,9 +72,13 @@ class VirtualConstraints(Control):
     phase: Annotated[Name, Field(description="phase variable: a shape coordinate, or one that the walker names")]
     span: Annotated[
         tuple[Angle, ...],
-        Field(min_length=2, max_length=2, description="phase variable at the start and the end of the curves"),
+        Field(
+            min_length=2,
+            max_length=2,
+            description="values of the phase variable at the start and the end of the curves [rad, or m]",
+        ),
     ]
-    reference: Annotated[OverPhase, Field(description="curves of the outputs over the phase")]
+    reference: Annotated[OverPhase, Field(description="curves of the outputs as functions of the phase variable")]
     clamp: Annotated[
         float | None,
         Field(
@@ -79,24 +86,26 @@ class VirtualConstraints(Control):
             le=0.5,
             allow_inf_nan=False,
             strict=True,
-            description="outside of the span the curves are held, smoothly: the width, in parts of the span, on which "
-            "the phase saturates at its ends; the curves go on as polynomials if left out",
+            description="width, as a fraction of the span, over which the phase variable saturates smoothly at both "
+            "ends of the span, so that the curves are constant outside; by default they continue as polynomials",
         ),
     ] = None
     law: Annotated[
         Law,
         Field(
-            description="input-output linearisation (linearising), after which the outputs obey y'' + kd y' + kp y = 0 "
-            "in the contact mode of `model`; or torques -kp y - kd y' of the motors (pd)"
+            description="linearising: input-output linearisation, with which the outputs obey y'' + kd y' + kp y = 0 "
+            "in the contact mode of `model`; pd: the motors apply -kp y - kd y'"
         ),
     ] = Law.LINEARISING
     gains: Annotated[
         dict[str, Gain],
         Field(
-            description="gains kp on the outputs and kd on their rates; kp in 1/s^2 and kd in 1/s of a linearising "
-            "law, kp in N m/rad and kd in N m s/rad of a pd law (motor forces: N/m and N s/m)",
+            description="gains on the outputs and on their rates",
             json_schema_extra={
-                "properties": {name: {"type": "number", "minimum": 0, "maximum": LARGEST_GAIN} for name in GAINS},
+                "properties": {
+                    name: {"type": "number", "minimum": 0, "maximum": LARGEST_GAIN, "description": words}
+                    for name, words in GAINS.items()
+                },
                 "required": [*GAINS],
                 "additionalProperties": False,
             },
@@ -105,15 +114,15 @@ class VirtualConstraints(Control):
     model: Annotated[
         FootModel,
         Field(
-            description="contact mode of the linearisation: that of a foot that sticks, because the law does not know "
-            "that the foot slips (stick), or that of the phase (actual)"
+            description="contact mode for which the law linearises: stick, as if the foot always stuck, or actual, "
+            "the mode of the phase"
         ),
     ] = FootModel.STICK
     motors: Annotated[
         tuple[Name, ...] | None,
         Field(
-            description="the motor for each output; if left out, an output that is a motor's angle or tracked joint "
-            "has that motor, or all motors act if there are as many as outputs"
+            description="motor of each output; by default the motor whose angle or tracked joint the output is, or "
+            "all motors if there are as many as outputs"
         ),
     ] = None
 

@@ -77,7 +77,7 @@ class HeadSection(Section):
             description="name of the problem, also of its run folder: letters, digits, dot, dash and underscore",
         ),
     ]
-    about: Annotated[str, Field(description="what the gait is, in a sentence")] = ""
+    about: Annotated[str, Field(description="sentence that describes the gait")] = ""
     friction: Annotated[NonNegative, Field(le=1000, description="coefficient of friction mu"), FRICTION]
     impact_law: Annotated[
         ImpactLaw, Field(description="tangential law of a slipping impact: Coulomb friction, or no tangential impulse")
@@ -122,16 +122,16 @@ class RobotSection(Section):
 
 
 class MarginSection(Section):
-    """The margin whose fall to zero ends a cycle."""
+    """The margin that ends a cycle where it falls to zero."""
 
-    margin: Annotated[str, Field(description="name of a margin of the walker: one of its sections")]
+    margin: Annotated[str, Field(description="name of one of the walker's sections")]
 
 
 CycleEnd = Annotated[
     Literal["touchdown", "clock"] | MarginSection,
     Field(
-        description="what ends a cycle: the landing of a foot, the end of the control law's period, or a margin that "
-        "falls to zero; for walkers with several contacts"
+        description="what ends a cycle of a walker with several contacts: the landing of a foot (touchdown), the end "
+        "of the control law's period (clock), or a margin that falls to zero"
     ),
 ]
 
@@ -139,8 +139,10 @@ CycleEnd = Annotated[
 class StepSection(Section):
     """The mode sequence of one step."""
 
-    phases: Annotated[tuple[Mode, ...], Field(max_length=MAX_PHASES, description="modes of the stance foot in order")]
-    impact: Annotated[Mode, Field(description="what the colliding foot does just after the impact that ends the step")]
+    phases: Annotated[tuple[Mode, ...], Field(max_length=MAX_PHASES, description="modes of the phases in order")]
+    impact: Annotated[
+        Mode, Field(description="mode of the colliding foot or contacts just after the impact that ends the step")
+    ]
 
 
 class GaitSection(StepSection):
@@ -155,7 +157,8 @@ class CycleSection(Section):
 
     section: CycleEnd = "touchdown"
     steps: Annotated[
-        tuple[StepSection, ...], Field(min_length=1, max_length=MAX_STEPS, description="the steps in order")
+        tuple[StepSection, ...],
+        Field(min_length=1, max_length=MAX_STEPS, description="phases and impact of each step in order"),
     ]
     guess: Annotated[dict[str, Any], Field(description="first guess of state and durations of all phases")]
 
@@ -163,32 +166,34 @@ class CycleSection(Section):
 class OpenGaitSection(Section):
     """A gait with an open mode sequence."""
 
-    phases: Annotated[Literal["auto"], Field(description="the mode sequence is searched")]
+    phases: Annotated[Literal["auto"], Field(description="the search determines the mode sequence")]
     section: CycleEnd = "touchdown"
     impact: Annotated[
-        Mode | None, Field(description="what the colliding foot does just after the impact; any mode if left out")
+        Mode | None, Field(description="mode of the colliding foot or contacts just after the impact; by default any")
     ] = None
     steps: Annotated[int, Field(ge=1, le=MAX_STEPS, strict=True, description="maximum number of steps of a cycle")] = 1
     guess: Annotated[dict[str, Any] | None, Field(description="state near which a gait is preferred")] = None
 
 
 class GuessSection(Section):
-    """State just after the impact, and durations of the phases."""
+    """State at the start of the cycle, just after an impact, and durations of the phases."""
 
     state: Annotated[
-        dict[str, Any], Field(description="state just after impact; what is left out follows from the section")
+        dict[str, Any], Field(description="state at the start of the cycle; what is left out follows from the section")
     ]
     durations: Annotated[
-        tuple[Duration, ...] | None, Field(description="durations of the phases [s]; optional"), DURATION
+        tuple[Duration, ...] | None,
+        Field(description="durations of the phases [s]; by default they are found by simulation"),
+        DURATION,
     ] = None
 
 
 class FirstGuessSection(Section):
-    """A guess from nothing: the distance of the feet, or some postures, and the duration of the step."""
+    """A guess without a state: the distance of the feet or some postures, and the duration of the step."""
 
     step_length: Annotated[
         Positive | None,
-        Field(description="distance of the feet just after the impact [m], near the walker's typical posture"),
+        Field(description="distance of the feet just after the impact [m]"),
         Within(unit="length", possible=(0, 2)),
     ] = None
     duration: Annotated[Duration, Field(description="duration of the step [s]"), DURATION]
@@ -236,11 +241,20 @@ def state_section(walker: type[Walker]) -> type[Section]:
     def entry(name: str) -> Any:
         if name in {*walker.shape} - {*walker.lengths}:
             largest = walker.largest_angle
-            return Annotated[Angle, Field(ge=-largest, le=largest, description="[rad]")]
-        known = {"x": ("[m]", POSITION), "dx": ("slip velocity [m/s]", SLIP)}
-        known |= dict.fromkeys((*walker.lengths, "y"), ("[m]", POSITION if walker.contacts else LENGTH))
-        known |= dict.fromkeys((*(f"d{length}" for length in walker.lengths), "dy"), ("[m/s]", SLIP))
-        words, within = known.get(name, ("[rad/s]", RATE_OF_PART if walker.contacts else RATE))
+            return Annotated[Angle, Field(ge=-largest, le=largest, description="shape coordinate, an angle [rad]")]
+        known = {
+            "x": ("position of the foot or base point along the ground [m]", POSITION),
+            "dx": ("velocity of the foot or base point along the ground [m/s]", SLIP),
+        }
+        known |= dict.fromkeys(
+            (*walker.lengths, "y"), ("length or height [m]", POSITION if walker.contacts else LENGTH)
+        )
+        known |= dict.fromkeys(
+            (*(f"d{length}" for length in walker.lengths), "dy"), ("rate of a length or height [m/s]", SLIP)
+        )
+        words, within = known.get(
+            name, ("rate of a shape coordinate [rad/s]", RATE_OF_PART if walker.contacts else RATE)
+        )
         return Annotated[Finite, Field(description=words), within]
 
     return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
@@ -282,7 +296,8 @@ def problem_schema() -> dict[str, Any]:
         "minProperties": 1,
     }
     head["properties"]["friction"]["anyOf"] = [*laws, of_contacts]
-    scalars = "a scalar of the result, state.NAME, or a freed dotted key"
+    head["properties"]["friction"]["description"] += "; a mapping has static and kinetic values, or those of contacts"
+    scalars = "scalars of the result, states (state.NAME) and free parameters (their dotted keys)"
     number, constraints = {"type": "number"}, {}
     for name in DESIGN_SCALARS:  # without the walker only the sign of a scalar can be checked
         scalar = SCALARS[name]
@@ -293,24 +308,24 @@ def problem_schema() -> dict[str, Any]:
     of_robot = {law["properties"]["type"]["const"]: _with_any_motor(law) for law in controls if _has_motors(law)}
     head["properties"] |= {
         "walker": {
-            "description": "the walker and its parameters",
+            "description": "walker and its parameters",
             "oneOf": [*(_walker(n, w) for n, w in walkers.items()), _robot()],
         },
         "control": {
-            "description": "what the motors do",
+            "description": "control law of the motors",
             "anyOf": [*controls, *of_robot.values()],
             "default": {"type": "none"},
         },
         "gait": _gait([*states, STATE_OF_ROBOT]),
         "objective": {
-            "description": f"what is minimised: {scalars}; a negative weight maximises",
+            "description": f"scalar that is minimised, or weights of several: {scalars}; a negative weight maximises",
             "anyOf": [
                 {"type": "string"},
                 {"type": "object", "additionalProperties": {"type": "number"}, "minProperties": 1},
             ],
         },
         "constraints": {
-            "description": f"values or ranges: {scalars}",
+            "description": f"values or ranges of {scalars}",
             "type": "object",
             "properties": constraints,
             "additionalProperties": {"anyOf": [*NUMBER_OR_ANGLE["anyOf"], _range(NUMBER_OR_ANGLE, NUMBER_OR_ANGLE)]},
@@ -330,7 +345,7 @@ def problem_schema() -> dict[str, Any]:
 
 def _walker(name: str, walker: type[Walker]) -> dict[str, Any]:
     section = _section(walker, may_be_free=tuple(walker.model_fields))
-    section["properties"] = {"model": {"const": name}, **section["properties"]}
+    section["properties"] = {"model": {"const": name, "description": "selects this walker"}, **section["properties"]}
     section["required"] = ["model", *section.get("required", [])]
     return section
 
@@ -390,7 +405,10 @@ def _with_any_motor(law: Mapping[str, Any]) -> dict[str, Any]:
 
 def _gait(states: list[dict[str, Any]]) -> dict[str, Any]:
     guess, first = _section(GuessSection), _section(FirstGuessSection)
-    guess["properties"]["state"] = {"description": "state just after impact", "anyOf": states}
+    guess["properties"]["state"] = {
+        "description": "state at the start of the cycle; what is left out follows from the section",
+        "anyOf": states,
+    }
     gaits = [_section(GaitSection), _section(CycleSection), _section(OpenGaitSection)]
     for gait in gaits:
         steps = gait["properties"].get("steps", {}).get("items", gait)
@@ -402,7 +420,10 @@ def _gait(states: list[dict[str, Any]]) -> dict[str, Any]:
             choices: list[dict[str, Any]] = [needed, {"required": ["section"]}]
             gait["anyOf"] = choices
         gait["properties"]["guess"] = {"description": guess["description"], "oneOf": [guess, first]}
-    return {"description": "phases and impact of one step, of several steps, or an open mode sequence", "oneOf": gaits}
+    return {
+        "description": "phases and impact of one step or of several steps, or an open mode sequence",
+        "oneOf": gaits,
+    }
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -412,7 +433,7 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
     for key, entry_field in model.model_fields.items():
         entry = schema["properties"][key]
         entry.pop("title", None)
-        ranges = [str(part) for part in entry_field.metadata if isinstance(part, Within)]
+        ranges = dict.fromkeys(str(part) for part in entry_field.metadata if isinstance(part, Within))
         if ranges:
             entry["description"] = "; ".join([entry.get("description", ""), *ranges])
         stated = any(isinstance(part, WithJsonSchema) for part in entry_field.metadata)
@@ -437,7 +458,8 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
         if is_angle(entry_field):
             value = {"anyOf": [*value.get("anyOf", [value]), ANGLE_TEXT]}
         choices = [value, _free(value)] if key in may_be_free else [value]
-        schema["properties"][key] = {"description": entry.get("description", ""), "anyOf": choices}
+        kept = {name: entry[name] for name in ("default",) if name in entry}
+        schema["properties"][key] = {"description": entry.get("description", ""), "anyOf": choices, **kept}
     return schema
 
 

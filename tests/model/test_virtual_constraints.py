@@ -462,7 +462,7 @@ def test_a_singular_decoupling_matrix_is_named():
             {"control.reference": {"motion": "compass-passive-b"}},
             r"give one of \{bezier: .* or \{table: file.* or \{gait: NAME, degree: 6\} or \{curve: ",
         ),
-        ({"control.reference": {"gait": "compass-passive-b"}}, "reference.degree: is missing: curves over a phase"),
+        ({"control.reference": {"gait": "compass-passive-b"}}, "reference.degree: is missing: curves of a phase"),
         (
             {"control.reference": {"gait": "compass-passive-b", "degree": 6, "phase": "theta1"}},
             "phase does not belong to gait, which has the keys gait, joints, degree: ",
@@ -484,7 +484,7 @@ def test_a_singular_decoupling_matrix_is_named():
             "curve.points.theta2: 2 control points, but a curve of degree 6 has 7",
         ),
         ({"control.reference": {"constant": {"hip": 0}}}, "has curves of hip; the outputs are theta2"),
-        ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline over a phase variable would have"),
+        ({"control.reference": {"table": TABLE}}, "degree: is missing: a spline of a phase variable would have"),
         ({"control.reference": {"table": TABLE, "degree": 2}}, "2 is too large: 2 rows determine at most 1"),
         (
             {"control.reference": {"table": {**TABLE, "hip": [0, 1]}, "degree": 1}},

@@ -224,7 +224,7 @@ def test_a_passive_walker_has_no_control_law():
         (
             "kd: -1, reference: {gait: compass-passive-b, beyond_end: flow}",
             "kd",
-            "-1 must be at least 0 (gain on the rate",
+            "-1 must be at least 0 (gain on the error of the rate",
         ),
         ("kd: 1", "reference", "is missing (motion that the joints track)"),
         (

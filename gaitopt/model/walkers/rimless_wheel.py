@@ -15,7 +15,7 @@ from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
 
 
 class RimlessWheel(Walker):
-    """Rimless wheel; with radius = mass = gravity = 1 its units are those of eqs (12)-(19)."""
+    """Rimless wheel that rolls down a slope."""
 
     model = "rimless_wheel"
     shape = ("theta",)

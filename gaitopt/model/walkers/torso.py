@@ -101,7 +101,7 @@ class TorsoWalker(Walker):
 
 
 class DrivenTorso(TorsoWalker):
-    """``TorsoWalker`` with two motors: torso to stance leg, and torso to swing leg, which they turn forward."""
+    """Compass biped with a torso and two motors, between torso and stance leg and between torso and swing leg."""
 
     model = "driven_torso"
     actuators = ("stance_hip", "swing_hip")
