@@ -87,7 +87,6 @@ function portrait(host, moving, fellows, labels) {
     });
   });
   const locks = shape.some((name) => leaps(moving, moving[name], moving[`d${name}`]).length);
-  const { film } = moving;
   const dotted = film.cycle_end === "end of cycle" ? [] : [`the ${film.cycle_end}`];
   if (locks) dotted.push(film.contacts.length > 1 ? "an impact within the cycle" : "a stop that locks");
   legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}${dotted.length ? `Dotted: ${dotted.join(", or ")}. ` : ""}Dot: ${film.cycle_start}.`);
