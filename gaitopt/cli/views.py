@@ -148,8 +148,9 @@ def plot(
 
     Results are gaits, walks, branches, basins, sweeps, fronts and attractors; several gaits or branches are compared.
 
-    Gait: portrait, force, slip, torques, force_over_COORDINATE, multipliers, roads (NLP and simulation), animation (an
-    HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force, slip, torques, animation.
+    Gait: portrait, force, slip, torques, contacts, postures, force_over_COORDINATE, multipliers, roads (NLP and
+    simulation), animation (an HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force,
+    slip, torques, contacts, postures, animation.
     Branch: multipliers, or any scalar of the result, such as spectral_radius. Sweep: any scalar of the result; give
     the folder of the sweep. Front: front.
     """

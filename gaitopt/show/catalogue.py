@@ -32,7 +32,7 @@ from gaitopt.show.gaits import (
 )
 from gaitopt.show.grids import basin, front_figure, sweep
 from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
-from gaitopt.show.movie import movie
+from gaitopt.show.movie import movie, postures
 from gaitopt.show.pages import animation_page
 from gaitopt.show.programs import jacobian_pattern
 from gaitopt.show.style import Parameter, parameter_of
@@ -73,6 +73,7 @@ MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
     "slip": foot_slip,
     "torques": torques,
     "contacts": contact_diagram,
+    "postures": postures,
 }
 """Figures of gaits and walks."""
 GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "roads")
@@ -158,7 +159,7 @@ def _(result: Walk) -> Figures:
             section_states(result) if name == "section" else MOTION_FIGURES[name]([motion_of_walk(result)])
         ),
         names=WALK_FIGURES,
-        usual=("section", "portrait"),
+        usual=("section", "portrait", "postures"),
         animation=lambda extension: _animation(motion_of_walk(result), result.trajectory.message, extension),
     )
 

@@ -51,7 +51,7 @@ def curves(axes, style):
 def test_every_axis_says_what_it_shows_and_in_which_unit(drawn):
     unitless = ("σ", "λ", "cost", "ratio", "μ")
     for name, figure in drawn.items():
-        for one in (axes for axes in figure.axes if axes.lines or axes.collections):
+        for one in (axes for axes in figure.axes if axes.axison and (axes.lines or axes.collections)):
             words = [text for text in (one.get_xlabel(), one.get_ylabel()) if text]
             assert words, name
             assert all("[" in text or any(word in text for word in unitless) for text in words), (name, words)
@@ -59,6 +59,8 @@ def test_every_axis_says_what_it_shows_and_in_which_unit(drawn):
 
 def test_no_legend_covers_the_picture_or_leaves_it(drawn):
     for name, figure in drawn.items():
+        if name[0] == "postures":  # needs none
+            continue
         renderer = figure.canvas.get_renderer()
         (legend,) = figure.legends
         box = legend.get_window_extent(renderer)

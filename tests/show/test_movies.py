@@ -13,6 +13,7 @@ import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import UnknownNameError
 from gaitopt.show import movie
+from gaitopt.show.catalogue import figures_of
 from gaitopt.show.movie import RATE
 
 WHEEL = "rimless-wheel-slip"
@@ -90,6 +91,19 @@ def test_a_figure_is_drawn_into_given_axes_and_nowhere_else(what):
         assert figure.axes == [first, second]
     finally:
         plt.close(figure)
+
+
+def test_a_walk_is_drawn_as_six_outlined_postures_that_stand_on_the_ground():
+    gait = named("compass-passive-a")
+    (axes,) = figures_of(go.simulate(gait, steps=2)).draw("postures").axes
+    times = [float(text.get_text().split()[0]) for text in axes.texts]
+    assert times == pytest.approx(np.linspace(0, 2 * gait.period, 6), abs=0.006)
+    legs, ground = [line for line in axes.lines if line.get_path_effects()], axes.lines[-1]
+    assert len(legs) == 2 * len(times)
+    for leg in legs[1::2]:  # the leg that stands is drawn last
+        x, y = min(leg.get_xydata(), key=lambda point: point[1])
+        assert y == pytest.approx(np.interp(x, *ground.get_data()), abs=1e-9)
+    assert np.ptp(ground.get_ydata()) / np.ptp(ground.get_xdata()) == pytest.approx(np.tan(np.radians(1)))
 
 
 def test_a_figure_with_several_panels_asks_for_as_many_axes():

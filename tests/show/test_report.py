@@ -5,6 +5,8 @@ import gzip
 import json
 import re
 from dataclasses import replace
+from shutil import which
+from subprocess import run
 
 import pytest
 from pictured import branch, gait
@@ -37,6 +39,15 @@ def test_a_page_names_no_address(written):
     for page in written.values():
         assert not re.search(r"https?:|//\w+\.|@import|url\(|src=", page)
         assert "default-src 'none'" in page
+
+
+@pytest.mark.skipif(which("node") is None, reason="needs Node.js")
+def test_the_scripts_of_a_page_are_free_of_syntax_errors(written, tmp_path):
+    for name, page in written.items():
+        scripts = re.findall(r'<script type="module">(.*?)</script>', page, re.DOTALL)
+        assert scripts, name
+        (file := tmp_path / f"{name}.mjs").write_text("\n".join(scripts))
+        run(["node", "--check", file], check=True)
 
 
 def test_the_numbers_are_those_of_the_gait(written):
