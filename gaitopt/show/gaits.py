@@ -339,6 +339,10 @@ def section_states(walk: Walk) -> Figure:
         panel.plot(range(len(states)), states[:, column], ".-", color=COLOURS[0], linewidth=1.0, markersize=7)
         if failed:
             panel.axvline(len(states) - 0.5, color=FAILED, linestyle="--")
+        low, high = panel.get_ylim()
+        if high - low < VISIBLE:  # a walk on its gait
+            room = max(VISIBLE, abs(low) / 10)
+            panel.set_ylim(low - room, high + room)
         panel.set_ylabel(fill(f"{symbol(name)} [{state_unit(name)}]", LABEL_CHARACTERS))
         panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1].set_xlabel("steps since the start")

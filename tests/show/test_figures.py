@@ -426,3 +426,8 @@ def test_a_hopper_shows_its_height_and_what_it_presses_on_the_ground():
     assert all(np.allclose(force, 0) for force in flying)
     words = [text.get_text() for text in figures_of(shown).draw("roads").legends[0].get_texts()]
     assert "y, simulation" in words
+
+
+def test_rounding_is_not_drawn_as_motion():
+    figure = figures_of(simulate(gait("compass-passive-a"), steps=2)).draw("section")
+    assert all(np.ptp(axes.get_ylim()) > 0.01 for axes in figure.axes)

@@ -37,7 +37,6 @@ function stepEnds({ phases }) {
   });
 }
 
-const MARKED = 6; // most states after impacts that are marked in the portrait of a walk
 const STROKES = { stick: "", flight: "flying" };
 
 // Draw y versus x, phase by phase, where y is a number: there is no force in flight. A line is dashed where the contact
@@ -79,10 +78,9 @@ function portrait(host, moving, fellows, labels) {
       const [x, y, colour] = [moving[name], moving[`d${name}`], COLOURS[n % COLOURS.length]];
       const ends = stepEnds(moving.film);
       ends.forEach(([first, last], step) => {
-        if (step % Math.ceil(ends.length / (film.cycle ? ends.length : MARKED)) === 0) chart.dot(x[first], y[first], `dot ${colour}`);
-        if (step + 1 === ends.length && !film.cycle) return; // a walk does not return to its start
         const [next] = ends[(step + 1) % ends.length];
         chart.line([[x[last], y[last]], [x[last], y[next]], [x[next], y[next]]], `jump ${colour}`);
+        chart.dot(x[first], y[first], `dot ${colour}`);
       });
       for (const [before, after] of leaps(moving, x, y)) chart.line([[x[before], y[before]], [x[after], y[after]]], `jump ${colour}`);
       stroke(chart, moving, x, y, colour);
