@@ -38,7 +38,7 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
     """
     if special.type not in FOLLOWS or special.gait is None:
         raise ProblemError(
-            f"no other branch begins at a special point of type {special.type}; those that have some: "
+            f"no other branch begins at a special point of type {special.type}; other branches begin at the types "
             f"{', '.join(FOLLOWS)}"
         )
     if special.type == "period_doubling":

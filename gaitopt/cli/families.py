@@ -12,6 +12,7 @@ import typer
 
 from gaitopt.cli.options import (
     EngineOption,
+    GridOption,
     GuessOption,
     MethodOption,
     OutOption,
@@ -73,7 +74,7 @@ def continue_(
             "--follow",
             metavar="KIND=N",
             help="Also follow the other branches that begin at special points, up to N levels deep; KIND is doublings, "
-            "branch_points or mode_changes. Repeat it.",
+            "branch_points or mode_changes. May be repeated.",
         ),
     ] = None,
     changes: SetOption = None,
@@ -97,7 +98,9 @@ def continue_(
     start: Gait | SpecialPoint
     if stored.SPECIAL in problem:
         if changes:
-            raise typer.BadParameter(f"--set changes a problem, but {problem} is a point of a finished run")
+            raise typer.BadParameter(
+                f"--set changes a problem, but {problem} is a point of a finished run; leave it out"
+            )
         start, _ = stored.load_special_point(problem)
         gait = start.gait
         if gait is not None and gait.problem.free:  # whose values a point of the branch does not hold
@@ -166,10 +169,10 @@ def front(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Solve a chain of designs, such as cost versus speed.
+    """Solve a series of designs along one key, such as least cost versus speed.
 
-    The designs run over one key in both directions, and the Pareto front is marked. Every design is stored as soon as
-    it is found. Repeat the command to resume.
+    The key runs up and down its range, and each design starts from its neighbour. The designs that no other one beats
+    form the Pareto front. Every design is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.api.pictures import save_figures
@@ -193,7 +196,7 @@ def front(
 def sweep(
     terminal: Terminal,
     problem: ProblemArgument,
-    over: OverOption,
+    over: GridOption,
     warm: Annotated[
         bool,
         typer.Option(
@@ -210,8 +213,8 @@ def sweep(
 ) -> int:
     """Solve and verify a problem on a grid of parameters.
 
-    Each point is solved as by `solve --set`. A point without a gait is a result. Every result is stored as soon as it
-    is found. Repeat the command to resume.
+    Each point is solved as `solve --set` does. A point without a gait is recorded with its reason. Every result is
+    stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.problem.scalars import SCALARS
@@ -237,9 +240,9 @@ def attractors(
     over: OverOption,
     starts: Annotated[int, typer.Option("--starts", min=1, max=1_000_000, help="Number of walks at each value.")] = 20,
     transient: Annotated[
-        int, typer.Option("--transient", min=1, help="Number of cycles to discard first; more near bifurcations.")
+        int, typer.Option("--transient", min=1, help="Number of cycles to discard first; take more near bifurcations.")
     ] = 200,
-    keep: Annotated[int, typer.Option("--keep", min=2, help="Number of cycles to record after them.")] = 64,
+    keep: Annotated[int, typer.Option("--keep", min=2, help="Number of cycles to record afterwards.")] = 64,
     seed: SeedOption = 0,
     engine: EngineOption = "auto",
     workers: WorkersOption = None,
@@ -247,11 +250,11 @@ def attractors(
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Find what walks settle on along a parameter.
+    """Find the attractors of a walker at many values of a parameter.
 
-    At each value these are cycles of any length, or chaos. Each attractor has its largest Lyapunov exponent per step,
-    which is positive for chaos. Finished values are stored; repeat the command to resume. `gaitopt plot FOLDER --over
-    RUN` draws the diagram over a branch.
+    Long walks from several starts end on cycles of any length, or in chaos. Each attractor has its largest Lyapunov
+    exponent per step, which is positive for chaos. Finished values are stored; repeat the command to resume. `gaitopt
+    plot FOLDER --over RUN` draws the diagram over a branch.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_attractors
@@ -278,7 +281,7 @@ def attractors(
 def basin(
     terminal: Terminal,
     run: RunArgument,
-    over: OverOption,
+    over: GridOption,
     steps: Annotated[int, typer.Option("--steps", min=1, help="Maximum number of steps of each walk.")] = 100,
     engine: EngineOption = "auto",
     workers: WorkersOption = None,

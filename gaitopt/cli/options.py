@@ -74,7 +74,7 @@ def ranges(texts: Texts) -> dict[str, tuple[float, float]]:
         except ValueError as error:
             raise typer.BadParameter(f"--within {text}: write --within {key}=LO:HI ({error})") from error
         if not lower < upper:
-            raise typer.BadParameter(f"--within {text}: an empty range, {lower:g} is not below {upper:g}")
+            raise typer.BadParameter(f"--within {text}: the range is empty, because {lower:g} is not below {upper:g}")
         spans[key] = (lower, upper)
     return spans
 
@@ -152,7 +152,15 @@ MethodOption = Annotated[
 ]
 OverOption = Annotated[
     list[str],
-    typer.Option("--over", metavar="KEY=LO:HI:N", help="N values of a key from LO to HI; repeat for a grid."),
+    typer.Option("--over", metavar="KEY=LO:HI:N", help="Vary one key: N equidistant values from LO to HI."),
+]
+GridOption = Annotated[
+    list[str],
+    typer.Option(
+        "--over",
+        metavar="KEY=LO:HI:N",
+        help="Vary a key: N equidistant values from LO to HI. Give --over once for every key of the grid.",
+    ),
 ]
 WorkersOption = Annotated[
     int | None,

@@ -49,7 +49,7 @@ def design_gait(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
-    """The best gait over the freed parameters of ``problem``; other arguments as of ``systems.solve_sequence``.
+    """The best gait over the freed parameters of ``problem``; for other arguments see ``systems.solve_sequence``.
 
     Parameters
     ----------

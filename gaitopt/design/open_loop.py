@@ -235,7 +235,7 @@ class CollocationProgram(NonlinearProgram):
 def open_loop_program(
     problem: Problem, system: HybridSystem, built: Callable[[Problem], HybridSystem]
 ) -> CollocationProgram:
-    """The program that ``optimise`` solves first; arguments as there, and ``built`` as of ``CollocationProgram``."""
+    """The program that ``optimise`` solves first; arguments as there, and for ``built`` see ``CollocationProgram``."""
     law = problem.control
     assert isinstance(law, OpenLoop)
     dynamics, free = Dynamics.of(system, problem.parameters), problem.free

@@ -174,7 +174,7 @@ def stepping_posture(walker: type[Walker], step_length: float, p: Array) -> Arra
         return posture
     shorter = (step_length * part for part in np.arange(0.95, 0.0, -0.05))
     reached = next((length for length in shorter if stretched(length) is not None), 0.0)
-    raise ProblemError(f"{step_length:g} m is longer than the legs of {walker.model} reach: about {reached:.2g} m")
+    raise ProblemError(f"{step_length:g} m is too long: the legs of {walker.model} reach about {reached:.2g} m")
 
 
 def _lead(walker: type[Walker], x: Array, p: Array) -> float:

@@ -126,7 +126,7 @@ class ContactImpact:
     z_plus : SX, shape (n_z,) - state just after it, before any relabelling.
     impulses : SX, shape (2,), by contact - (F_t, F_n) [N s]; zero if it is off afterwards.
     velocities : SX, shape (2,), by contact - (v_t, v_n) just after it [m/s].
-    regularity, shares, undetermined : as of ``ContactMotion``.
+    regularity, shares, undetermined : see ``ContactMotion``.
     """
 
     z_plus: SX

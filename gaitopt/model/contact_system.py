@@ -22,11 +22,11 @@ from gaitopt.model.walker import Walker
 
 
 class ContactExpressions(Expressions):
-    """Expressions of a walker with named contacts; parameters and attributes as of ``Expressions``.
+    """Expressions of a walker with named contacts; for parameters and attributes see ``Expressions``.
 
     Parameters
     ----------
-    cycle_end : as of ``ContactTransitions``.
+    cycle_end : see ``ContactTransitions``.
     """
 
     def __init__(

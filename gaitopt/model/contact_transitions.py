@@ -31,7 +31,7 @@ PRIORITY = ("gap", "slip_velocity", "normal_force", "cone_forward", "cone_backwa
 
 
 class ContactTransitions(Transitions):
-    """The table of one walker with named contacts; attributes as of ``Transitions``.
+    """The table of one walker with named contacts; for attributes see ``Transitions``.
 
     Parameters
     ----------
@@ -55,13 +55,13 @@ class ContactTransitions(Transitions):
         return 3 + 3 * n + n**2
 
     def struck(self, cycle: Cycle, phase: int) -> Mode | None:
-        """As of ``Transitions``."""
+        """See ``Transitions``."""
         impact = cycle.reset_after(phase)
         relabelled = impact is not None and cycle.after(phase) is None and self.cycle_end == TOUCHDOWN
         return self.walker.swapped(impact) if impact is not None and relabelled else impact
 
     def between(self, mode: Mode, after: Mode | None, struck: Mode | None = None) -> Transition:
-        """As of ``Transitions``."""
+        """See ``Transitions``."""
         reached = [m for m in (after, struck) if m is not None]
         landed = [name for m in reached for name in m.touching if name not in mode.touching]
         if after is None and self.cycle_end == CLOCK:
@@ -94,7 +94,7 @@ class ContactTransitions(Transitions):
         return min(found, key=rank)
 
     def zeros_after(self, cycle: Cycle, phase: int) -> tuple[str, ...]:
-        """As of ``Transitions``: the forces of massless contacts that have just landed."""
+        """See ``Transitions``: the forces of massless contacts that have just landed."""
         struck = self.struck(cycle, phase)
         if struck is None:
             return ()
@@ -109,7 +109,7 @@ class ContactTransitions(Transitions):
         return tuple(name for name in forces if name in following)
 
     def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
-        """As of ``Transitions``; the margin may be that of a group to which the contact then belongs."""
+        """See ``Transitions``; the margin may be that of a group to which the contact then belongs."""
         sticking, part = mode.with_states({contact: "stick"}), (CONE[Mode(mode.contacts[contact])], contact)
         return sticking, next(guard for guard in self.of(sticking) if part in _parts(guard))
 
@@ -139,12 +139,12 @@ class ContactTransitions(Transitions):
         return self._candidates(mode, at_rest=(name for name in mode.touching if not mode.directions[name]))
 
     def onset(self, mode: Mode, contact: str = FOOT) -> Transition:
-        """As of ``Transitions``."""
+        """See ``Transitions``."""
         rests = tuple(name for name in mode.touching if not mode.directions[name] or name == contact)
         return self._row(f"onset.{contact}", at_rest=rests, candidates=self._candidates(mode, at_rest=rests))
 
     def at_breakpoint(self, mode: Mode) -> Transition:
-        """The transition at a breakpoint of the control law, as of ``Transitions``; a slipping contact may lift off."""
+        """The transition at a breakpoint of the control law, see ``Transitions``; a slipping contact may lift off."""
         rests = tuple(name for name in mode.touching if not mode.directions[name])
         return self._row(BREAKPOINT, at_rest=rests, candidates=self.at_rest(mode))
 

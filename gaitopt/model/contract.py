@@ -98,9 +98,9 @@ def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
     if not NAME.fullmatch(name):
         yield f"must have {NAME_WORDS}"
     if field.alias is not None or field.validation_alias is not None:
-        yield "has an alias: problem files name it as the class does"
+        yield "has an alias, which problem files cannot use: remove it"
     if field.exclude:
-        yield "is excluded from records of the law"
+        yield "is excluded from records of the law: remove exclude=True"
     for part in field.metadata:
         if isinstance(part, Within) and part.unit not in UNITS:
             yield f"has a range in {shown(part.unit)}, which is not a natural unit: {', '.join(UNITS)}"
@@ -141,7 +141,7 @@ def check_clock(law: Control) -> None:
             raise ProblemError(f"{name}: data({segment}) is {shown(data)}, but {words}")
     lengths = sorted({data.size for data in stated["data"]})
     if len(lengths) > 1:
-        words = f"{' or '.join(map(str, lengths))} numbers, but must have as many in every segment"
+        words = f"{' or '.join(map(str, lengths))} numbers, but must have the same length in every segment"
         raise ProblemError(f"{name}: data has {words}")
     varied = symbolic(law, parameter_names(law, SX.sym("p", len(law.parameters))))
     for key, value in read.items():

@@ -201,7 +201,7 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
     )
     if vertcat(q.x, q.y).is_valid_input():  # symbols rather than a given position of the foot
         if not (walker.contacts or depends_on(mechanism.touchdown, _symbols(_entries(q).values()))):
-            raise ProblemError(f"{walker.__name__}: Mechanism.touchdown is the same in every posture")
+            raise ProblemError(f"{walker.__name__}: Mechanism.touchdown must depend on the shape coordinates")
         points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
         points |= {f"contact {name}": contact.position for name, contact in mechanism.contacts.items()}
         points |= {} if walker.contacts else {"the swing foot": mechanism.swing_foot}
@@ -336,14 +336,14 @@ def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
         if link.parent is not None and link.parent not in names:
             yield f"the link {link.name} has the parent {shown(link.parent)}, which is not a link"
         if link.parent is None and link.joint:
-            yield f"the link {link.name} has no parent, but the joint {link.joint}"
+            yield f"the link {link.name} has the joint {link.joint}, but no parent: state it, or leave out joint"
     parents = {link.name: link.parent for link in links}
     for name in names:
         carriers: list[str | None] = [name]
         while carriers[-1] is not None and len(carriers) <= len(names):
             carriers.append(parents[carriers[-1]])
         if carriers[-1] is not None:
-            yield f"the link {name} carries itself: links must be a tree"
+            yield f"the link {name} is its own ancestor: links must form a tree"
     feet = [link.name for link in links if link.foot]
     if len(feet) != 2:
         yield f"links has the feet {', '.join(feet) or 'none'}, but must have two: the one that stands, then the other"
@@ -445,7 +445,7 @@ class Reader:
         foreign = Function("foreign", [self.symbols], [expression], {"allow_free": True}).free_sx()
         if foreign:
             words = ", ".join(str(symbol) for symbol in foreign)
-            raise ProblemError(f"{name}: {what} holds {words}, which is none of the symbols that the method was given")
+            raise ProblemError(f"{name}: {what} contains {words}, which is not a symbol that was passed to the method")
         words, forbidden = self._forbidden[of]
         if forbidden.numel() and depends_on(expression, forbidden):
             raise ProblemError(f"{name}: {what} must be a function of {words}")
@@ -507,11 +507,11 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         if not isinstance(value, Mapping):
             yield f"Mechanism.{name} is {shown(value)}, but must be a mapping from names to expressions"
     if not mechanism.bodies:
-        yield "Mechanism.bodies is empty: a walker has a mass"
+        yield "Mechanism.bodies is empty: a walker needs at least one body"
     if len(mechanism.motors) != len(walker.actuators):
         yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
     if walker.pushes is (mechanism.push is None):
-        yield f"pushes is {walker.pushes}, which Mechanism.push contradicts"
+        yield f"pushes is {walker.pushes}, but Mechanism.push is {'missing' if mechanism.push is None else 'given'}"
     for name in ("stops", "switches", "phases", "contacts", "sections"):
         names, declared = (*getattr(mechanism, name),), getattr(walker, name)
         if names != declared:

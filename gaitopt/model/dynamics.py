@@ -124,7 +124,7 @@ class Dynamics(ReadOnlyArrays):
 
         Parameters
         ----------
-        mode, before, ends_step : as of ``HybridSystem.reset``.
+        mode, before, ends_step : see ``HybridSystem.reset``.
         """
         return buffered(self.system.reset(mode, before, ends_step=ends_step))(z, self.p)[0].copy()
 

@@ -118,7 +118,7 @@ class OpenLoop(Control):
                 if name not in walker.actuators:
                     yield (key, name), f"no actuator is called {name}; there are {', '.join(walker.actuators)}"
         if self.rates and self.order is Order.CONSTANT:
-            yield ("rates",), "bounds the rate of torques that jump: state order: linear, or leave rates out"
+            yield ("rates",), "limits the rate of torques that jump: write order: linear, or leave rates out"
         for name, (lower, upper) in self.bounds.items():
             if lower >= upper:
                 words = f"[{lower:g}, {upper:g}] is empty: the lower bound comes first"

@@ -594,7 +594,7 @@ class GivenCurves(BaseModel, Target):
         """
         for joint in joints:
             if joint == self.phase:
-                yield (key, joint), f"{joint} is the phase variable, and cannot follow a curve over itself"
+                yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
             elif joint not in walker.tracked:
                 yield (key, joint), untracked(walker)
         angles = (*walker.shape, *walker.phases)
@@ -606,7 +606,7 @@ class GivenCurves(BaseModel, Target):
             yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; {words}"
         elif self.phase_variable and self.beyond_end is not None:
             words = "curves of a phase variable continue as polynomials: leave it out"
-            yield ("beyond_end",), f"is for curves of time; {words}"
+            yield ("beyond_end",), f"applies only to curves of time; {words}"
 
 
 def untracked(walker: "WalkerType") -> str:
@@ -740,7 +740,9 @@ def _columns(table: Table) -> dict[str, Array]:
     wrong = np.flatnonzero(~(steps > LEAST_STEP * abs(numbers[-1, 0] - numbers[0, 0])))
     if wrong.size:
         k = int(wrong[0])
-        words = f"{numbers[k + 1, 0]:g} after {numbers[k, 0]:g}; from row to row it must grow, or always fall"
+        words = (
+            f"{numbers[k + 1, 0]:g} after {numbers[k, 0]:g}; it must increase from row to row, or decrease throughout"
+        )
         raise ValueError(f"{table.file}:{rows[k + 1][0]}: {names[0]} = {words}")
     return {name: numbers[:, k] for k, name in enumerate(names)}
 
@@ -881,14 +883,14 @@ class TableReference(TableCurves, GivenCurves):
         expected = self.phase_variable or "t"
         if first != expected:
             words = f"its first column is {first}, but must be {expected}"
-            yield ("table",), f"{self.table.file}: {words}, what the curves run over: {self.phase}"
+            yield ("table",), f"{self.table.file}: {words}, the argument of the curves"
         elif not self.phase_variable and (argument[0] != 0 or argument[-1] < 0):
             words = f"t starts at {argument[0]:g} and ends at {argument[-1]:g}"
             yield ("table",), f"{self.table.file}: {words}, but must rise from 0, the time of the impact"
         if self.phase_variable or self.degree is not None:
             yield from super().faults(walker)
         elif len(argument) > MOST_KNOTS:
-            words = f"a spline through {len(argument)} rows divides the motion at each; {MOST_KNOTS} are the most"
+            words = f"a spline through {len(argument)} rows divides the motion at every row; use at most {MOST_KNOTS}"
             yield ("degree",), f"is missing: {words}; give degree: 8, or another number, for polynomials"
         for name, column in angles:
             largest = float(np.abs(column).max())
@@ -1098,7 +1100,7 @@ class FreeCurves(BaseModel, Target):
                 if abs(value) > self.curve.within:
                     yield ("curve", "points", name, k), f"{value:g} is outside of within = {self.curve.within:g}"
         if self.curve.start is None and self.joints is not None:
-            yield ("joints",), "is for curves that start from a gait, which curve.start names"
+            yield ("joints",), "applies only to curves whose first guess is a gait: give curve.start, or leave it out"
         elif self.curve.start is None and not self.curve.points:
             words = "give a problem whose gait is the first guess, or the control points of the guess, points: {JOINT: "
             yield ("curve", "start"), f"is missing: {words}[0, 0.1, 0.2]}}"
@@ -1161,7 +1163,7 @@ class CurveReference(FreeCurves):
             yield ("curve", "points"), f"are given for {given}; {words} {', '.join(joints)}"
         else:
             yield from super().faults(walker)
-        words = "curves without a start need it"
+        words = "curves without curve.start need it"
         if self.phase_variable and self.curve.duration is not None:
             yield ("curve", "duration"), "does not apply: curves of a phase variable have a span: [START, END]"
         elif self.curve.start is None and points and self.phase_variable and self.span is None:
@@ -1181,19 +1183,19 @@ def _follower_faults(target: GaitReference | CurveReference, walker: "WalkerType
             kinds = "flow, linear, hold or off" if isinstance(target, GaitReference) else "linear, hold or off"
             yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
         if target.span is not None:
-            yield ("span",), "does not apply: it is for curves of a phase variable, phase: NAME"
+            yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
         return
     if phase not in angles:
         words = f"it has {', '.join(angles)}; clock is the time since the impact"
         yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
     elif phase in target.followers(walker):
-        words = f"name those that do, joints: {{JOINT: {phase}}}"
-        yield ("phase",), f"{phase} cannot follow a curve over itself: {words}"
+        words = f"name the joints that can, joints: {{JOINT: {phase}}}"
+        yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
     if target.span is not None and target.span[0] == target.span[1]:
         yield ("span",), f"is empty: both ends are {target.span[0]:g}; give the phase after and before the impact"
     if target.beyond_end is not None:
         words = "curves of a phase variable continue as polynomials: leave it out"
-        yield ("beyond_end",), f"is for references of time; {words}"
+        yield ("beyond_end",), f"applies only to references in time; {words}"
 
 
 class ConstantReference(BaseModel, Target):

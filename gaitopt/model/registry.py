@@ -119,5 +119,6 @@ def _load(kind: Kind, point: EntryPoint) -> Any:
         raise ProblemError(f"the plugin {point.value}: {error}") from error
     stated = getattr(loaded, kind.attribute)
     if stated != point.name:
-        raise ProblemError(f"the plugin {point.value} calls its {kind.attribute} {stated!r}, unlike its entry point")
+        words = f"has the {kind.attribute} {stated!r}, but its entry point is called {point.name!r}"
+        raise ProblemError(f"the plugin {point.value} {words}")
     return loaded

@@ -77,7 +77,7 @@ class ContactSection(Section):
 
     Attributes
     ----------
-    names, indices : as of ``Section``.
+    names, indices : see ``Section``.
     before, after : modes of the contacts just before the event, after a relabelling, and just after it.
     """
 
@@ -96,7 +96,7 @@ class ContactSection(Section):
         BUILT.watch(vars(self))
 
     def lift(self, xi: Array, p: Array, near: Array) -> Array:
-        """As of ``Section``; ``p`` may have further entries after the walker's."""
+        """See ``Section``; ``p`` may have further entries after the walker's."""
         z, step = near.copy(), buffered(self._step)
         z[self.indices] = xi
         for _ in range(NEWTON_STEPS):
@@ -112,7 +112,7 @@ class ContactSection(Section):
         return np.full(z.size, np.nan)
 
     def tangent(self, z: Array, p: Array) -> Array:
-        """As of ``Section``."""
+        """See ``Section``."""
         matrix = np.zeros((z.size, self.indices.size))
         matrix[self.indices, np.arange(self.indices.size)] = 1.0
         (slopes,) = buffered(self._slopes)(z, p[: self._p.numel()])
@@ -120,7 +120,7 @@ class ContactSection(Section):
         return matrix
 
     def holds(self, before: Mode, impact: Mode) -> bool:
-        """As of ``Section``."""
+        """See ``Section``."""
         before = self._walker.swapped(before) if self._event == TOUCHDOWN else before
         return impact.contact is self.after.contact and before.touching == self.before.touching
 

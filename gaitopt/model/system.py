@@ -641,19 +641,19 @@ class TouchdownSection(Section):
         self.indices = np.array([system.state_names.index(name) for name in self.names])
 
     def lift(self, xi: Array, p: Array, near: Array | None = None) -> Array:
-        """As of ``Section``, for coordinates with or without dx, whatever the state ``near``."""
+        """See ``Section``, for coordinates with or without dx, whatever the state ``near``."""
         full = np.zeros(len(self._system.walker.section_names(slipping=True)))
         full[: xi.size] = xi
         return buffered(self._system.lift)(full, p)[0].copy()
 
     def tangent(self, z: Array, p: Array) -> Array:
-        """As of ``Section``."""
+        """See ``Section``."""
         xi = z[self._system.section(Mode.SLIP_FORWARD).indices]
         (flat,) = buffered(self._system.lift_jacobian)(xi, p)
         return flat.reshape(z.size, -1, order="F")[:, : self.indices.size]
 
     def holds(self, before: Mode, impact: Mode) -> bool:
-        """As of ``Section``."""
+        """See ``Section``."""
         return impact.slips is self._slipping
 
 

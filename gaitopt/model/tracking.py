@@ -60,7 +60,10 @@ class ProportionalDerivative(Control):
         """As for every law; and each motor needs a joint."""
         yield from super().faults(walker)
         if len(walker.tracked) != len(walker.actuators):
-            yield ("type",), f"{walker.model} does not say which joint each motor tracks: it has no `tracked`"
+            yield (
+                ("type",),
+                f"{walker.model} does not define `tracked`, the joint of each motor: choose another control law",
+            )
 
     def quantities(self, now: Instant) -> Mapping[str, SX]:
         """Errors theta - theta_r of the joints that follow the reference, in the order of its followers."""

@@ -379,7 +379,7 @@ class Transitions:
 
         Parameters
         ----------
-        struck : as of ``struck``; needed where the contacts have names.
+        struck : see ``struck``; needed where the contacts have names.
 
         Raises
         ------

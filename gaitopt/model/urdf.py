@@ -152,7 +152,9 @@ def parse_xml(text: str, file: str) -> Element:
         open_elements.append(element)
 
     if len(text.encode()) > MAX_BYTES:
-        raise ProblemError(f"{file}:1: is larger than {MAX_BYTES // 1024} kB: a robot's file has some hundred lines")
+        raise ProblemError(
+            f"{file}:1: is larger than {MAX_BYTES // 1024} kB: a robot's file usually has a few hundred lines"
+        )
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda tag: open_elements.pop()
     parser.StartDoctypeDeclHandler = refuse("a document type (DTD) is not allowed: remove <!DOCTYPE ...>")

@@ -127,7 +127,7 @@ class VirtualConstraints(Control):
     ] = None
 
     def unit(self, key: str) -> str:
-        """As of every law; the units of the gains depend on the law."""
+        """From the description; the units of the gains depend on ``law``."""
         units = ("1/s^2", "1/s") if self.law is Law.LINEARISING else ("N m/rad", "N m s/rad")
         return dict(zip(("gains.kp", "gains.kd"), units, strict=True)).get(key) or super().unit(key)
 

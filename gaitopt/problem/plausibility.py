@@ -72,7 +72,10 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     """Faults: numbers that the walker cannot have."""
     scales = natural_units(problem.walker)
     if not all(math.isfinite(size) and size > 0 for size in (scales.length, scales.time, scales.energy)):
-        yield Fault(("walker",), "masses, lengths and gravity differ so much that their products overflow or vanish")
+        yield Fault(
+            ("walker",),
+            "masses, lengths and gravity differ so much that their products overflow or vanish: give them in SI units",
+        )
         return
     for path, lower, upper, within in _spans(problem):
         why = within.objection(lower, upper, scales)

@@ -113,9 +113,7 @@ class _StatementReader:
         if self._control and self._model and not self._control.restarts and self._cycle_end != CLOCK:
             why = "end the cycle with its period, gait: {section: clock}"
             if not self._model.contacts:
-                why = (
-                    f"a step of the {self._model.model} begins at an unknown phase of it, no coordinate of its section"
-                )
+                why = f"its phase at the start of a step of the {self._model.model} is unknown"
                 why += "; walkers with several contacts may end a cycle with its period, gait: {section: clock}"
             self._fault(("control", "type"), f"the clock of {self._control.type} does not restart at impacts: {why}")
         if self._model:
@@ -412,7 +410,7 @@ class _StatementReader:
         landings: list[tuple[tuple[int, Mode], ...]] = []
         is_step = "steps" not in data
         stated = [data] if is_step else data["steps"]
-        is_touchdown = data.get("section", TOUCHDOWN) == TOUCHDOWN
+        is_touchdown = bool(model.landing_contacts)
 
         def mode(entry: Any, path: Key, *words: str) -> Any:
             if not isinstance(entry, Mapping):
@@ -463,20 +461,24 @@ class _StatementReader:
         end: str = section if isinstance(section, str) else section.margin
         if model is None or end == TOUCHDOWN:
             if model is not None and model.contacts and not model.landing_contacts:
-                words = "no landing ends a step of it; end the cycle by section: clock, or {margin: NAME}"
+                words = "write section: clock, or section: {margin: NAME}"
                 self._fault(path, f"the {model.model} has no landing contacts: {words}")
             return TOUCHDOWN
         if not model.contacts:
             self._fault(path, f"{shown(end)} is for walkers with several contacts: a step of the {model.model} ends "
                         "with a touchdown; leave it out")  # fmt: skip
-        elif model.landing_contacts:
-            words = f"the feet of the {model.model} swap their names there, which ends the cycle; leave it out"
-            self._fault(path, f"{shown(end)} leaves out the landing of {' and '.join(model.landing_contacts)}: {words}")
-        elif end == CLOCK and (self._control is None or not self._control.period):
+            return TOUCHDOWN
+        if model.landing_contacts:
+            landing = " and ".join(model.landing_contacts)
+            words = f"ends with the landing of {landing}, where the feet swap their roles; leave it out"
+            self._fault(path, f"{shown(end)} is not possible: a cycle of the {model.model} {words}")
+            return TOUCHDOWN
+        if end == CLOCK and (self._control is None or not self._control.period):
             self._fault(path, "clock needs a control law with a period of its own, such as oscillating")
         elif end != CLOCK and end not in model.sections:
             known = ", ".join(model.sections) or "none"
             self._fault((*path, "margin"), f"the {model.model} has no section {shown(end)}; there are: {known}")
+            return CLOCK
         return end
 
     def _read_contact_state(self, data: Mapping[str, Any], cycle: Cycle | None) -> dict[str, float] | None:

@@ -119,7 +119,7 @@ def read_text(path: Path, limit: int = MAX_BYTES) -> str:
     except OSError as error:
         raise _refusal(path, f"cannot be read: {error.strerror}") from error
     if len(content) > limit:
-        remedy = ": a problem file holds one gait, some 30 lines" if is_problem else ""
+        remedy = ": a problem file usually has about 30 lines" if is_problem else ""
         raise _refusal(path, f"is larger than {limit // 1024} kB{remedy}")
     try:
         return content.decode("utf-8-sig")
@@ -138,7 +138,7 @@ def parse_source(text: str, name: str) -> Source:
         If the text is not YAML 1.2, or uses aliases, anchors, tags, several documents, or exceeds a bound.
     """
     if len(text) > MAX_BYTES:
-        raise _refusal(name, f"is larger than {MAX_BYTES // 1024} kB: a problem file holds one gait, some 30 lines")
+        raise _refusal(name, f"is larger than {MAX_BYTES // 1024} kB: a problem file usually has about 30 lines")
     source = _parse(text, name)
     return replace(source, data=deepcopy(source.data))
 

@@ -214,7 +214,7 @@ def _refuse_named_reference(resolved: Mapping[str, Any]) -> None:
     """Refuse the name of a tracked problem in place of the problem: the file of that name may contain anything."""
     for section, key in reference_keys(resolved):
         if not isinstance(section[key], Mapping):
-            raise ValueError("its problem names another problem instead of holding it")
+            raise ValueError("its problem refers to another problem instead of containing it")
         _refuse_named_reference(section[key])
 
 
@@ -253,9 +253,11 @@ def _certified_target(problem: Problem, target: Target, reference: MotionRecord 
     if not isinstance(target, GaitReference):
         return target
     if target.beyond_end is None:
-        raise ValueError("its problem follows another gait over a phase variable, which no certificate covers")
+        raise ValueError(
+            "its problem tracks another gait as a function of a phase variable, which no certificate covers"
+        )
     if not isinstance(reference, MotionRecord):
-        raise ValueError("its problem tracks the motion of another gait, but it does not hold one")
+        raise ValueError("its problem tracks the motion of another gait, which it does not contain")
     motion = _tracked_motion(reference, len(target.followers(type(problem.walker))), target.beyond_end)
     return replace(motion, names=target.followers(type(problem.walker)))
 

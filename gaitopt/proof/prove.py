@@ -134,7 +134,7 @@ def _prove(
     try:
         refuse_uncovered_walkers(gait.problem, gait.system)
         if gait.problem.control.source[0] and gait.problem.control.phase_variable:
-            words = "the control law follows another gait over a phase variable: not covered"
+            words = "the control law tracks another gait as a function of a phase variable: not covered"
             raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
         if gait.timed:
             place = gait.cycle.phase_words(gait.timed[0])

@@ -154,7 +154,7 @@ class AttractorsPlan(Plan[Attractors]):
         records = jobs.complete(settle_job, self.jobs, len(self.jobs))
         failed = next((record for record in records if isinstance(record, FailedJob)), None)
         if failed is not None:
-            raise StorageError(f"a value failed: {failed.reason}; the others are kept")
+            raise StorageError(f"one value failed: {failed.reason}; the others are stored")
         summary = {"over": asdict(self.axis), "jobs": [job.key for job in self.jobs]}
         self.run.write({ATTRACTORS_FILE: json_file(summary)})
         return Attractors(problem=self.problem, axis=self.axis, records=records, folder=self.run.place)

@@ -379,7 +379,7 @@ class BasinPlan(Plan[Basin]):
         tile_jobs = [Job(key=self._tile_key(tile), argument=(fixed, tile)) for tile in self.tiles]
         for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
             if isinstance(result, FailedJob):
-                raise SolveError(f"tile {tile} of the basin failed: {result.reason}; the others are kept")
+                raise SolveError(f"tile {tile} of the basin failed: {result.reason}; the others are stored")
         basin = assemble_basin(self.run, self.problem, self.grid, self.base)
         self.run.seal(*map(TILE_FILE.format, self.tiles))
         self.run.write({BASIN_FILE: json_file(basin.to_record())})

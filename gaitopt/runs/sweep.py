@@ -187,7 +187,7 @@ class SweepPlan(Plan[Sweep]):
     warm : whether a job starts from the gait of its neighbour towards the grid's first point; if that fails, the
         result at a point is that of ``solve``. Otherwise it is that of ``solve`` wherever ``solve`` finds a gait.
     from_guess : whether every point is solved from the guess of the problem instead.
-    method : of solution, as of ``solve``.
+    method : of solution, see ``solve``.
     """
 
     grid: Grid

@@ -1,7 +1,7 @@
 """The steps of a gait, a simulated walk or a stored record, sampled as figures and pages draw them.
 
-The motion of a record is integrated from its state after impact. Two motions, as of the NLP and of the simulation, are
-compared arc by arc at equal fractions of each arc.
+The motion of a record is integrated from its state after impact. Two motions, such as those of the NLP and of the
+simulation, are compared arc by arc at equal fractions of each arc.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -74,7 +74,7 @@ def figure(value: float | str | None, digits: int = 6) -> str:
 
 
 def words(films: Sequence[Record], records: Sequence[Record], problem: Problem) -> dict[str, Any]:
-    """Labels of the scalars that occur and of the walker's states, for the scripts; units as of a problem's motors."""
+    """Labels of the scalars that occur and of the walker's states, for the scripts; motors determine units."""
     names = {name for film in films for name in film["shape"]}
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}

@@ -53,7 +53,7 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
         p = equations.dynamics(refined.p, equations.unpack(refined.w).freed).p
         off = np.abs(section.lift(start[section.indices], p, start) - start) / refined.units.unknowns[:n_z]
         if not off.max() <= RESIDUAL_TOLERANCE:
-            words = "not periodic: the state to which the cycle returns is not on its section, as with another energy"
+            words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
             return (Cause(what="periodicity", words=words, needed=0.0, available=float(off.max())),)
     if not refined.accurate:
         words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"

@@ -239,8 +239,8 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "largest angle none": (CompassBiped, {"largest_angle": None}, "largest_angle is None"),
     "flies a word": (CompassBiped, {"flies": "no"}, "flies is 'no', but must be True or False"),
     "pushes a number": (CompassBiped, {"pushes": 1}, "pushes is 1, but must be True or False"),
-    "pushes without push": (CompassBiped, {"pushes": True}, "pushes is True, which Mechanism.push contradicts"),
-    "push without pushes": (PushOffCompass, {"pushes": False}, "pushes is False, which"),
+    "pushes without push": (CompassBiped, {"pushes": True}, "pushes is True, but Mechanism.push is missing"),
+    "push without pushes": (PushOffCompass, {"pushes": False}, "pushes is False, but Mechanism.push is given"),
     "massless feet": (CompassBiped, {"massless_feet": True}, "has massless feet, but does not define how they land"),
     "foot as shape": (CompassBiped, {"shape": ("theta1", "x")}, "shape names x or y"),
     "rate as shape": (CompassBiped, {"shape": ("theta", "dtheta"), "section": ("theta",)}, "dtheta would be both"),
@@ -323,7 +323,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "switch foreign": (
         Hopper,
         with_parts(Hopper, switches=lambda m, q, p: {"thrust": lambda dq: LIAR}),
-        "Mechanism.switches['thrust'] holds liar",
+        "Mechanism.switches['thrust'] contains liar",
     ),
     "energy in no state": (
         Hopper,
@@ -350,7 +350,7 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "guard constant": (
         CompassBiped,
         with_parts(CompassBiped, touchdown=0.0),
-        "Mechanism.touchdown is the same in every posture",
+        "Mechanism.touchdown must depend on the shape coordinates",
     ),
     "upright nan somewhere": (
         CompassBiped,

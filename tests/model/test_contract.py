@@ -130,7 +130,7 @@ def broken(result: Any) -> type[Control]:
     [
         (lambda now: None, "torques returns None, but must return a mapping from actuators to torques"),
         (lambda now: {"knee": 1.0}, "torques names 'knee', but compass_biped has the actuators ankle, hip"),
-        (lambda now: {"hip": SX.sym("foreign")}, "torques['hip'] holds foreign, which is none of the symbols"),
+        (lambda now: {"hip": SX.sym("foreign")}, "torques['hip'] contains foreign, which is not a symbol"),
         (lambda now: {"hip": vertcat(now.t, now.t)}, "torques['hip'] has shape (2, 1), but must be one number"),
         (lambda now: {"hip": "much"}, "torques['hip'] is 'much', but must be one number"),
         (lambda now: {"hip": now.q.knee}, "torques raises AttributeError"),
@@ -192,7 +192,7 @@ def test_a_jump_at_a_breakpoint_must_be_declared() -> None:
         ({"breakpoints": property(lambda self: (0.0,))}, "but must be increasing times above 0 [s]"),
         ({"horizon": property(lambda self: 0.1)}, "horizon is 0.1, but must be a time after the breakpoints [s]"),
         ({"period": property(lambda self: -1.0)}, "period is -1.0, but must be a time above 0 [s], or None"),
-        ({"data": lambda self, segment: np.zeros(segment)}, "0 or 1 numbers, but must have as many in every segment"),
+        ({"data": lambda self, segment: np.zeros(segment)}, "0 or 1 numbers, but must have the same length in every"),
         ({"data": lambda self, segment: np.array([np.nan])}, "but must be a row of finite numbers"),
         ({"data": lambda self, segment: np.array([self.step])}, "data depends on a parameter"),
     ],
@@ -246,7 +246,7 @@ def test_a_clock_that_does_not_restart_ends_the_cycle_of_a_walker_with_several_c
     assert gait.multipliers == pytest.approx(source.multipliers, abs=1e-9)
     with pytest.raises(ProblemError, match="does not restart at impacts: end the cycle with its period"):
         go.parse_problem(text.replace("section: clock", "section: touchdown"), controls=[Running])
-    with pytest.raises(ProblemError, match=r"control.type: the clock of running does not restart at impacts: a step"):
+    with pytest.raises(ProblemError, match=r"control.type: the clock of running does not restart at impacts"):
         stated(Running, "{type: running, cycle: 1, first: {hip: 1}, second: {hip: -1}}")
 
 

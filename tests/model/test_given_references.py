@@ -401,7 +401,7 @@ def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
         ("# degrees\nt,theta2 [deg]\n\n0,1\n0.1,x\n", "swing.csv:5: 'x' is not a number"),
         ("t,theta2\n0,0\n0.1,nan\n", "swing.csv:3: theta2 = nan is not a finite number"),
         ("t,theta2\n0,0\n0.2,1e9\n", "swing.csv:3: theta2 = 1e9 is not a finite number of at most 1000"),
-        ("t,theta2\n0,0\n0.2,0\n0.2,0.1\n", "swing.csv:4: t = 0.2 after 0.2; from row to row it must grow"),
+        ("t,theta2\n0,0\n0.2,0\n0.2,0.1\n", "swing.csv:4: t = 0.2 after 0.2; it must increase from row to row"),
         ("t,theta2\n0.1,0\n0.2,0\n", "swing.csv: t starts at 0.1 and ends at 0.2, but must rise from 0"),
         ("theta1,theta2\n0,0\n0.2,0\n", "swing.csv: its first column is theta1, but must be t"),
         ("t,torso\n0,0\n0.2,0\n", "torso is not a tracked joint of compass_biped; the tracked joints are theta1"),
@@ -458,7 +458,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         (
             {**CURVE, "phase": "theta1", "span": [0, 1], "beyond_end": "hold"},
             ".beyond_end",
-            "is for curves of time; curves of a phase variable continue as polynomials",
+            "applies only to curves of time; curves of a phase variable continue as polynomials",
         ),
         ({**CURVE, "phase": "theta1", "span": [0, 1], "duration": 1}, ".duration", "does not apply"),
         ({"constant": {"theta2": {"free": [1, 0], "guess": 0.5}}}, ".constant.theta2.free", "is empty: [1, 0] needs"),
@@ -487,7 +487,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         (
             {"table": {"t": np.arange(80), "theta2": np.zeros(80)}, "beyond_end": "off"},
             ".degree",
-            "is missing: a spline through 80 rows divides the motion at each",
+            "is missing: a spline through 80 rows divides the motion at every row",
         ),
         (
             {"gait": "compass-passive-b"},
@@ -495,7 +495,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
             "is missing: give flow, linear, hold or off, because a step may",
         ),
         ({"gait": "compass-passive-b", "beyond_end": "off", "degree": 6}, ".degree", "does not apply: without a phase"),
-        ({"gait": "compass-passive-b", "phase": "theta1", "degree": 6}, ".phase", "theta1 cannot follow a curve over"),
+        ({"gait": "compass-passive-b", "phase": "theta1", "degree": 6}, ".phase", "theta1 cannot follow a curve that"),
         ({**OVER_PHASE}, ".degree", "is missing: curves of a phase variable are polynomials"),
         ({**OVER_PHASE, "degree": 6, "span": [1, 1]}, ".span", "is empty: both ends are 1"),
         (
@@ -503,12 +503,12 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
             ".phase",
             "no phase variable 'hip'; it has theta1, theta2; clock",
         ),
-        ({"gait": "compass-passive-b", "span": [0, 1], "beyond_end": "off"}, ".span", "does not apply: it is for"),
+        ({"gait": "compass-passive-b", "span": [0, 1], "beyond_end": "off"}, ".span", "does not apply to curves"),
         ({"curve": {"degree": 2, "start": "compass-passive-b"}}, ".beyond_end", "is missing: give linear, hold or off"),
         (
             {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}, "beyond_end": "hold"},
             ".curve.duration",
-            "is missing: curves without a start need it",
+            "is missing: curves without curve.start need it",
         ),
         (
             {"curve": {"degree": 2}, "beyond_end": "hold"},
@@ -518,7 +518,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         (
             {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0]}}, "phase": "theta1"},
             ".span",
-            "is missing: curves without a start need it, the phase at the start and the end",
+            "is missing: curves without curve.start need it, the phase at the start and the end",
         ),
         (
             {"curve": {"degree": 2, "points": {"theta2": [0, 0, 0.7]}, "duration": 1}, "beyond_end": "hold"},
@@ -528,9 +528,9 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
         (
             {"curve": {"degree": 2, "start": "compass-passive-b"}, "phase": "theta1"},
             ".phase",
-            "theta1 cannot follow a curve over itself: name those that do, joints: {JOINT: theta1}",
+            "theta1 cannot follow a curve that depends on it: name the joints that can, joints: {JOINT: theta1}",
         ),
-        ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "is for references of time"),
+        ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "applies only to references in time"),
         ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),
         (
             {"gait": "compass-passive-b", "joints": {"hip": "theta1"}, "beyond_end": "hold"},

@@ -91,8 +91,8 @@ def test_every_contact_may_have_friction_of_its_own() -> None:
         ("[{heel: slip", "[{heel: slip_forward, impact: {heel: stick}}, {heel: slip", "the step begins there"),
         ("impact: {heel: stick}", "impact: {toe: slip_forward}", "heel touches the ground in heel slip_forward"),
         ("impact: {heel: stick}", "impact: {heel: slip_backward}", "heel is already slipping"),
-        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: clock", "leaves out the landing of swing_heel"),
-        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: {margin: apex}", "the feet of the heel_toe swap"),
+        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: clock", "ends with the landing of swing_heel"),
+        ("impact: {heel: stick}", "impact: {heel: stick}\n  section: {margin: apex}", "a cycle of the heel_toe ends"),
         ("friction: 0.265", "friction: {heel: 0.3}", "friction.toe: is missing: every contact has its friction"),
         ("friction: 0.265", "friction: {heel: 0.3, toe: 1, swing_heel: 1, swing_toe: 1}", "swing_heel: differs from"),
         ("theta2: -0.317", "theta2: 0.9", "0.9 contradicts the section, where it is"),
@@ -167,3 +167,11 @@ def test_a_cycle_with_an_impact_within_the_step_is_read_from_its_record() -> Non
     cycle = heel_toe().cycle
     assert cycle.steps[0].landings
     assert Cycle.from_record(json.loads(json.dumps(cycle_data(cycle)))) == cycle
+
+
+def test_a_walker_without_landings_is_told_how_its_cycle_may_end() -> None:
+    text = load_problem("crawler").text.replace("section: clock", "section: touchdown")
+    with pytest.raises(ProblemError) as caught:
+        parse_problem(text)
+    (line,) = str(caught.value).splitlines()
+    assert line.endswith("has no landing contacts: write section: clock, or section: {margin: NAME}")

@@ -51,7 +51,7 @@ class Nameless(Walker):
         (dict, "is not a subclass of gaitopt.Walker"),
         (3, "is not a subclass of gaitopt.Walker"),
         (Nameless, "lacks mechanism: define it, or define links"),
-        (RimlessWheel, "calls its model 'rimless_wheel', unlike its entry point"),
+        (RimlessWheel, "has the model 'rimless_wheel', but its entry point is called"),
     ],
 )
 def test_a_broken_plugin_is_named_and_the_others_work(plugins, value, words):

@@ -367,7 +367,7 @@ def test_wrong_keys_of_a_robot_are_refused(problem_file: Path, walker: str, word
         (
             "step_length: 0.4",
             "step_length: 2",
-            "gait.guess.step_length: 2 m is longer than the legs of rabbit reach: about 1.6",
+            "gait.guess.step_length: 2 m is too long: the legs of rabbit reach about 1.6",
         ),
         (
             "step_length: 0.4",

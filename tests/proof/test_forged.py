@@ -177,8 +177,8 @@ def test_designed_values_are_part_of_the_printed_statement():
 @pytest.mark.parametrize(
     ("reference", "words"),
     [
-        (None, "does not hold one"),
-        ({"duration": 0.7}, "does not hold one"),
+        (None, "which it does not contain"),
+        ({"duration": 0.7}, "which it does not contain"),
         ({"pieces": [], "horizon": None}, ""),
         ("reversed", "do not follow each other"),
         ("one joint", "motion of 2 joints"),
@@ -205,7 +205,7 @@ def test_a_reference_that_does_not_fit_is_refused(reference, words):
 def test_a_problem_that_names_a_file_is_refused():
     certificate = spoiled(unproved("compass-pd-impact-slip"))
     certificate["resolved"]["control"]["reference"]["gait"] = "/dev/zero"
-    assert "names another problem" in refusals(certificate)["statement"]
+    assert "refers to another problem" in refusals(certificate)["statement"]
 
 
 def test_a_curve_takes_as_long_as_the_problem_says():

@@ -49,7 +49,7 @@ def test_the_guess_survives_its_record_and_a_known_state_replaces_it():
 @pytest.mark.parametrize(
     ("guess", "words"),
     [
-        ("{step_length: 4, duration: 0.7}", "step_length: 4 m is longer than the legs of compass_biped reach"),
+        ("{step_length: 4, duration: 0.7}", "step_length: 4 m is too long: the legs of compass_biped reach"),
         ("{step_length: -1, duration: 0.7}", "gait.guess.step_length: -1 must be greater than 0"),
         ("{step_length: 0.4}", "gait.guess.duration: is missing"),
         ("{duration: 0.7}", "gait.guess.step_length: is missing; or give postures, or a state"),
