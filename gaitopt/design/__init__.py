@@ -1,6 +1,8 @@
 """Designs: gaits with free parameters, an objective and constraints.
 
 design            a design from its start to its outcome
+open_loop         optimal open-loop torques, by direct collocation
+stability         bounds of the multipliers for them
 smoothed          the smoothed problem over nodes, durations and freed parameters, for IPOPT; conflicting constraints
 exact             the exact problem in the freed parameters alone: objective and constraints with their gradients
 sensitivity       curves and scalars of a gait with exact derivatives in the freed parameters

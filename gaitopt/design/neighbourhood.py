@@ -21,6 +21,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.buffered import buffered_map
+from gaitopt.model.open_loop import OpenLoop, Order
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
 from gaitopt.problem.statement import Range
@@ -120,7 +121,8 @@ class _Search:
 
     def __init__(self, gait: Gait) -> None:
         self._gait, self._problem = gait, gait.problem.origin or gait.problem
-        self._n_equalities = sum(span.minimum == span.maximum for span in self._problem.constraints.values())
+        equalities = sum(span.minimum == span.maximum for span in self._problem.constraints.values())
+        self._n_equalities = equalities + _in_time(gait.problem)
         free = free_parameters(self._problem, gait.system)
         if not free.keys() >= gait.freed.keys():  # open-loop torques, which are fixed in the system of the gait
             unknowns = self._problem.control.unknowns(gait.system.walker)
@@ -207,7 +209,16 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
             rows += [(span.maximum - value) / unit for value in values]
         if np.isfinite(span.minimum):
             rows.append((values.max() - span.minimum) / unit)
+    if _in_time(gait.problem):
+        assert isinstance(gait.problem.control, OpenLoop)
+        zero.append(step.period - (gait.problem.control.duration or 0.0))
     return np.array([*rows, *zero], dtype=float)
+
+
+def _in_time(problem: Problem) -> bool:
+    """Whether the period must stay: the intervals of open-loop torques divide it, but their times are fixed here."""
+    law = problem.control
+    return isinstance(law, OpenLoop) and (law.intervals > 1 or law.order is Order.LINEAR)
 
 
 def _along(step: Step, name: str, span: Range) -> list[float]:

@@ -4,17 +4,20 @@
 
 The program of ``solver.collocation`` is solved by IPOPT with exact derivatives, first with margins at the collocation
 points. Places between them where a margin is violated are added until none is (an exchange method). The torques are
-then fixed in time, and the gait under them is solved by multiple shooting like any other.
+then fixed in time, and the gait under them is solved by multiple shooting like any other. A bound on the spectral
+radius is met in steps from the optimum without it (``stability``).
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from casadi import Function
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
+from gaitopt.design.stability import RADIUS, bound_radius, largest_modulus
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Cause, Gait, Status
 from gaitopt.model.dynamics import Dynamics
@@ -22,7 +25,17 @@ from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
-from gaitopt.solver.collocation import INTERVALS, ROOM, SAMPLES, STRUCTURAL, Collocation, Motion, straight_motion
+from gaitopt.problem.statement import Range
+from gaitopt.solver.collocation import (
+    INTERVALS,
+    MAX_ITERATIONS,
+    ROOM,
+    SAMPLES,
+    STRUCTURAL,
+    Collocation,
+    Motion,
+    straight_motion,
+)
 from gaitopt.solver.ipopt import IpoptResult
 from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram, checked_gait, failed_gait
 from gaitopt.solver.rollout import guessed_motion
@@ -41,6 +54,18 @@ MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)
 PRESSING = 0.05
 """Multiplier of a condition that is in the way, relative to the largest."""
 SIDE = {1.0: "<=", -1.0: ">="}
+UNBOUNDED = Range(minimum=-np.inf, maximum=np.inf)
+ROUNDING = 1e-7
+"""Of a radius at its bound, relative to it."""
+FIRST_PART, SMALLEST_PART = 0.1, 0.02
+"""Steps of the bound of the radius, relative to it: the first one, and that below which the search ends."""
+STEP_ITERATIONS = 60
+"""Of a step of that bound; those that succeed take 15 to 40."""
+
+_Begin: TypeAlias = tuple[Motion, Array, Array, list[float]]
+"""Motion, torque values, durations and freed parameters with which a search starts."""
+_Found: TypeAlias = tuple[Collocation, IpoptResult]
+_Places: TypeAlias = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,46 +110,98 @@ def optimise(
     """
     law = problem.control
     assert isinstance(law, OpenLoop)
-    dynamics = Dynamics.of(system, problem.parameters)
+    dynamics, iterations = Dynamics.of(system, problem.parameters), 0
     free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
-    freed = [dynamics.parameter(key) for key in free]
-    states: Motion
+    goals, limit = _without_radius(problem), problem.constraints.get(RADIUS, UNBOUNDED).maximum
+
+    def search(begin: _Begin, places: _Places, again: _Found | None, radius: float | None = None) -> _Found:
+        nonlocal iterations
+        for _ in range(MAX_EXCHANGES):
+            collocation = Collocation(goals, system, begin[2], free=free, intervals=intervals, places=places)
+            if radius is not None:
+                bound_radius(collocation, radius)
+            most = MAX_ITERATIONS if radius is None else STEP_ITERATIONS
+            result = collocation.solve(
+                *begin, progress=progress, should_stop=should_stop, again=again, max_iterations=most
+            )
+            iterations += result.iterations
+            converged = result.status is Status.CONVERGED
+            more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED)) if converged else ()
+            if not more:
+                break
+            begin, places, again = _begin(collocation, result.w), (*places, *more), (collocation, result)
+        return collocation, result
+
+    def failed(found: _Found, status: Status, words: str, causes: tuple[Cause, ...]) -> Gait:
+        numbers = _numbers(found[1], iterations)
+        return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=numbers, causes=causes)
+
     states, durations = guessed_states(problem, dynamics, start)
     values = np.array([c for row in law.values.values() for c in row], dtype=float)
-    if start is not None and isinstance(start.system.control, OpenLoop):
+    known = start is not None and isinstance(start.system.control, OpenLoop)
+    if start is not None and known:
         values = np.array(
             [start.dynamics.parameter(f"control.{name}.{k}") for name in law.values for k in range(law.count)]
         )
-    places, iterations, again = tuple[tuple[int, float], ...](), 0, None
-    if start is not None and isinstance(start.system.control, OpenLoop):
-        collocation = Collocation(problem, system, durations, free=free, intervals=intervals)
-        known = collocation.start(states, values, durations, freed)
-        places = tuple(collocation.violated(known, SAMPLES, PROBABLE))
-    for _ in range(MAX_EXCHANGES):
-        collocation = Collocation(problem, system, durations, free=free, intervals=intervals, places=places)
-        result = collocation.solve(
-            states, values, durations, freed, progress=progress, should_stop=should_stop, again=again
-        )
-        iterations += result.iterations
-        solver = {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
-        if result.status is not Status.CONVERGED:
-            status, words, causes = result.status, result.words, tuple[Cause, ...]()
-            if status is not Status.INTERRUPTED:
-                begin = (guessed_states(problem, dynamics, start)[0], values, durations, freed)
-                causes = tuple(_conflicts(problem, system, free, begin, should_stop))
-                status = Status.INFEASIBLE if causes else status
-                causes = causes or tuple(collocation.worst(result.w))
-                reasons = "\n".join(cause.words for cause in causes)
-                words = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (words, reasons)))
-            return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
-        blocks = collocation.unpack(result.w)
-        values, durations, freed = blocks["values"], blocks["durations"], blocks["freed"].tolist()
-        states = _Polynomials(collocation, result.w)
-        more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED))
-        if not more:
-            break
-        places, again = (*places, *more), (collocation, result)
-    return _optimum(problem, collocation, result.w, solver)
+    begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), _Places()
+    if known:
+        collocation = Collocation(goals, system, durations, free=free, intervals=intervals)
+        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE))
+    found = search(begin, places, None)
+    collocation, result = found
+    if result.status is not Status.CONVERGED:
+        status, words, causes = result.status, result.words, tuple[Cause, ...]()
+        if status is not Status.INTERRUPTED:
+            causes = tuple(_conflicts(goals, system, free, begin, should_stop))
+            status = Status.INFEASIBLE if causes else status
+            causes = causes or tuple(collocation.worst(result.w))
+            reasons = "\n".join(cause.words for cause in causes)
+            words = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (words, reasons)))
+        return failed(found, status, words, causes)
+
+    # the bound of the radius falls from the optimum without it, in steps that are halved where a search fails
+    reached, part = largest_modulus(collocation, result.w) if np.isfinite(limit) else 0.0, FIRST_PART
+    while reached > limit * (1 + ROUNDING):
+        bound = max(limit, (1 - part) * reached)
+        collocation, result = search(_begin(found[0], found[1].w), found[0].places, found, bound)
+        # the inequalities hold again where two multipliers have left the circle together: they meet at such a bound
+        if result.status is Status.CONVERGED and largest_modulus(collocation, result.w) <= bound * (1 + ROUNDING):
+            found, reached, part = (collocation, result), bound, min(0.5, 2 * part)
+            continue
+        part /= 2
+        if result.status is Status.INTERRUPTED:
+            return failed((collocation, result), result.status, result.words, ())
+        if part < SMALLEST_PART:
+            _, place = problem.place.locate(("constraints", RADIUS))
+            words = f"{place}: {RADIUS} <= {limit:g} was not met: best reached {reached:.4g}"
+            cause = Cause(what=RADIUS, words=words, needed=limit, available=reached)
+            return failed((collocation, result), Status.NOT_CONVERGED, words, (cause,))
+    vanishing = found[0].vanishing(found[1].w)
+    if vanishing is not None:
+        return failed(found, Status.NOT_CONVERGED, vanishing.words, (vanishing,))
+    return _optimum(problem, found[0], found[1].w, _numbers(found[1], iterations))
+
+
+def _without_radius(problem: Problem) -> Problem:
+    """The problem whose constraints a collocation states by itself."""
+    return replace(problem, constraints={key: span for key, span in problem.constraints.items() if key != RADIUS})
+
+
+def _limit_radius(collocation: Collocation, problem: Problem) -> None:
+    """Add the bound of the radius that a problem states, if any."""
+    if RADIUS in problem.constraints:
+        bound_radius(collocation, problem.constraints[RADIUS].maximum)
+
+
+def _begin(collocation: Collocation, x: Array) -> _Begin:
+    """A solution as the start of another search."""
+    blocks = collocation.unpack(x)
+    return _Polynomials(collocation, x), blocks["values"], blocks["durations"], blocks["freed"].tolist()
+
+
+def _numbers(result: IpoptResult, iterations: int) -> dict[str, float | str]:
+    """Numbers for ``Gait.solver``."""
+    return {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
 
 
 def _optimum(
@@ -212,7 +289,9 @@ class CollocationProgram(NonlinearProgram):
             return None
         blocks, places = collocation.unpack(x), (*collocation.places, *more)
         begin = _Polynomials(collocation, x), blocks["values"], blocks["durations"], blocks["freed"].tolist()
-        finer = Collocation(self.problem, self.system, blocks["durations"], free=collocation.free, places=places)
+        goals, durations = _without_radius(self.problem), blocks["durations"]
+        finer = Collocation(goals, self.system, durations, free=collocation.free, places=places)
+        _limit_radius(finer, self.problem)
         return _program(self.problem, finer, begin, self.built)
 
     def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:
@@ -242,7 +321,8 @@ def open_loop_program(
     states, durations = guessed_states(problem, dynamics, None)
     values = np.array([c for row in law.values.values() for c in row], dtype=float)
     bounds = {key: (each.lower, each.upper) for key, each in free.items()}
-    collocation = Collocation(problem, system, durations, free=bounds)
+    collocation = Collocation(_without_radius(problem), system, durations, free=bounds)
+    _limit_radius(collocation, problem)
     begin = states, values, durations, [dynamics.parameter(key) for key in free]
     return _program(problem, collocation, begin, built)
 
@@ -250,7 +330,7 @@ def open_loop_program(
 def _program(
     problem: Problem,
     collocation: Collocation,
-    begin: tuple[Motion, Array, Array, list[float]],
+    begin: _Begin,
     built: Callable[[Problem], HybridSystem],
 ) -> CollocationProgram:
     """A collocation as a program for users, which starts from a motion, torques, durations and freed parameters."""
@@ -320,7 +400,7 @@ def _conflicts(
     problem: Problem,
     system: HybridSystem,
     free: Mapping[str, tuple[float, float]],
-    begin: tuple[Motion, Array, Array, list[float]],
+    begin: _Begin,
     should_stop: Stop,
 ) -> Iterator[Cause]:
     """Constraints that the others exclude, with what is in their way: the best value that each reaches without it.

@@ -56,11 +56,6 @@ Model = TypeVar("Model", bound=BaseModel)
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
 """Placeholder for an unknown whose mapping has faults; objectives and constraints may still use its name."""
 UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
-OPEN_LOOP_UNSUPPORTED = {
-    "foot_clearance": "is the largest height of the swing foot; with open-loop torques state clearance: {min: height}",
-    "spectral_radius": "cannot be bounded for open-loop torques; track the gait by a pd law, and design its gains",
-}
-"""Scalars that the program of open-loop torques cannot bound."""
 FIRST_KEYS = ("step_length", "duration", "postures")
 """Keys of a guess without a known motion."""
 SLIDING = 0.1
@@ -633,8 +628,10 @@ class _StatementReader:
         names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *self._free)
         along = name == CLEARANCE or name.startswith(ANGLE)
         if isinstance(self._control, OpenLoop) and self._control.duration is None:
-            if name in OPEN_LOOP_UNSUPPORTED:
-                return OPEN_LOOP_UNSUPPORTED[name]
+            if name == "foot_clearance":
+                return "is the largest height of the swing foot; with open-loop torques state clearance: {min: height}"
+            if name == "spectral_radius" and not constrains:
+                return "is no objective of open-loop torques: bound it, constraints: {spectral_radius: {max: 0.9}}"
             names += tuple(f"control.{key}" for key in self._control.unknowns(model))
             angles = dict.fromkeys((*model.shape, *model.actuators, *joint_limits(model)))
             names += (CLEARANCE, *(f"{ANGLE}{word}" for word in angles)) if constrains else ()
@@ -689,6 +686,7 @@ class _StatementReader:
             self._fault(path, f"{shown(data)} is not a mapping {{NAME: value}} or {{NAME: {{min, max}}}}")
             return {}
         ranges = {}
+        open_loop = isinstance(self._control, OpenLoop) and self._control.duration is None
         for name, value in data.items():
             group, _, key = name.partition(".")
             angle = (group == "state" and key in model.shape) or (
@@ -701,6 +699,8 @@ class _StatementReader:
                 ranges[name] = span
                 if name == CLEARANCE and not 0 <= span.minimum < span.maximum == math.inf:
                     self._fault((*path, name), "is a height of the swing foot along the step: give {min: height in m}")
+                elif name == "spectral_radius" and open_loop and span.minimum > -math.inf:
+                    self._fault((*path, name), "has a largest value only for open-loop torques: give {max: 0.9}")
                 elif name.startswith(ANGLE) and span.minimum == span.maximum:
                     self._fault((*path, name), "is a range along the whole step: give {min: a, max: b}")
                 bounds = self._free.get(name)

@@ -4,11 +4,13 @@ On each interval of length h the states are polynomials through z_0 and z_1 .. z
 
     sum_k C_kj z_k = h f(t_j, z_j, u_j, p),      t_j = t_0 + c_j h,      j = 1 .. d;      z_d starts the next interval
 
-Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law, freed parameters,
-and every integral, extremum and length that objective and constraints name. The intervals of the law divide the period,
-so that all times are affine in the durations. Margins of the modes and path constraints hold at all points, and
-``Collocation.refined`` adds the places between them where they do not: an exchange method of semi-infinite programs
-(Hettich & Kortanek 1993).
+Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law and its duration
+T, freed parameters, and every integral, extremum and length that objective and constraints name. The intervals of the
+law divide T, so that all times are affine in the durations and T; a row says that T is the period. With T fixed, the
+other equations of motion give the multipliers under a law that is fixed in time (``design.stability``).
+
+Margins of the modes and path constraints hold at all points, and ``Collocation.violated`` finds places between them
+where they do not: an exchange method of semi-infinite programs (Hettich & Kortanek 1993).
 
 References
 ----------
@@ -21,7 +23,25 @@ from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
-from casadi import SX, Function, collocation_coeff, collocation_points, cse, dot, pi, sin, sqrt, sum1, vertcat
+from casadi import (
+    DM,
+    MX,
+    SX,
+    Function,
+    Sparsity,
+    collocation_coeff,
+    collocation_points,
+    cse,
+    dot,
+    jacobian,
+    mtimes,
+    pi,
+    sin,
+    sqrt,
+    sum1,
+    triu,
+    vertcat,
+)
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array, csc_array
 
@@ -38,6 +58,7 @@ from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, state_unit, unit_of
 from gaitopt.problem.statement import Range
+from gaitopt.solver.diagnosis import vanishing_phase
 from gaitopt.solver.elements import AssembledProgram, Elements, assembled
 from gaitopt.solver.ipopt import Block, Ipopt, IpoptResult, Program
 from gaitopt.solver.mesh import mesh_of
@@ -65,8 +86,8 @@ SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 ROOM = 1e-7
 """Distance of margins from zero, in natural units: above the error of the collocation, below all that is measured."""
-EVENT = "event"
-STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT)
+EVENT, DURATION = "event", "duration of the law"
+STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT, DURATION)
 """Rows that define a motion rather than limit it."""
 MOTION = ("defect", "interpolation", "reset")
 """Those that compare states, all coordinates in turn."""
@@ -80,7 +101,10 @@ SAMPLES = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """One interval: its phase, the interval of the law, and start and end, affine in the durations (1 + n_phases,)."""
+    """One interval: its phase, the interval of the law, and start and end, affine in the durations and T.
+
+    The coefficients of (1, durations, T) have the shape (n_phases + 2,).
+    """
 
     phase: int
     segment: int
@@ -136,6 +160,11 @@ class Goals:
     def paths(self) -> tuple[str, ...]:
         """Quantities that have a range along the whole step."""
         return tuple(name for name in self.ranges if name == CLEARANCE or name.startswith(ANGLE))
+
+
+def affine(durations: Array) -> Array:
+    """What times are linear in: (1, durations, T), where T is the sum of the durations; shape (n_phases + 2,)."""
+    return np.concatenate([[1.0], durations, [durations.sum()]])
 
 
 Motion: TypeAlias = Callable[[int, Array], Array]
@@ -251,10 +280,10 @@ class _Key:
 
 @built_once(maxsize=64)
 def _point(key: _Key) -> Function:
-    """(y, c, p) -> (0, g) of a point, with y = (z, torque values, durations, freed, extrema).
+    """(y, c, p) -> (0, g) of a point, with y = (z, torque values, durations, T, freed, extrema).
 
-    c = (start of the time and of h, each affine in the durations; interval of the law; weight; clearance; data), and
-    g = (-h dz/dt if dynamic, margins, path quantities, extrema, -weight h rates).
+    c = (start of the time and of h, each affine in the durations and T; interval of the law; weight; clearance; data)
+    and g = (-h dz/dt if dynamic, margins, path quantities, extrema, -weight h rates).
     """
     system, mode = key.system, key.mode
     extrema, paths, rates = key.goals
@@ -263,28 +292,29 @@ def _point(key: _Key) -> Function:
     motors = [*law.values] if isinstance(law, OpenLoop) else []
     ends = 2 if isinstance(law, OpenLoop) and law.order is Order.LINEAR else 1
     z, values = SX.sym("z", n), SX.sym("values", len(motors) * ends)
-    d, v, e = SX.sym("d", m), SX.sym("v", len(key.free)), SX.sym("e", len(extrema))
-    y = vertcat(z, values, d, v, e)
+    d, T, v, e = SX.sym("d", m), SX.sym("T"), SX.sym("v", len(key.free)), SX.sym("e", len(extrema))
+    y = vertcat(z, values, d, T, v, e)
     data = SX.sym("r", 0 if open_loop else system.n_r)
-    time, length = SX.sym("time", 1 + m), SX.sym("h", 1 + m)
+    time, length = SX.sym("time", m + 2), SX.sym("h", m + 2)
     segment, weight, arch = SX.sym("segment"), SX.sym("weight"), SX.sym("arch")
     c = vertcat(time, length, segment, weight, arch, data)
     p = SX.sym("p", len(system.parameters))
-    t, h, period = time[0] + dot(time[1:], d), length[0] + dot(length[1:], d), sum1(d)
+    at = vertcat(1, d, T)
+    t, h = dot(time, at), dot(length, at)
     known = dict(zip(key.free, [v[k] for k in range(len(key.free))], strict=True))
-    at, r = t, data
+    since, r = t, data
     if isinstance(law, OpenLoop):  # the first interval of a law of unit intervals stands for all
         known |= {f"control.{name}.{k}": SX(0) for name in motors for k in range(law.count)}
         known |= {f"control.{name}.{k}": values[ends * j + k] for j, name in enumerate(motors) for k in range(ends)}
-        at, r = law.intervals * t / period - segment, SX(law.model_copy(update={"duration": None}).data(0))
+        since, r = law.intervals * t / T - segment, SX(law.model_copy(update={"duration": None}).data(0))
     full = vertcat(*(known.get(name, p[k]) for k, name in enumerate(system.parameters)))
-    dz, margins = system.flow(mode)(at, z, full, r), system.margins(mode)(at, z, full, r)
-    force, torque, power, foot, *_ = system.observation(mode)(at, z, full, r)
+    dz, margins = system.flow(mode)(since, z, full, r), system.margins(mode)(since, z, full, r)
+    force, torque, power, foot, *_ = system.observation(mode)(since, z, full, r)
     rows = [-h * dz] if key.dynamic else []
     rows.append(margins)
     for name in paths:
         angle = None if name == CLEARANCE else system.angle_names.index(name.removeprefix(ANGLE))
-        rows.append(foot[1] - arch * sin(pi * t / period) if angle is None else system.angles(z, full)[0][angle])
+        rows.append(foot[1] - arch * sin(pi * t / sum1(d)) if angle is None else system.angles(z, full)[0][angle])
     for k, name in enumerate(extrema):
         match name:
             case "peak_torque":
@@ -344,17 +374,17 @@ class Collocation:
     def _intervals(self, durations: Array) -> list[Interval]:
         """The intervals in the order of these durations."""
         m, period = len(self.cycle.phases), float(durations.sum())
-        axes = np.hstack([np.zeros((m, 1)), np.tril(np.ones((m, m)))])  # ends of the phases
+        axes = np.hstack([np.zeros((m, 1)), np.tril(np.ones((m, m))), np.zeros((m, 1))])  # ends of the phases
         cuts = [(row, phase + 1) for phase, row in enumerate(axes)]
         if self.law is not None:
             n = self.law.intervals
-            grid = [np.concatenate([[0.0], np.full(m, k / n)]) for k in range(1, n)]
+            grid = [np.append(np.zeros(m + 1), k / n) for k in range(1, n)]
         else:
-            grid = [np.concatenate([[b], np.zeros(m)]) for b in self.system.control.breakpoints if b < period]
-        marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(1 + m), 0, 0)]
+            grid = [np.append(b, np.zeros(m + 1)) for b in self.system.control.breakpoints if b < period]
+        marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(m + 2), 0, 0)]
         marks += [(row, phase, None) for row, phase in cuts]
         marks += [(row, None, k + 1) for k, row in enumerate(grid)]
-        at = np.concatenate([[1.0], durations])
+        at = affine(durations)
         marks.sort(key=lambda mark: float(mark[0] @ at))
         finer = int(np.ceil(self._count / max(1, len(marks) - 1)))
         result, phase, segment = list[Interval](), 0, 0
@@ -401,6 +431,7 @@ class Collocation:
             "states": n * states,
             "values": 0 if self.law is None else len(self.law.values) * self.law.count,
             "durations": m,
+            "law_duration": 1,
             "freed": len(self.free),
             "extrema": len(self.goals.extrema),
             "integrals": len(rates),
@@ -411,8 +442,17 @@ class Collocation:
         self.n_x = int(ends[-1])
         self._rates = rates
 
-    def _columns(self, name: str) -> NDArray[np.intp]:
+    def columns(self, name: str) -> NDArray[np.intp]:
+        """Numbers of the unknowns of a block."""
         return np.arange(self.slices[name].start, self.slices[name].stop)
+
+    @property
+    def motion(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+        """Unknowns of the motion, as many rows that define it, and those of the last impact, under a law in time."""
+        states = np.arange(self.system.n_z * (self.n_states - len(self.places)))
+        defining = [name in ("defect", "reset", EVENT) for name in self.row_names]
+        closing = [name == "reset" and at.phase == 0 for name, at in zip(self.row_names, self.row_places, strict=True)]
+        return np.append(states, self.columns("durations")), np.flatnonzero(defining), np.flatnonzero(closing)
 
     def _value_columns(self, segment: int) -> list[int]:
         """Torque values at both ends of an interval of the law, motor by motor."""
@@ -432,9 +472,9 @@ class Collocation:
         """The rows of all points, impacts and scalars."""
         rows = _Rows()
         integrals = rows.new(len(self._rates), "integral")
-        rows.linear(integrals, self._columns("integrals"), 1.0)
+        rows.linear(integrals, self.columns("integrals"), 1.0)
         lengths = rows.new(3, "lengths")
-        rows.linear(lengths, self._columns("lengths"), 1.0)
+        rows.linear(lengths, self.columns("lengths"), 1.0)
         elements = [
             self._points_of(rows, integrals, mode, dynamic) for mode in self._modes for dynamic in (True, False)
         ]
@@ -449,10 +489,48 @@ class Collocation:
             own = self._column_of(name)
             if own is not None:
                 rows.linear(rows.new(1, name, span.minimum, span.maximum)[0], own, 1.0)
+        period = rows.new(1, DURATION)
+        rows.linear(period, self.columns("durations"), 1.0)
+        rows.linear(period, self.columns("law_duration"), -1.0)
         self._rate_rows(rows)
         self.lbg, self.ubg, self.row_names = np.array(rows.lower), np.array(rows.upper), tuple(rows.names)
-        self._row_places = rows.places
+        self.row_places = rows.places
         return assembled([each for each in elements if each is not None], rows.matrix(self.n_x), len(self.dynamics.p))
+
+    @building
+    def add_rows(self, name: str, rows: Function, curvature: Function, columns: NDArray[np.intp]) -> None:
+        """Add rows that must not be negative, all with one name; their functions are kept with the program.
+
+        Parameters
+        ----------
+        rows : (x, p) -> rows, with a Jacobian.
+        curvature : (x, p, multipliers of the rows) -> Hessian in some unknowns, symmetric.
+        columns : these unknowns, ascending.
+        """
+        plain, count, n = self.program, rows.numel_out(0), columns.size
+        self._added = rows, curvature  # callbacks of Python must outlive the program
+        self.lbg, self.ubg = np.append(self.lbg, np.zeros(count)), np.append(self.ubg, np.full(count, np.inf))
+        self.row_names = (*self.row_names, *[name] * count)
+        self.row_places = [*self.row_places, *[Label(name="")] * count]
+        x, p, weight, multipliers = plain.x, plain.p, MX.sym("w"), MX.sym("l", self.lbg.size)
+        g, slope = plain.derivatives["jac_g"](x, p)
+        added = rows(x, p)
+        chosen = DM(Sparsity.triplet(self.n_x, n, columns.tolist(), [*range(n)]), 1.0)
+        bent = mtimes([chosen, curvature(x, p, multipliers[-count:]), chosen.T])
+        lagrangian = plain.derivatives["hess_lag"](x, p, weight, multipliers[:-count]) + triu(bent)
+        derivatives = {
+            "jac_g": ([x, p], [vertcat(g, added), vertcat(slope, jacobian(added, x))], ["g", "jac_g_x"]),
+            "hess_lag": ([x, p, weight, multipliers], [lagrangian], ["triu_hess_gamma_x_x"]),
+        }
+        self.program = replace(
+            plain,
+            g=vertcat(plain.g, added),
+            derivatives=plain.derivatives
+            | {
+                key: Function(key, inputs, outputs, ["x", "p", "lam_f", "lam_g"][: len(inputs)], names)
+                for key, (inputs, outputs, names) in derivatives.items()
+            },
+        )
 
     @property
     def _modes(self) -> tuple[Mode, ...]:
@@ -462,7 +540,7 @@ class Collocation:
     @property
     def _tail(self) -> list[int]:
         """Unknowns of which every point is a function."""
-        return [k for name in ("durations", "freed", "extrema") for k in self._columns(name).tolist()]
+        return [k for name in ("durations", "law_duration", "freed", "extrema") for k in self.columns(name).tolist()]
 
     @property
     def _arch(self) -> float:
@@ -532,7 +610,7 @@ class Collocation:
         own += rows.new(2, "unused", -np.inf, np.inf) if impact.locked else [lengths[0], lengths[2]]
         for name in system.transitions.impact_margin_names(impact):
             own += rows.new(1, name, 0.0, np.inf)
-        columns = [*self._state_columns(self.phase_ends[phase]), *self._columns("freed").tolist()]
+        columns = [*self._state_columns(self.phase_ends[phase]), *self.columns("freed").tolist()]
         if ratio:
             own += rows.new(2, "impulse_ratio", 0.0, np.inf)
             columns.append(self.slices["extrema"].start + self.goals.extrema.index("impulse_ratio"))
@@ -551,7 +629,7 @@ class Collocation:
         blocks = ("durations", "freed", "integrals", "lengths", "extrema")
         states = [name for name in goals.objective if name not in SCALARS and name not in self.free]
         direct = [column for column in map(self._column_of, states) if column is not None]
-        columns = np.concatenate([*(self._columns(name) for name in blocks), np.array(direct, dtype=np.intp)])
+        columns = np.concatenate([*(self.columns(name) for name in blocks), np.array(direct, dtype=np.intp)])
         function = _scalars(
             self.system,
             len(self.cycle.phases),
@@ -579,14 +657,14 @@ class Collocation:
                 first = self.slices["values"].start + [*law.values].index(name) * law.count + k
                 for row, sign in zip(rows.new(2, f"control.rates.{name}", 0.0, np.inf), (1.0, -1.0), strict=True):
                     rows.linear(row, [first, first + 1], [sign, -sign])
-                    rows.linear(row, self._columns("durations"), rate / law.intervals)
+                    rows.linear(row, self.columns("durations"), rate / law.intervals)
 
     def _column_of(self, name: str) -> int | None:
         """The unknown that a name means, None if it is none."""
         if name.startswith("state."):
             return self.system.state_names.index(name.removeprefix("state."))
         if name in self.free:
-            return int(self._columns("freed")[[*self.free].index(name)])
+            return int(self.columns("freed")[[*self.free].index(name)])
         if self.law is not None and name.startswith("control."):
             _, motor, k = name.split(".")
             return self.slices["values"].start + [*self.law.values].index(motor) * self.law.count + int(k)
@@ -637,6 +715,7 @@ class Collocation:
         ]
         labels += [Label(name=key, unit=unit_of(key, self.system)) for key in self.value_keys]
         labels += [Label(name="duration", mode=m, phase=k, unit="s") for k, m in enumerate(self.cycle.phases)]
+        labels.append(Label(name=DURATION, unit="s"))
         units = {name: unit_of(name, self.system) or SI["one"] for name in (*self.free, *self.goals.extrema)}
         units |= {rate: unit_of(RATES[rate], self.system) for rate in self._rates}
         units |= dict(zip(("distance", "slip", "push_work"), LENGTHS, strict=True))
@@ -646,7 +725,7 @@ class Collocation:
     def g_labels(self) -> tuple[Label, ...]:
         """Meaning of each row, in the order of the program."""
         names, labels, run = self.system.state_names, list[Label](), 0
-        for name, label in zip(self.row_names, self._row_places, strict=True):
+        for name, label in zip(self.row_names, self.row_places, strict=True):
             coordinate = ""
             run = run + 1 if labels and name == labels[-1].name else 0
             if name == EVENT:
@@ -658,6 +737,8 @@ class Collocation:
                 unit = unit_of(RATES[self._rates[run]], self.system)
             elif name == "lengths":
                 unit = LENGTHS[run]
+            elif name == DURATION:
+                unit = "s"
             elif name == CLEARANCE:
                 unit = "m"
             elif name.startswith(ANGLE):
@@ -684,13 +765,13 @@ class Collocation:
         lower[self.slices["states"]] = -upper[self.slices["states"]]
         period = float(self._guess.sum())
         lower[self.slices["durations"]], upper[self.slices["durations"]] = SHORTEST * period, LONGEST * period
-        for k, (low, high) in zip(self._columns("freed"), self.free.values(), strict=True):
+        for k, (low, high) in zip(self.columns("freed"), self.free.values(), strict=True):
             lower[k], upper[k] = low, high
         if self.law is not None:
             spans = [self.law.spans(self.system.walker)[name] for name in self.law.values]
             lower[self.slices["values"]] = np.repeat([low for low, _ in spans], self.law.count)
             upper[self.slices["values"]] = np.repeat([high for _, high in spans], self.law.count)
-        for k, name in zip(self._columns("extrema"), self.goals.extrema, strict=True):
+        for k, name in zip(self.columns("extrema"), self.goals.extrema, strict=True):
             span = self.goals.ranges.get(name)
             if span is not None:
                 lower[k], upper[k] = span.minimum, span.maximum
@@ -705,9 +786,15 @@ class Collocation:
             Block(name="rows", expression=self.program.g, lower=self.lbg, upper=self.ubg),
         )
 
+    def vanishing(self, x: Array) -> Cause | None:
+        """The phase whose duration is at its lower bound, which no gait has; None if there is none."""
+        durations, shortest = self.unpack(x)["durations"], SHORTEST * float(self._guess.sum())
+        phase = int(np.argmin(durations))
+        return vanishing_phase(self.cycle, phase, durations[phase]) if durations[phase] < 1.01 * shortest else None
+
     def point_times(self, durations: Array) -> Array:
         """Times of all states [s]."""
-        at, times = np.concatenate([[1.0], durations]), np.empty(self.n_states)
+        at, times = affine(durations), np.empty(self.n_states)
         for k, interval in enumerate(self.mesh):
             times[self._first[k]] = interval.start @ at
         for pt in self.points:
@@ -721,6 +808,7 @@ class Collocation:
         x[self.slices["states"]] = states.ravel()
         x[self.slices["values"]] = values
         x[self.slices["durations"]] = durations
+        x[self.slices["law_duration"]] = durations.sum()
         x[self.slices["freed"]] = freed
         x[self.slices["extrema"]] = 1.0
         return x
@@ -735,6 +823,7 @@ class Collocation:
         progress: Valued = None,
         should_stop: Stop = None,
         again: "tuple[Collocation, IpoptResult] | None" = None,
+        max_iterations: int = MAX_ITERATIONS,
     ) -> IpoptResult:
         """IPOPT's solution from a motion; ``again`` is the same program without the last places, and its solution."""
         unknowns, rows = self.blocks
@@ -746,7 +835,7 @@ class Collocation:
             x0=self.start(motion, values, durations, freed),
             p0=self.dynamics.p,
         )
-        options = {"tol": TOLERANCE, "max_iter": MAX_ITERATIONS, "bound_relax_factor": 0.0} | (NEARBY if again else {})
+        options = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0} | (NEARBY if again else {})
         ipopt = Ipopt(program, options=options, exact=True, derivatives=self.program.derivatives)
         multipliers = None if again is None else self._extended(*again)
         return ipopt.solve(multipliers=multipliers, progress=progress, should_stop=should_stop)
@@ -756,8 +845,9 @@ class Collocation:
         n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self.lbg.size)
         kept = np.ones(self.n_x, dtype=bool)
         kept[n * before.n_states : n * self.n_states] = False
-        added = np.array([at.node is not None and at.node >= before.n_states for at in self._row_places])
-        bounds[kept], rows[~added] = result.bound_multipliers, result.multipliers
+        added = np.array([at.node is not None and at.node >= before.n_states for at in self.row_places])
+        bounds[kept] = result.bound_multipliers
+        rows[np.flatnonzero(~added)[: result.multipliers.size]] = result.multipliers  # rows may have been added
         return bounds, rows
 
     def on_mesh(self, x: Array, dynamics: Dynamics) -> Solution:
@@ -792,7 +882,7 @@ class Collocation:
         names = np.array(self.row_names)
         x[self.slices["integrals"]] -= g[names == "integral"]
         x[self.slices["lengths"]] -= g[names == "lengths"]
-        for k, name in zip(self._columns("extrema"), self.goals.extrema, strict=True):
+        for k, name in zip(self.columns("extrema"), self.goals.extrema, strict=True):
             x[k] = self._extremum(name, x)
         return x
 
@@ -855,7 +945,7 @@ class Collocation:
         """
         sums = dict[str, float]()
         limits = np.where(multipliers > 0, self.ubg, self.lbg).tolist()
-        for name, at, value, limit in zip(self.row_names, self._row_places, multipliers.tolist(), limits, strict=True):
+        for name, at, value, limit in zip(self.row_names, self.row_places, multipliers.tolist(), limits, strict=True):
             if name not in STRUCTURAL:
                 unit = abs(limit) / (ROOM if at.mode is not None and name not in self.goals.ranges else 1.0) or 1.0
                 sums[name] = sums.get(name, 0.0) + abs(value) * (unit if np.isfinite(unit) else 1.0)
@@ -882,7 +972,7 @@ class Collocation:
         name, bound = self.row_names[k], float(np.clip(g[k], self.lbg[k], self.ubg[k]))
         if not violation[k] > ROOM:
             return []
-        if self._row_places[k].mode is not None and name not in self.goals.ranges:
+        if self.row_places[k].mode is not None and name not in self.goals.ranges:
             bound = 0.0  # without the room for the error of the collocation
         side = "at least" if g[k] < bound else "at most"
         words = f"{name.replace('_', ' ')} is {g[k]:.4g}, must be {side} {bound:.4g}"
@@ -898,7 +988,7 @@ class Collocation:
     def states_at(self, x: Array, phase: int, times: Array) -> Array:
         """States of the collocation polynomials in a phase at times since the impact, shape (n, n_z)."""
         blocks = self.unpack(x)
-        at, states = np.concatenate([[1.0], blocks["durations"]]), blocks["states"]
+        at, states = affine(blocks["durations"]), blocks["states"]
         mine = [k for k, interval in enumerate(self.mesh) if interval.phase == phase]
         starts = np.array([self.mesh[k].start @ at for k in mine])
         result = []
