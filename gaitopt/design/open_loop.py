@@ -112,15 +112,15 @@ def optimise(
     assert isinstance(law, OpenLoop)
     dynamics, iterations = Dynamics.of(system, problem.parameters), 0
     free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
-    goals, limit = _without_radius(problem), problem.constraints.get(RADIUS, UNBOUNDED).maximum
+    limit = problem.constraints.get(RADIUS, UNBOUNDED).maximum
 
-    def search(begin: _Begin, places: _Places, again: _Found | None, radius: float | None = None) -> _Found:
+    def search(begin: _Begin, places: _Places, again: _Found | None, radius: float = np.inf) -> _Found:
         nonlocal iterations
         for _ in range(MAX_EXCHANGES):
-            collocation = Collocation(goals, system, begin[2], free=free, intervals=intervals, places=places)
-            if radius is not None:
-                bound_radius(collocation, radius)
-            most = MAX_ITERATIONS if radius is None else STEP_ITERATIONS
+            collocation = _collocation(
+                problem, system, begin[2], free, radius=radius, intervals=intervals, places=places
+            )
+            most = STEP_ITERATIONS if np.isfinite(radius) else MAX_ITERATIONS
             result = collocation.solve(
                 *begin, progress=progress, should_stop=should_stop, again=again, max_iterations=most
             )
@@ -145,14 +145,14 @@ def optimise(
         )
     begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), _Places()
     if known:
-        collocation = Collocation(goals, system, durations, free=free, intervals=intervals)
+        collocation = _collocation(problem, system, durations, free, radius=np.inf, intervals=intervals)
         places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE))
     found = search(begin, places, None)
     collocation, result = found
     if result.status is not Status.CONVERGED:
         status, words, causes = result.status, result.words, tuple[Cause, ...]()
         if status is not Status.INTERRUPTED:
-            causes = tuple(_conflicts(goals, system, free, begin, should_stop))
+            causes = tuple(_conflicts(_without_radius(problem), system, free, begin, should_stop))
             status = Status.INFEASIBLE if causes else status
             causes = causes or tuple(collocation.worst(result.w))
             reasons = "\n".join(cause.words for cause in causes)
@@ -187,10 +187,24 @@ def _without_radius(problem: Problem) -> Problem:
     return replace(problem, constraints={key: span for key, span in problem.constraints.items() if key != RADIUS})
 
 
-def _limit_radius(collocation: Collocation, problem: Problem) -> None:
-    """Add the bound of the radius that a problem states, if any."""
-    if RADIUS in problem.constraints:
-        bound_radius(collocation, problem.constraints[RADIUS].maximum)
+def _collocation(
+    problem: Problem,
+    system: HybridSystem,
+    durations: Array,
+    free: Mapping[str, tuple[float, float]],
+    *,
+    radius: float | None = None,
+    intervals: int = INTERVALS,
+    places: _Places = (),
+) -> Collocation:
+    """The program of a problem; ``radius`` bounds the multipliers, like the problem by default."""
+    goals, bound = _without_radius(problem), problem.constraints.get(RADIUS)
+    timed = bound is not None
+    program = Collocation(goals, system, durations, free=free, intervals=intervals, places=places, timed=timed)
+    radius = bound.maximum if radius is None and bound is not None else radius
+    if radius is not None and np.isfinite(radius):
+        bound_radius(program, radius)
+    return program
 
 
 def _begin(collocation: Collocation, x: Array) -> _Begin:
@@ -289,9 +303,7 @@ class CollocationProgram(NonlinearProgram):
             return None
         blocks, places = collocation.unpack(x), (*collocation.places, *more)
         begin = _Polynomials(collocation, x), blocks["values"], blocks["durations"], blocks["freed"].tolist()
-        goals, durations = _without_radius(self.problem), blocks["durations"]
-        finer = Collocation(goals, self.system, durations, free=collocation.free, places=places)
-        _limit_radius(finer, self.problem)
+        finer = _collocation(self.problem, self.system, blocks["durations"], collocation.free, places=places)
         return _program(self.problem, finer, begin, self.built)
 
     def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:
@@ -321,8 +333,7 @@ def open_loop_program(
     states, durations = guessed_states(problem, dynamics, None)
     values = np.array([c for row in law.values.values() for c in row], dtype=float)
     bounds = {key: (each.lower, each.upper) for key, each in free.items()}
-    collocation = Collocation(_without_radius(problem), system, durations, free=bounds)
-    _limit_radius(collocation, problem)
+    collocation = _collocation(problem, system, durations, bounds)
     begin = states, values, durations, [dynamics.parameter(key) for key in free]
     return _program(problem, collocation, begin, built)
 

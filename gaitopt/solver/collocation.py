@@ -4,10 +4,10 @@ On each interval of length h the states are polynomials through z_0 and z_1 .. z
 
     sum_k C_kj z_k = h f(t_j, z_j, u_j, p),      t_j = t_0 + c_j h,      j = 1 .. d;      z_d starts the next interval
 
-Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law and its duration
-T, freed parameters, and every integral, extremum and length that objective and constraints name. The intervals of the
-law divide T, so that all times are affine in the durations and T; a row says that T is the period. With T fixed, the
-other equations of motion give the multipliers under a law that is fixed in time (``design.stability``).
+Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law, freed parameters,
+and every integral, extremum and length that objective and constraints name. The intervals of the law divide the period,
+so that all times are affine in the durations. For multipliers, the duration T of the law is an unknown of its own, and
+a row says that it is the period: with T fixed, the other equations are those under a law that is fixed in time.
 
 Margins of the modes and path constraints hold at all points, and ``Collocation.violated`` finds places between them
 where they do not: an exchange method of semi-infinite programs (Hettich & Kortanek 1993).
@@ -276,6 +276,7 @@ class _Key:
     free: tuple[str, ...]
     goals: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
     dynamic: bool
+    timed: bool
 
 
 @built_once(maxsize=64)
@@ -292,8 +293,9 @@ def _point(key: _Key) -> Function:
     motors = [*law.values] if isinstance(law, OpenLoop) else []
     ends = 2 if isinstance(law, OpenLoop) and law.order is Order.LINEAR else 1
     z, values = SX.sym("z", n), SX.sym("values", len(motors) * ends)
-    d, T, v, e = SX.sym("d", m), SX.sym("T"), SX.sym("v", len(key.free)), SX.sym("e", len(extrema))
-    y = vertcat(z, values, d, T, v, e)
+    d, v, e = SX.sym("d", m), SX.sym("v", len(key.free)), SX.sym("e", len(extrema))
+    duration = SX.sym("T", int(key.timed))
+    y, T = vertcat(z, values, d, duration, v, e), duration if key.timed else sum1(d)
     data = SX.sym("r", 0 if open_loop else system.n_r)
     time, length = SX.sym("time", m + 2), SX.sym("h", m + 2)
     segment, weight, arch = SX.sym("segment"), SX.sym("weight"), SX.sym("arch")
@@ -344,6 +346,7 @@ class Collocation:
     durations : of the phases, from which the order of switches and breakpoints is taken, shape (n_phases,).
     degree, intervals : of the collocation.
     places : (interval, fraction) at which margins hold besides the collocation points.
+    timed : the duration of the law is an unknown of its own, which ``motion`` needs.
     """
 
     @building
@@ -357,7 +360,9 @@ class Collocation:
         degree: int = DEGREE,
         intervals: int = INTERVALS,
         places: tuple[tuple[int, float], ...] = (),
+        timed: bool = False,
     ) -> None:
+        self.timed = timed
         self.problem, self.system, self.cycle = problem, system, problem.cycle
         self.goals = Goals(objective=problem.objective, ranges=problem.constraints)
         self.free = free
@@ -378,7 +383,8 @@ class Collocation:
         cuts = [(row, phase + 1) for phase, row in enumerate(axes)]
         if self.law is not None:
             n = self.law.intervals
-            grid = [np.append(np.zeros(m + 1), k / n) for k in range(1, n)]
+            whole = np.array([0.0] * (m + 1) + [1.0] if self.timed else [0.0] + [1.0] * m + [0.0])
+            grid = [whole * k / n for k in range(1, n)]
         else:
             grid = [np.append(b, np.zeros(m + 1)) for b in self.system.control.breakpoints if b < period]
         marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(m + 2), 0, 0)]
@@ -431,7 +437,7 @@ class Collocation:
             "states": n * states,
             "values": 0 if self.law is None else len(self.law.values) * self.law.count,
             "durations": m,
-            "law_duration": 1,
+            "law_duration": int(self.timed),
             "freed": len(self.free),
             "extrema": len(self.goals.extrema),
             "integrals": len(rates),
@@ -489,9 +495,10 @@ class Collocation:
             own = self._column_of(name)
             if own is not None:
                 rows.linear(rows.new(1, name, span.minimum, span.maximum)[0], own, 1.0)
-        period = rows.new(1, DURATION)
-        rows.linear(period, self.columns("durations"), 1.0)
-        rows.linear(period, self.columns("law_duration"), -1.0)
+        if self.timed:
+            period = rows.new(1, DURATION)
+            rows.linear(period, self.columns("durations"), 1.0)
+            rows.linear(period, self.columns("law_duration"), -1.0)
         self._rate_rows(rows)
         self.lbg, self.ubg, self.row_names = np.array(rows.lower), np.array(rows.upper), tuple(rows.names)
         self.row_places = rows.places
@@ -549,7 +556,7 @@ class Collocation:
 
     def _point_function(self, mode: Mode, *, dynamic: bool) -> Function:
         goals = (self.goals.extrema, self.goals.paths, self._rates)
-        return _point(_Key(self.system, mode, len(self.cycle.phases), tuple(self.free), goals, dynamic))
+        return _point(_Key(self.system, mode, len(self.cycle.phases), tuple(self.free), goals, dynamic, self.timed))
 
     def _points_of(self, rows: "_Rows", integrals: list[int], mode: Mode, dynamic: bool) -> Elements | None:
         """The points of a mode that are collocation points, or the others."""
@@ -715,7 +722,7 @@ class Collocation:
         ]
         labels += [Label(name=key, unit=unit_of(key, self.system)) for key in self.value_keys]
         labels += [Label(name="duration", mode=m, phase=k, unit="s") for k, m in enumerate(self.cycle.phases)]
-        labels.append(Label(name=DURATION, unit="s"))
+        labels += [Label(name=DURATION, unit="s")] * self.timed
         units = {name: unit_of(name, self.system) or SI["one"] for name in (*self.free, *self.goals.extrema)}
         units |= {rate: unit_of(RATES[rate], self.system) for rate in self._rates}
         units |= dict(zip(("distance", "slip", "push_work"), LENGTHS, strict=True))

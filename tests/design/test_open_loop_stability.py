@@ -33,7 +33,7 @@ def compass(*, order="constant", friction="0.12", intervals=3, **changes):
 
 @pytest.mark.parametrize(("order", "friction"), [("constant", "0.12"), ("linear", "{free: [0.1, 0.12], guess: 0.11}")])
 def test_the_return_map_of_a_collocation_is_that_of_the_gait(order, friction):
-    problem = compass(order=order, friction=friction)
+    problem = compass(order=order, friction=friction, **{"constraints.spectral_radius": {"max": 5}})
     optimum = optimise(problem, build_system(problem))
     assert isinstance(optimum, OpenLoopOptimum)
     x, p = optimum.x, optimum.collocation.dynamics.p
