@@ -22,7 +22,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, cycle_end
 from gaitopt.model.units import MOTOR_WORDS
 from gaitopt.model.walker import Walker
-from gaitopt.show.style import Label, label
+from gaitopt.show.style import Label
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.store.gaits import POINTS, integrated_steps
 from gaitopt.verification.walk import Walk
@@ -141,10 +141,11 @@ def cycle_words(motion: Motion) -> str:
 
 
 def time_label(motions: Sequence[Motion]) -> str:
-    """Label of the time axis, which counts from the impact, or from the start of several steps or of a cycle."""
+    """Label of the time axis, which counts from the impact or landing, or from the start of steps or of a cycle."""
     landing = all(motion.dynamics.system.cycle_end == TOUCHDOWN for motion in motions)
     single = landing and all(len(motion.steps) == 1 for motion in motions)
-    return str(label("time") if single else Label(words="time since the start", unit="s"))
+    ends = dict.fromkeys(cycle_end(motion.dynamics.system) for motion in motions)
+    return str(Label(words=f"time since {' or '.join(ends) if single else 'the start'}", unit="s"))
 
 
 def position_label(motions: Sequence[Motion]) -> str:

@@ -239,8 +239,6 @@ def symbol(state: str) -> str:
 
 def label(key: str, of: Driven | None = None) -> Label:
     """Label of a scalar, a state or a parameter of a problem or system; an unknown key is its own label."""
-    if key == "time":
-        return Label(words="time since impact", unit="s")
     if key in SCALARS or key in FRICTION_LABELS:
         return Label(words=f"{label_of(key, of)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key, of)))
     last, unit = key.rpartition(".")[2], unit_of(key, of)
