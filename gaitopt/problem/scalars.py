@@ -94,8 +94,9 @@ class Scalar:
 
     @property
     def description(self) -> str:
-        """Meaning with its unit."""
-        return f"{self.meaning or self.label}{f' [{self.unit}]' if self.unit else ''}"
+        """Meaning with its unit, of torques and of motor forces."""
+        unit = ", or ".join(filter(None, (self.unit, OF_FORCES.get(self.unit))))
+        return f"{self.meaning or self.label}{f' [{unit}]' if unit else ''}"
 
 
 def _work(cycle: Quantities) -> Any:
@@ -167,7 +168,7 @@ SCALARS: Mapping[str, Scalar] = {
     "torque_squared": Scalar(
         label="integral of squared torques",
         unit="N^2 m^2 s",
-        meaning="integral of the squares of the torques",
+        meaning="integral of the squares of the torques or motor forces",
         within=Within(unit="torque_squared", possible=POSITIVE),
         needs=(MOTORS,),
         formula=lambda cycle: cycle.integral("squared_torque"),
@@ -175,7 +176,7 @@ SCALARS: Mapping[str, Scalar] = {
     "torque_cost": Scalar(
         label="squared torques per step length",
         unit="N^2 m s",
-        meaning="integral of the squares of the torques per step length",
+        meaning="integral of the squares of the torques or motor forces per step length",
         within=Within(unit="torque_cost", possible=symmetric(float("inf"))),
         needs=(MOTORS,),
         formula=lambda cycle: cycle.integral("squared_torque") / (cycle.transport / cycle.weight),
@@ -183,7 +184,7 @@ SCALARS: Mapping[str, Scalar] = {
     "peak_torque": Scalar(
         label="peak torque",
         unit="N m",
-        meaning="largest torque",
+        meaning="largest torque or force of a motor",
         within=Within(unit="torque", possible=POSITIVE, usual=(0, 10)),
         needs=(MOTORS,),
         extremum=1,
