@@ -85,7 +85,7 @@ def movie(motion: Motion, extension: str) -> bytes:
                 _draw(axes, motion, drawing, origin - place, HEIGHT)
                 spacing = abs(length) / (MARKS * len(motion.steps)) or width / MARKS
                 _draw_ground(axes, motion, place, spacing, width)
-                axes.text(0.02, 0.97, words, transform=axes.transAxes, va="top", color=NEUTRAL)
+                axes.text(0.02, 0.03, words, transform=axes.transAxes, color=NEUTRAL)
                 writer.grab_frame()
         return path.read_bytes()
 

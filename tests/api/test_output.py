@@ -38,7 +38,7 @@ def test_the_best_of_several_starts_becomes_the_gait_of_its_problem_as_the_comma
     assert ours["solver"].pop("seconds") > 0 < theirs["solver"].pop("seconds")
     assert ours == theirs
     assert np.array_equal(go.solve(best.problem).state, gait.state)
-    with pytest.raises(ProblemError, match="start: a solution of another problem or of other values"):
+    with pytest.raises(ProblemError, match="start: is a solution of another problem, or of other values"):
         go.solve(problem.replace({"friction": 0.43}), start=best)
 
 

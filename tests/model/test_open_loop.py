@@ -54,7 +54,7 @@ def test_values_are_parameters_that_can_be_set():
         ("intervals: 4, hip: [1, 2]", "", "control.hip: 2 values, but 4 linear intervals have 5"),
         ("intervals: 0", "", "control.intervals: 0 must be at least 1"),
         ("intervals: 4, order: cubic", "", "control.order: 'cubic' is not one of the choices"),
-        ("intervals: 4, order: constant, rates: {hip: 3}", "", "control.rates: bounds the rate of torques"),
+        ("intervals: 4, order: constant, rates: {hip: 3}", "", "control.rates: limits the rate of torques"),
         ("intervals: 2, hip: [9, 0, 0], bounds: {hip: [-5, 5]}", "", "control.hip[0]: 9 is outside of the bounds"),
         ("intervals: 4", ", spectral_radius: {min: 0.5}", "spectral_radius: has a largest value only for open-loop"),
         ("intervals: 4", ", spectral_radius: 0.5", "spectral_radius: has a largest value only for open-loop torques"),

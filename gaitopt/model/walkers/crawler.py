@@ -19,6 +19,10 @@ from gaitopt.model.units import Damping, Positive, Slope, Stiffness
 from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker, coil, inclined
 
 
+SIDE = 0.12
+"""Half the side of a mass, relative to the rest length of the spring."""
+
+
 class Crawler(Walker):
     """Two masses on a line."""
 
@@ -39,10 +43,10 @@ class Crawler(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """(x, y) is the rear mass; the front one is ``gap`` ahead, and ``rise`` above it, which the ground keeps 0."""
-        rear, front = vertcat(q.x, q.y), vertcat(q.x + q.gap, q.y + q.rise)
+        """(x, y) is below the rear mass; the front one is ``gap`` ahead, and ``rise`` higher, which the ground keeps 0."""
+        rear, front, up = vertcat(q.x, q.y), vertcat(q.x + q.gap, q.y + q.rise), vertcat(0, SIDE * p.rest)
         return Mechanism(
-            bodies=(Body(mass=p.rear_mass, position=rear), Body(mass=p.front_mass, position=front)),
+            bodies=(Body(mass=p.rear_mass, position=rear + up), Body(mass=p.front_mass, position=front + up)),
             gravity=inclined(p.gravity, p.slope),
             upright=SX(1),
             motors=(q.gap,),
@@ -55,7 +59,7 @@ class Crawler(Walker):
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
         """Two boxes, and the spring between them."""
-        side = 0.12 * p.rest
+        side = SIDE * p.rest
         rear, front = vertcat(q.x, q.y), vertcat(q.x + q.gap, q.y + q.rise)
         corners = ((-side, 0), (side, 0), (side, 2 * side), (-side, 2 * side), (-side, 0))
         boxes = tuple(tuple(at + vertcat(*corner) for corner in corners) for at in (rear, front))
