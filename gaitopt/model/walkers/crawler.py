@@ -18,7 +18,6 @@ from pydantic import Field
 from gaitopt.model.units import Damping, Positive, Slope, Stiffness
 from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker, coil, inclined
 
-
 SIDE = 0.12
 """Half the side of a mass, relative to the rest length of the spring."""
 
