@@ -42,7 +42,7 @@ class Crawler(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """(x, y) is below the rear mass; the front one is ``gap`` ahead, and ``rise`` higher, which the ground keeps 0."""
+        """(x, y) is below the rear mass; the front one is ``gap`` ahead and ``rise`` higher, which stays 0."""
         rear, front, up = vertcat(q.x, q.y), vertcat(q.x + q.gap, q.y + q.rise), vertcat(0, SIDE * p.rest)
         return Mechanism(
             bodies=(Body(mass=p.rear_mass, position=rear + up), Body(mass=p.front_mass, position=front + up)),
