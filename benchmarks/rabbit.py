@@ -1,4 +1,4 @@
-"""The optimal gait of RABBIT by gaitopt, by plain CasADi collocation and by rockit, cold and warm, in fresh processes.
+"""The optimal gait of RABBIT by gaitopt, plain CasADi collocation, rockit and Drake, cold and warm, in fresh processes.
 
 Least integral of squared torques at 0.8 m/s with steps of 0.4 m, see ``problems/rabbit-optimal.yaml``; warm is the same
 at 0.79 m/s from that optimum. The equations of motion of the plain way and of rockit are derived here, without gaitopt.
@@ -153,6 +153,13 @@ def by_rockit() -> Callable[[float], float]:
     return solved
 
 
+def by_drake() -> Callable[[float], float]:
+    """The same in Drake, see ``drake_rabbit.py``."""
+    import drake_rabbit
+
+    return drake_rabbit.solver(intervals=INTERVALS, step=STEP, friction=FRICTION, bent=BENT, after=AFTER.tolist())
+
+
 def ours() -> Callable[[float], float]:
     """gaitopt, with verification and multipliers."""
     import gaitopt as go
@@ -172,12 +179,16 @@ WAYS = {
     "gaitopt.solve and verify": ours,
     "plain CasADi, Radau collocation": plain,
     "rockit, multiple shooting": by_rockit,
+    "pydrake, DirectCollocation": by_drake,
 }
+PEERS = {"rockit": "rockit", "pydrake": "pydrake"}
+"""Packages without which a way is left out, by the first word of its name."""
 
 
 def rows() -> list[Row]:
     """Processor time of the first solution in a process, and of the next one at a neighbouring speed."""
-    ways = [way for way in WAYS if "rockit" not in way or find_spec("rockit")]
+    needs = {way: PEERS.get(way.split(",")[0]) for way in WAYS}
+    ways = [way for way, package in needs.items() if package is None or find_spec(package)]
     found: dict[str, list[tuple[float, float]]] = {way: [] for way in ways}
     for _ in range(ROUNDS):
         for way in ways:

@@ -29,7 +29,7 @@ closed their equations give its force; while it is off they keep their values. I
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -300,23 +300,51 @@ def _shares(
     """Margins of the groups of contacts whose forces are undetermined, and the contacts of these groups."""
     structure = system.structure
     rows = [
-        (parts, *_row_of(structure, parts[0], forces[parts[0][1]], nulls, static[parts[0][1]]), sample)
-        for parts, _, _, sample in _inequalities(structure, system.mode)
+        row.with_values(*_row_of(structure, row.parts[0], forces[row.name], nulls, static[row.name]))
+        for row in _inequalities(structure, system.mode)
     ]
-    shares = tuple(Share(parts=parts, value=value) for parts, value, _, _ in _without_shares(structure, rows))
+    shares = tuple(Share(parts=row.parts, value=row.value) for row in _without_shares(structure, rows))
     return shares, structure.group
 
 
-_Inequality = tuple[tuple[tuple[str, str], ...], Any, Any, Array]
-"""Parts, value g, coefficients c and sampled coefficients of an inequality g + c a > 0 in the shares a."""
+@dataclass(frozen=True, slots=True)
+class _Inequality:
+    """g + c a > 0 in the shares a.
+
+    Attributes
+    ----------
+    parts : see ``Share``.
+    value, coefficients : g and c, numbers or symbols.
+    sample, unlike : c at a sampled posture, with equal and with different coefficients of friction.
+    """
+
+    parts: tuple[tuple[str, str], ...]
+    value: Any
+    coefficients: Any
+    sample: Array
+    unlike: Array
+
+    @property
+    def name(self) -> str:
+        """The first contact."""
+        return self.parts[0][1]
+
+    def with_values(self, value: Any, coefficients: Any) -> "_Inequality":
+        """The same with g and c."""
+        return replace(self, value=value, coefficients=coefficients)
 
 
 def _inequalities(structure: Structure, mode: Mode) -> list[_Inequality]:
     """The inequalities of the contacts that share their forces, at the sampled posture, without their values."""
     kinds = {0: ("cone_forward", "cone_backward"), 1: ("normal_force",), -1: ("normal_force",)}
-    parts = [(kind, name) for name in structure.group for kind in kinds[mode.directions[name]]]
-    rows = [(part, *_row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)) for part in parts]
-    return [((part,), value, sample, sample) for part, value, sample in rows]
+    rows = []
+    for k, name in enumerate(structure.group):
+        for kind in kinds[mode.directions[name]]:
+            part = kind, name
+            value, sample = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)
+            _, unlike = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE + 0.1 * k)
+            rows.append(_Inequality((part,), value, sample, sample, unlike))
+    return rows
 
 
 def _row_of(structure: Structure, part: tuple[str, str], force: Any, nulls: Any, mu: Any) -> tuple[Any, Any]:
@@ -334,20 +362,49 @@ def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_
     """What remains of the inequalities when the shares are eliminated.
 
     One share after the other: in place of each pair of inequalities in which it has opposite signs comes the sum in
-    which it cancels.
+    which it cancels. Where its sign depends on which coefficient of friction is larger, the inequality must hold at
+    that end of the share's range where it is easier to meet: the contact with more friction takes the load.
     """
     for k in range(len(structure.dropped)):
-        rising, falling = ([row for row in rows if sign * row[3][k] > DEPENDENT] for sign in (1, -1))
-        rows = [row for row in rows if abs(row[3][k]) <= DEPENDENT]
+        rising, falling = ([row for row in rows if sign * row.sample[k] > DEPENDENT] for sign in (1, -1))
+        turning = [row for row in rows if abs(row.sample[k]) <= DEPENDENT < abs(row.unlike[k])]
+        rows = [row for row in rows if max(abs(row.sample[k]), abs(row.unlike[k])) <= DEPENDENT]
         for one, other in product(rising, falling):
-            parts = (*one[0], *(part for part in other[0] if part not in one[0]))
+            parts = _joined(one.parts, other.parts)
             (kind, name), (other_kind, other_name) = parts[0], parts[-1]
             if len(parts) == 2 and name == other_name and kind != other_kind:
                 parts = (("normal_force", name),)  # the two edges of a cone: twice the friction that it provides
-            (_, g, c, sample), (_, other_g, other_c, other_sample) = one, other
-            value, coefficients = c[k] * other_g - other_c[k] * g, c[k] * other_c - other_c[k] * c
-            rows.append((parts, value, coefficients, sample[k] * other_sample - other_sample[k] * sample))
+            c, other_c = one.coefficients, other.coefficients
+            rows.append(
+                _Inequality(
+                    parts,
+                    c[k] * other.value - other_c[k] * one.value,
+                    c[k] * other_c - other_c[k] * c,
+                    one.sample[k] * other.sample - other.sample[k] * one.sample,
+                    one.unlike[k] * other.unlike - other.unlike[k] * one.unlike,
+                )
+            )
+        for row, one, other in product(turning, rising, falling):
+            c = row.coefficients[k]
+            size = (c**2 + TINY) ** 0.5  # the absolute value, whose derivative is zero at zero
+            low, high = (each.value / each.coefficients[k] for each in (one, other))  # less the ends of the range
+            by_low, by_high = (each.coefficients / each.coefficients[k] for each in (one, other))
+            ends, unlike = [one.unlike / one.unlike[k], other.unlike / other.unlike[k]], row.unlike[k]
+            rows.append(
+                _Inequality(
+                    _joined(row.parts, (*one.parts, *other.parts)),
+                    row.value - (c * (low + high) + size * (high - low)) / 2,
+                    row.coefficients - (c * (by_low + by_high) + size * (by_high - by_low)) / 2,
+                    row.sample,
+                    row.unlike - (unlike * sum(ends) + abs(unlike) * (ends[1] - ends[0])) / 2,
+                )
+            )
     return list(rows)
+
+
+def _joined(parts: tuple[tuple[str, str], ...], others: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """All parts, once each."""
+    return tuple(dict.fromkeys((*parts, *others)))
 
 
 def undetermined(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
@@ -358,11 +415,12 @@ def undetermined(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
 def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
     """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
     structure = _structure(walker, mode)
-    return tuple(parts for parts, *_ in _without_shares(structure, _inequalities(structure, mode)))
+    return tuple(row.parts for row in _without_shares(structure, _inequalities(structure, mode)))
 
 
 FRICTION_SAMPLE = 0.37
 """Coefficient of friction at which the structure of a mode is examined."""
+TINY = 1e-300
 
 
 def _bordered(M: SX, J: SX, G: SX) -> SX:

@@ -168,17 +168,21 @@ class ContactExpressions(Expressions):
     def decision(self, mode: Mode) -> dict[str, SX]:
         """What decides whether a mode is consistent: dz, margins, their rates, and normal accelerations of contacts.
 
-        ``dz`` is NaN where friction depends on the shares of forces that are undetermined.
+        ``dz`` is ``determined``.
         """
         margins, state = self.margins(mode), self.state(mode)
-        depends = norm_2(friction_of_shares(self.walker, mode, self._kinetic)) > DEPENDENT
         rates = jtimes(margins, self.eom.z, state.dz) + jacobian(margins, self.t)
         return {
-            "dz": if_else(depends, SX.nan(), state.dz),
+            "dz": self.determined(mode, state.dz),
             "margins": margins,
             "rates": rates,
             "separations": vertcat(SX(0, 1), *(state.separations.values())),
         }
+
+    def determined(self, mode: Mode, motion: SX) -> SX:
+        """The motion in a mode; NaN where friction depends on the shares of forces that are undetermined."""
+        depends = norm_2(friction_of_shares(self.walker, mode, self._kinetic)) > DEPENDENT
+        return if_else(depends, SX.nan(), motion)
 
     def points(self) -> dict[str, SX]:
         """Height, and velocity (v_t, v_n), of every contact."""

@@ -499,10 +499,13 @@ class HybridSystem:
 
     @compiled("zp")
     def contact_impact(self, mode: Mode, landing: tuple[str, ...]) -> dict[str, SX]:
-        """(z, p) -> z_plus, impulses, velocities, regularity and margins of groups; see ``ContactImpact``."""
+        """(z, p) -> z_plus, impulses, velocities, regularity and margins of groups; see ``ContactImpact``.
+
+        ``z_plus`` is NaN where friction depends on the shares of impulses that are undetermined.
+        """
         result = self._contacts.collision(mode, landing)
         return {
-            "z_plus": result.z_plus,
+            "z_plus": self._contacts.determined(mode, result.z_plus),
             "impulses": vertcat(*result.impulses.values()),
             "velocities": vertcat(*result.velocities.values()),
             "regularity": result.regularity,

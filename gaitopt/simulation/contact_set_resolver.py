@@ -152,7 +152,7 @@ class ContactSetResolver:
             if abs(heights[place[name]]) <= TOUCHING * size and before[place[name], 1] < -TOUCHING:
                 touching.add(name)
                 candidates = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
-        options = []
+        options, undetermined = list[_Option](), False
         for mode in candidates:
             if massless and landing not in mode.touching:
                 continue
@@ -164,6 +164,9 @@ class ContactSetResolver:
             if not regularity[0] > 0 or np.any(shares / self._impulse < -EDGE):
                 continue
             if all(self._stays(mode, name, impulse[place[name]], after[place[name]], shares.size) for name in touching):
+                if not np.all(np.isfinite(z_plus)):
+                    undetermined = True
+                    continue
                 speeds = z_plus[self._system.n_z // 2 :] / self._acceleration / self._time
                 options.append(_Option(mode, speeds.copy(), z_plus.copy()))
         chosen = self._one_of(options)
@@ -172,6 +175,9 @@ class ContactSetResolver:
         if options:
             names = " and ".join(option.mode.brief for option in options)
             return Termination(Ending.IMPACT_AMBIGUOUS, f"several impacts are consistent: {names}")
+        if undetermined:
+            words = "contacts of different friction slip together, so that the impulses do not determine the impact"
+            return Termination(Ending.UNDETERMINED, words)
         return Termination(Ending.IMPACT_INCONSISTENT, f"no impact of {', '.join(sorted(touching))} is consistent")
 
     def _stays(self, mode: Mode, name: str, impulse: Array, velocity: Array, shares: int) -> bool:

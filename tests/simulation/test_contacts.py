@@ -264,6 +264,24 @@ def test_shares_of_forces_and_motions_that_are_undetermined_are_named() -> None:
     assert "contacts of different friction slip together" in outcome.message
 
 
+@pytest.mark.parametrize("friction", [(0.2, 0.4), (0.4, 0.2)])
+def test_of_two_contacts_in_one_place_that_with_more_friction_takes_the_load(friction: tuple[float, float]) -> None:
+    """They stick as one contact with the larger friction; where they slip, the shares of the impulse decide."""
+    single = frame(0.3, 0.5)
+    doubled = Doubled(**dict(single.walker))
+    both = dict(zip(("left", "left_too"), friction, strict=True))
+    falls = np.array([-0.2, 1.0, 0.0, 0.0, 0.0, 0.0])  # the left foot comes first; alone it needs 0.258
+    needed = {"left": 0.25, "left_too": 0.26} if friction[0] < friction[1] else {"left": 0.26, "left_too": 0.25}
+    for values in (both, needed):
+        one = Simulator(single.dynamics(max(values.values()))).step(falls)
+        two = Simulator(dynamics_of(doubled, {**values, "right": max(values.values())})).step(falls)
+        for ours, theirs in zip(one.step.arcs[:2], two.step.arcs[:2], strict=True):
+            assert theirs.states[-1] == pytest.approx(ours.states[-1], rel=1e-9, abs=1e-9)
+    lower = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.25, "right": 0.4})).step(falls)
+    assert lower.ending == Ending.UNDETERMINED
+    assert "the impulses do not determine the impact" in lower.message
+
+
 def test_a_mirrored_frame_on_a_mirrored_slope_moves_as_its_mirror_image() -> None:
     state = np.array([0.2, 0.9, 0.0, -0.3, 0.0, 0.4])
     mirror = np.array([-1, 1, -1, -1, 1, -1])
