@@ -74,6 +74,10 @@ NEARBY: dict[str, Any] = {"mu_init": 1e-3, "warm_start_init_point": "yes"} | {
     for what in ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
 }
 """IPOPT stays near the start of a search whose solution and multipliers are close."""
+CLOSE: dict[str, Any] = {"mu_init": 1e-4, "bound_mult_init_method": "mu-based"} | dict.fromkeys(
+    ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-7
+)
+"""It stays near a start that is close to a solution, whose multipliers are not known."""
 DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
@@ -830,9 +834,13 @@ class Collocation:
         progress: Valued = None,
         should_stop: Stop = None,
         again: "tuple[Collocation, IpoptResult] | None" = None,
+        close: bool = False,
         max_iterations: int = MAX_ITERATIONS,
     ) -> IpoptResult:
-        """IPOPT's solution from a motion; ``again`` is the same program without the last places, and its solution."""
+        """IPOPT's solution from a motion, which is ``close`` to one or not.
+
+        ``again`` is the same program without the last places, and its solution.
+        """
         unknowns, rows = self.blocks
         program = Program(
             unknowns=(unknowns,),
@@ -842,7 +850,8 @@ class Collocation:
             x0=self.start(motion, values, durations, freed),
             p0=self.dynamics.p,
         )
-        options = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0} | (NEARBY if again else {})
+        options = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0}
+        options |= NEARBY if again else CLOSE if close else {}
         ipopt = Ipopt(program, options=options, exact=True, derivatives=self.program.derivatives)
         multipliers = None if again is None else self._extended(*again)
         return ipopt.solve(multipliers=multipliers, progress=progress, should_stop=should_stop)

@@ -91,11 +91,19 @@ def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
     return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
 
-def missing_event(system: HybridSystem, cycle: Cycle, phase: int) -> Cause:
-    """Why a phase of the guess has no end; the cause may be a reference that is too short."""
+def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array | None = None) -> Cause:
+    """Why a phase of the guess has no end; the cause may be a reference that is too short.
+
+    Parameters
+    ----------
+    margins : of the phase just after its start: where that of its end is negative, the phase does not begin.
+    """
     control = system.control
     ending = system.transitions.ending(cycle, phase).guard
     words = f"{cycle.phase_words(phase)} has no end: from the guess, {margin(ending).absent}"
+    names = system.transitions.margin_names(cycle.phases[phase])
+    if margins is not None and ending in names and margins[names.index(ending)] < 0:
+        words = f"{cycle.phase_words(phase)}: from the guess, it would end before it begins, so it does not take place"
     what, end = ending, None
     if ending == "touchdown" and control.breakpoints and np.isinf(control.horizon):
         what, end = "reference", control.breakpoints[-1]

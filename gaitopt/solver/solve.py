@@ -86,7 +86,7 @@ def solve_gait(
         elif method is Method.NEWTON:
             return failed(Method.NEWTON, near.status, f"{near.words}; {FARTHER}", near.iterations)
     elif guess.endless is not None and method is Method.NEWTON:
-        cause = missing_event(system, cycle, guess.endless)
+        cause = _missing_event(guess, guess.endless)
         return failed(Method.NEWTON, Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
 
     def ipopt(start: Solution) -> Solution:
@@ -133,6 +133,14 @@ def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Sol
     return start, end
 
 
+def _missing_event(guess: Rollout, phase: int) -> Cause:
+    """Why a phase of a guess has no end, by its margins one integration step after its start."""
+    system, motion = guess.dynamics.system, guess.motions[phase]
+    k = min(1, motion.times.size - 1)
+    at = system.margins(guess.cycle.phases[phase])(motion.times[k], motion.states[k], motion.p, motion.data[k])
+    return missing_event(system, guess.cycle, phase, np.asarray(at).ravel())
+
+
 @overflow_allowed()
 def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
     """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
@@ -147,7 +155,7 @@ def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: 
     """
     missing = None
     if guess.endless is not None:
-        missing = missing_event(failed.equations.system, failed.equations.mesh.cycle, guess.endless)
+        missing = _missing_event(guess, guess.endless)
         if missing.what == "reference":
             return (missing,)
     begin = Solution(failed.equations, start.w, failed.p)

@@ -14,7 +14,7 @@ a direction v follows from walks alone, by differences that are extrapolated to 
     (Pi(xi + h v) - Pi(xi - h v)) / 2h = DPi v + c_2 h^2 + c_4 h^4 + ...    Ridders (1982), Adv. Eng. Software 4, 75-76
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
@@ -285,16 +285,26 @@ def directional_derivative(
         other = None if one is None else ahead(-h)
         return None if one is None or other is None else (one + other) / 2
 
-    best, error, sides = None, np.inf, [ahead, behind]
-    if central(LARGEST) is None:  # where a small deviation to a side has other modes, so do larger ones
-        sides = [side for side in sides if side(SMALL) is not None] or sides
-    if len(sides) == 2:
-        best, error = extrapolated(central, power=2, goal=goal)
-    for one_sided in sides:
-        if error > enough:
-            derivative, its_error = extrapolated(one_sided, power=1, goal=goal)
-            if its_error < error:
-                best, error = derivative, its_error
+    def attempts() -> Iterator[tuple[Difference, int]]:
+        """Differences in turn, with the first power of h in their errors."""
+        sides = (ahead, behind)
+        wide = [side for side in sides if side(LARGEST) is not None]
+        if len(wide) == 2:
+            yield central, 2
+        yield from ((side, 1) for side in wide)
+        if len(wide) < 2:  # where a small deviation to a side has other modes, so do larger ones
+            small = [side for side in sides if side(SMALL) is not None] or sides
+            if len(small) == 2:
+                yield central, 2
+            yield from ((side, 1) for side in small if side not in wide)
+
+    best, error = None, np.inf
+    for difference, power in attempts():
+        derivative, its_error = extrapolated(difference, power=power, goal=goal)
+        if its_error < error:
+            best, error = derivative, its_error
+        if error <= enough:
+            break
     return best, error, reason
 
 

@@ -53,7 +53,11 @@ def test_command_library_sweep_and_worker_agree_to_the_last_digit(name, run):
     middle = (load_problem(file).parameters[axis] + value) / 2
     for workers in (1, 2):
         swept = sweep(base, {axis: (middle, value, 2)}, workers=workers, output=f"s{workers}", progress=False)
-        assert digits(swept.records[-1]) == expected
+        last = swept.records[-1]
+        if last["start"] == "scan":  # which finds at once that a place has no gait
+            assert last["status"] == expected["status"] == "infeasible"
+        else:
+            assert digits(last) == expected
 
 
 def test_a_worker_of_its_own_agrees_to_the_last_digit():
