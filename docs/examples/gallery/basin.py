@@ -13,4 +13,6 @@ print(basin)
 assert attractor.period == 1 and attractor.phases == ("slip_forward", "stick", "slip_backward")
 assert abs(attractor.count - 534) <= 5
 
-basin.plot().figure.savefig("basin.png", dpi=110)
+figure = basin.plot().figure
+figure.set_size_inches(4.4, 3.6)
+figure.savefig("basin.png", dpi=160)

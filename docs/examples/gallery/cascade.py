@@ -26,4 +26,5 @@ print("Lyapunov exponents on the steepest slopes:", np.round(exponents, 2))
 assert min(exponents) > 0.1  # chaos
 
 figure = bifurcation_diagram(settled, "theta1", {"gaits": branch.to_records()})
-figure.savefig("cascade.png", dpi=110)
+figure.set_size_inches(4.4, 3.6)
+figure.savefig("cascade.png", dpi=160)

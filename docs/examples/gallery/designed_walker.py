@@ -16,5 +16,6 @@ assert designed.measures["cost_of_transport"] < before.measures["cost_of_transpo
 assert designed.spectral_radius < 0.5 < 0.9 < before.spectral_radius < 1
 assert go.verify(designed).passed
 
-axes = go.plot({"gait III": before, "designed": designed}, "portrait")
-axes.figure.savefig("designed_walker.png", dpi=110)
+figure = go.plot({"gait III": before, "designed": designed}, "portrait").figure
+figure.set_size_inches(4.4, 3.8)
+figure.savefig("designed_walker.png", dpi=160)

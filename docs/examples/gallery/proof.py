@@ -15,10 +15,10 @@ assert abs(float(proof.spectral_radius) - 0.82060606671) < 1e-10
 
 claims = [claim for claim in reversed(proof.claims) if claim.margin is not None]
 with go.figure_style():
-    figure = Figure(figsize=(6, 4.4))
+    figure = Figure(figsize=(4.4, 3.6))
     axes = figure.subplots()
     names = [claim.name.replace("_", " ") for claim in claims]
     axes.barh(names, [float(claim.margin) for claim in claims], color="#0072b2")
     axes.set(xscale="log", xlabel="proved margin [SI]", title=f"{len(proof.claims)} claims proved")
     axes.tick_params(axis="y", labelsize="small")
-    figure.savefig("proof.png", dpi=110)
+    figure.savefig("proof.png")

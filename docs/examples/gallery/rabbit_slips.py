@@ -19,7 +19,7 @@ assert np.allclose(sorted(changes), [0.3602, 0.4609, 0.5667], atol=1e-4)
 assert all(point.gait.stable for point in branch.points)
 
 with go.figure_style():
-    figure = Figure(figsize=(6, 3.6))
+    figure = Figure(figsize=(4.4, 3))
     for axes, point in zip(figure.subplots(1, 2), (branch.points[0], branch.points[-1]), strict=True):
         arcs = motion_of(point.gait).steps[0].arcs
         films = [skeleton([arc]) for arc in arcs]
@@ -33,4 +33,4 @@ with go.figure_style():
         axes.axhline(0, color="#757575", linewidth=0.8, zorder=0)
         axes.set(aspect="equal", title=f"friction {point.value:.2f}, {point.gait.measures['speed']:.2f} m/s")
         axes.axis("off")
-    figure.savefig("rabbit_slips.png", dpi=110)
+    figure.savefig("rabbit_slips.png")

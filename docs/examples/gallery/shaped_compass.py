@@ -18,4 +18,6 @@ changes = [point.value for point in branch.special("mode_change")]
 print("the foot begins to slip at friction", changes)
 assert abs(changes[0] - 0.3411) < 1e-4
 
-branch.plot().figure.savefig("shaped_compass.png", dpi=110)
+figure = branch.plot().figure
+figure.set_size_inches(4.4, 4.2)
+figure.savefig("shaped_compass.png", dpi=160)

@@ -36,9 +36,9 @@ for runner, returns in ((inside, True), (beyond, False)):
     assert (walk.completed and distance < 1e-8) == returns
 
 with go.figure_style():
-    figure = Figure(figsize=(6, 4))
+    figure = Figure(figsize=(4.4, 3.2))
     axes = figure.subplots()
     axes.fill_betweenx(stiffnesses, folds, doublings, color="#0072b2", alpha=0.5)
     axes.set(xlabel="angle of attack [°]", ylabel="stiffness k l / (m g)")
     axes.annotate("stable running", (69.3, 23), xytext=(61, 30), arrowprops={"arrowstyle": "->"})
-    figure.savefig("spring_mass_running.png", dpi=110)
+    figure.savefig("spring_mass_running.png")

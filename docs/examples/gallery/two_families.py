@@ -23,4 +23,6 @@ families = {
 print("the long steps lose their stability on a slope of", doubling)
 assert abs(doubling - 0.0151) < 1e-4
 
-go.plot(families, "step_length").figure.savefig("two_families.png", dpi=110)
+figure = go.plot(families, "step_length").figure
+figure.set_size_inches(4.4, 3.4)
+figure.savefig("two_families.png", dpi=160)
