@@ -39,7 +39,7 @@ ANIMATION = "animation"
 """Name of the page of the moving walker, beside the names of figures."""
 UNTITLED = (Branch, Trajectory, NonlinearProgram)
 """Results whose tables do not begin with what they are."""
-SMALL = 60
+SMALL = 80
 """Resolution of the picture beside a table [dots per inch]; figures are six inches wide."""
 
 
