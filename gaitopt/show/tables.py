@@ -403,9 +403,10 @@ def print_basin(console: Console, record: Record) -> None:
 
 def print_attractors(console: Console, result: Attractors) -> None:
     """What walks settle on: neighbouring values with the same cycle lengths in one row."""
-    key, unit = result.axis.key, unit_of(result.axis.key, result.problem)
+    key, unit = result.axis.key, result.axis.unit or unit_of(result.axis.key, result.problem)
     rows, before = list[tuple[str, ...]](), ""
     for record in result.records:
+        value = number(math.degrees(record["value"]) if unit == "deg" else record["value"])
         runs = record["attractors"]
         words = ", ".join(sorted({_long_run_words(run) for run in runs})) or "none"
         rates = [run["lyapunov"] for run in runs if run["lyapunov"] is not None]
@@ -414,9 +415,9 @@ def print_attractors(console: Console, result: Attractors) -> None:
             first, _, _, least, most = rows.pop()
             span = [*span, *(float(text) for text in (least, most) if text)]
         else:
-            first = number(record["value"])
+            first = value
         ends = (f"{min(span):.4g}", f"{max(span):.4g}") if span else ("", "")
-        rows.append((first, number(record["value"]), words, *ends))
+        rows.append((first, value, words, *ends))
         before = words
     title = f"{result.problem.name}: what walks settle on over {key}{f' [{unit}]' if unit else ''}"
     columns = ("from", "to", "attractors", "least exponent", "largest exponent")

@@ -1,6 +1,7 @@
 """What walks settle on: Lyapunov exponents against multipliers and against diverging walks, and folders that resume."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -79,6 +80,9 @@ def test_the_command_prints_one_object_per_attractor_and_draws_over_a_branch(tmp
     table = capsys.readouterr().out
     assert "cycle of 1 step" in table
     folder = table.split("run: ")[1].strip()
+    slopes = ["walker.slope=13deg:13.5deg:2" if word == words[1] else word for word in command]
+    assert main(slopes) == 0
+    assert re.search(r"walker\.slope \[deg\].*^  13   13\.5   cycle of 1 step", capsys.readouterr().out, re.M | re.S)
     assert main(["continue", WHEEL, "--param", "friction", "--to", "0.36", "--to", "0.44", "-o", "b", "--quiet"]) == 0
     capsys.readouterr()
     assert main(["plot", folder, "--over", "b", "--what", "dtheta", "--format", "svg", "--quiet"]) == 0
