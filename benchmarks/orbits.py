@@ -20,6 +20,7 @@ import gaitopt as go
 from gaitopt.api.verbs import check_proof
 from gaitopt.engines.plant import tree_record
 from gaitopt.gait.measures import observe
+from gaitopt.problem.statement import digest_of
 from gaitopt.proof.prove import exact_texts
 from gaitopt.show.film import skeleton
 from gaitopt.show.gaits import MODE_COLOURS
@@ -106,9 +107,9 @@ def at_start(mjcf: str, start: dict, friction: float) -> str:
 
 def prove(gait: go.Gait, exact: dict[str, str], file: Path) -> tuple[dict | None, str | None]:
     """The theorem about a gait, whose certificate is in ``file``; or why there is none."""
-    problem = json.loads(json.dumps(gait.problem.resolved()))
-    kept = json.loads(file.read_text()) if file.exists() else {}
-    holds = kept.get("resolved") == problem and kept["parameters"] == exact  # designed values may change by rounding
+    kept = json.loads(file.read_text()) if file.exists() else {"resolved": {}}
+    same = digest_of(kept["resolved"]) == gait.problem.digest
+    holds = same and kept["parameters"] == exact  # designed values may change by rounding
     proof = check_proof(file) if holds else None
     if proof is None or not proof.proved:
         proof = go.prove(gait, progress=False)
