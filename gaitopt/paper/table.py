@@ -29,23 +29,23 @@ class Reason(StrEnum):
 EXPLANATIONS = {
     Reason.LEG_LENGTH: (
         "The paper prints leg length 0.8 and mass position 0.5. Its numbers belong to a leg of 1.6 m with the mass in "
-        "its middle, 0.8 m from the foot, which is what we use. Taken literally, the printed lengths give another gait."
+        "its middle, 0.8 m from the foot, which we use. The printed lengths give another gait."
     ),
     Reason.TORQUE_SIGN: (
         "With the printed matrix E the printed constant torques would brake. They belong to a motor with the opposite "
         "sign; the same generalised forces are ankle = -tau1 - 2 tau2 and hip = tau2 here."
     ),
     Reason.FRICTIONLESS_IMPACT: (
-        "We let a slipping impact obey Coulomb's law, eqs (10) and (11). The printed number is nearer to an impact "
-        "that slips without any tangential impulse, which is also computed."
+        "We let a slipping impact obey Coulomb's law, eqs (10) and (11). The printed number is closer to that of a "
+        "slipping impact without tangential impulse, which is also computed."
     ),
     Reason.REFERENCE_END: (
         "A step of gait III outlasts the reference that it tracks, and the paper does not say what the reference is "
-        "beyond its end. We let it flow on along its own motion; the other readings are computed too."
+        "beyond its end. Here the reference continues along its own motion; the other readings are computed too."
     ),
     Reason.ROUNDING: (
-        "The number depends on torques that are printed with two decimals. Over all torques that round to the printed "
-        "ones the computed number covers the range given."
+        "The number depends on torques that are printed with two decimals. The range is that of the computed number "
+        "over all torques that round to the printed ones."
     ),
     Reason.UNEXPLAINED: "We know of no reason.",
 }
@@ -292,9 +292,9 @@ DIGITS = 5
 """Significant digits in the Markdown table; the JSON has all of them."""
 INTRODUCTION = """# Gamus & Or (2013): every printed number, computed again
 
-Written by `gaitopt reproduce gamus-or-2013`. *agrees* means to the last printed digit. A reason stands where a number
-differs, or where the paper had to be read differently for it to agree; the list of reasons is below. Nothing was fitted
-to a printed digit.
+Written by `gaitopt reproduce gamus-or-2013`. *agrees* means to the last printed digit. A reason is given where
+a number differs, or agrees only if the paper is read differently; the reasons are listed below. Nothing was fitted to a
+printed digit.
 """
 
 
@@ -332,7 +332,7 @@ def markdown(table: Mapping[str, Any]) -> str:
     """The table as Markdown."""
     reasons = [f"- **{reason}**: {EXPLANATIONS[reason]}" for reason in Reason]
     sections = (INTRODUCTION, *_numbers(table["numbers"]), "", "## Reasons", "", *reasons, "")
-    return "\n".join([*sections, "## Sentences without a number", "", *_sentences(table["sentences"]), ""])
+    return "\n".join([*sections, "## Statements without a number", "", *_sentences(table["sentences"]), ""])
 
 
 def _numbers(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
