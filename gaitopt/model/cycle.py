@@ -91,7 +91,7 @@ class Cycle:
                 continue
             for name, word in impact.contacts.items():
                 goes_on = (word, OFF) if impact.is_named else (word,)
-                if impact.directions[name] and first.contacts[name] not in goes_on:
+                if impact.directions[name] and first.contacts.get(name) not in goes_on:
                     who, follows = ("the foot", "first") if name == FOOT else (name, "next")
                     raise ValueError(
                         f"after an impact with {impact} {who} is already slipping: "

@@ -349,7 +349,7 @@ class _StatementReader:
         """The guess of a motion that is not known: straight between postures."""
         path, model, walker = ("gait", "guess"), self._model, self._walker
         section = self._section(FirstGuessSection, data, path)
-        if section is None or model is None or walker is None:
+        if section is None or model is None or walker is None or not phases:
             return None
         if (section.step_length is None) == (section.postures is None):
             both = "exclude each other: keep one" if section.postures else "is missing; or give postures, or a state"

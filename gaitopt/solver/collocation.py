@@ -78,6 +78,9 @@ CLOSE: dict[str, Any] = {"mu_init": 1e-4, "bound_mult_init_method": "mu-based"} 
     ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-7
 )
 """It stays near a start that is close to a solution, whose multipliers are not known."""
+OBJECTIVE_SLOPE, LONGER = 10.0, 5
+"""Of searches with bounds on |power|: largest slope to which the objective is scaled, because absolute work is small next
+to powers, and factor of the number of iterations, of which they take some 400."""
 DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
@@ -91,7 +94,8 @@ SMOOTHING = 3e-5
 ROOM = 1e-7
 """Distance of margins from zero, in natural units: above the error of the collocation, below all that is measured."""
 EVENT, DURATION = "event", "duration of the law"
-STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT, DURATION)
+POWER = "absolute_power"
+STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT, DURATION, POWER)
 """Rows that define a motion rather than limit it."""
 MOTION = ("defect", "interpolation", "reset")
 """Those that compare states, all coordinates in turn."""
@@ -159,6 +163,13 @@ class Goals:
     def formulas(self) -> tuple[str, ...]:
         """Scalars that have a formula."""
         return tuple(name for name in self.names if name in SCALARS and SCALARS[name].formula)
+
+    @property
+    def bounds_power(self) -> bool:
+        """Whether bounds on |power|, which are unknowns, replace it: less absolute work is better, or only limited."""
+        name = "absolute_cost_of_transport"
+        kept = name not in self.ranges or np.isinf(self.ranges[name].minimum)
+        return name in self.names and self.objective.get(name, 0.0) >= 0 and kept
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -281,14 +292,15 @@ class _Key:
     goals: tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]
     dynamic: bool
     timed: bool
+    bounds_power: bool
 
 
 @built_once(maxsize=64)
 def _point(key: _Key) -> Function:
-    """(y, c, p) -> (0, g) of a point, with y = (z, torque values, durations, T, freed, extrema).
+    """(y, c, p) -> (0, g) of a point, with y = (z, torque values, bounds of |power|, durations, T, freed, extrema).
 
     c = (start of the time and of h, each affine in the durations and T; interval of the law; weight; clearance; data)
-    and g = (-h dz/dt if dynamic, margins, path quantities, extrema, -weight h rates).
+    and g = (-h dz/dt if dynamic, margins, path quantities, extrema, |power| below its bounds, -weight h rates).
     """
     system, mode = key.system, key.mode
     extrema, paths, rates = key.goals
@@ -298,8 +310,8 @@ def _point(key: _Key) -> Function:
     ends = 2 if isinstance(law, OpenLoop) and law.order is Order.LINEAR else 1
     z, values = SX.sym("z", n), SX.sym("values", len(motors) * ends)
     d, v, e = SX.sym("d", m), SX.sym("v", len(key.free)), SX.sym("e", len(extrema))
-    duration = SX.sym("T", int(key.timed))
-    y, T = vertcat(z, values, d, duration, v, e), duration if key.timed else sum1(d)
+    duration, most = SX.sym("T", int(key.timed)), SX.sym("P", len(system.walker.actuators) if key.bounds_power else 0)
+    y, T = vertcat(z, values, most, d, duration, v, e), duration if key.timed else sum1(d)
     data = SX.sym("r", 0 if open_loop else system.n_r)
     time, length = SX.sym("time", m + 2), SX.sym("h", m + 2)
     segment, weight, arch = SX.sym("segment"), SX.sym("weight"), SX.sym("arch")
@@ -330,10 +342,12 @@ def _point(key: _Key) -> Function:
             case "min_normal_force":
                 rows += [force[1] - e[k]]
     width = SMOOTHING * system.weight(full)
+    if key.bounds_power:
+        rows += [most - power, most + power]
     if key.dynamic:
         by_rate = {
             "power": sum1(power),
-            "absolute_power": sum1(sqrt(power**2 + width**2)),
+            POWER: sum1(most) if key.bounds_power else sum1(sqrt(power**2 + width**2)),
             "squared_torque": sum1(torque**2),
         }
         rows += [-weight * h * by_rate[rate] for rate in rates]
@@ -446,6 +460,7 @@ class Collocation:
             "extrema": len(self.goals.extrema),
             "integrals": len(rates),
             "lengths": 3,  # distance, slip, work of the push
+            "powers": self._n_powers * sum(pt.dynamic for pt in self.points),
         }
         ends = np.cumsum([0, *sizes.values()])
         self.slices = {name: slice(a, b) for name, a, b in zip(sizes, ends, ends[1:], strict=False)}
@@ -471,6 +486,11 @@ class Collocation:
         ends = 2 if self.law.order is Order.LINEAR else 1
         first = self.slices["values"].start
         return [first + j * self.law.count + segment + k for j in range(len(self.law.values)) for k in range(ends)]
+
+    @property
+    def _n_powers(self) -> int:
+        """Bounds of |power| at a collocation point."""
+        return len(self.system.walker.actuators) if self.goals.bounds_power else 0
 
     def _state_columns(self, state: int) -> list[int]:
         n = self.system.n_z
@@ -559,14 +579,16 @@ class Collocation:
         return self.goals.ranges[CLEARANCE].minimum if CLEARANCE in self.goals.ranges else 0.0
 
     def _point_function(self, mode: Mode, *, dynamic: bool) -> Function:
-        goals = (self.goals.extrema, self.goals.paths, self._rates)
-        return _point(_Key(self.system, mode, len(self.cycle.phases), tuple(self.free), goals, dynamic, self.timed))
+        goals, bounds_power = (self.goals.extrema, self.goals.paths, self._rates), dynamic and self._n_powers > 0
+        phases, free = len(self.cycle.phases), tuple(self.free)
+        return _point(_Key(self.system, mode, phases, free, goals, dynamic, self.timed, bounds_power))
 
     def _points_of(self, rows: "_Rows", integrals: list[int], mode: Mode, dynamic: bool) -> Elements | None:
         """The points of a mode that are collocation points, or the others."""
         goals, n, names = self.goals, self.system.n_z, self.system.transitions.margin_names(mode)
         units, weights = self.dynamics.margin_units(mode), np.append(0.0, self._B)
         constants, columns, places = list[Array](), list[list[int]](), list[list[int]]()
+        n_powers = self._n_powers if dynamic else 0
         for pt in self.points:
             interval = self.mesh[pt.interval]
             if pt.dynamic is not dynamic or self.cycle.phases[interval.phase] is not mode:
@@ -575,7 +597,11 @@ class Collocation:
             weight = weights[j] if dynamic else 0.0
             t, data = interval.start + pt.fraction * h, self._data(interval.segment)
             constants.append(np.concatenate([t, h, [interval.segment, weight, self._arch], data]))
-            columns.append([*self._state_columns(pt.state), *self._value_columns(interval.segment), *self._tail])
+            of_point = self._state_columns(pt.state) + self._value_columns(interval.segment)
+            if n_powers:
+                first = self.slices["powers"].start + n_powers * (pt.interval * self._degree + j - 1)
+                of_point += range(first, first + n_powers)
+            columns.append(of_point + self._tail)
             rows.at = Label(name="", mode=mode, phase=interval.phase, node=pt.state)
             own = rows.new(n, "defect") if dynamic else list[int]()
             states = [self._first[pt.interval], *range(inner := self._inner(pt.interval), inner + self._degree)]
@@ -596,6 +622,7 @@ class Collocation:
             for name in goals.extrema:
                 count = {"peak_torque": 2 * len(self.system.walker.actuators), "min_normal_force": 1}.get(name, 0)
                 own += rows.new(2 if name == "required_friction" and mode.sticks else count, name, 0.0, np.inf)
+            own += rows.new(2 * n_powers, POWER, 0.0, np.inf)
             places.append(own + (integrals if dynamic else []))
         rows.at = Label(name="")
         if not places:
@@ -730,7 +757,13 @@ class Collocation:
         units = {name: unit_of(name, self.system) or SI["one"] for name in (*self.free, *self.goals.extrema)}
         units |= {rate: unit_of(RATES[rate], self.system) for rate in self._rates}
         units |= dict(zip(("distance", "slip", "push_work"), LENGTHS, strict=True))
-        return (*labels, *(Label(name=name, unit=unit) for name, unit in units.items()))
+        labels += [Label(name=name, unit=unit) for name, unit in units.items()]
+        points = [pt for pt in self.points if pt.dynamic] if self._n_powers else []
+        for pt in points:
+            phase = self.mesh[pt.interval].phase
+            at = Label(name=POWER, mode=self.cycle.phases[phase], phase=phase, node=pt.state, unit="W")
+            labels += [replace(at, coordinate=motor) for motor in self.system.walker.actuators]
+        return tuple(labels)
 
     @property
     def g_labels(self) -> tuple[Label, ...]:
@@ -750,6 +783,8 @@ class Collocation:
                 unit = LENGTHS[run]
             elif name == DURATION:
                 unit = "s"
+            elif name == POWER:
+                unit = "W"
             elif name == CLEARANCE:
                 unit = "m"
             elif name.startswith(ANGLE):
@@ -850,8 +885,10 @@ class Collocation:
             x0=self.start(motion, values, durations, freed),
             p0=self.dynamics.p,
         )
-        options = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0}
+        options: dict[str, Any] = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0}
         options |= NEARBY if again else CLOSE if close else {}
+        if self._n_powers:
+            options |= {"nlp_scaling_obj_target_gradient": OBJECTIVE_SLOPE, "max_iter": LONGER * max_iterations}
         ipopt = Ipopt(program, options=options, exact=True, derivatives=self.program.derivatives)
         multipliers = None if again is None else self._extended(*again)
         return ipopt.solve(multipliers=multipliers, progress=progress, should_stop=should_stop)
@@ -896,6 +933,9 @@ class Collocation:
         rows = Function("rows", [self.program.x, self.program.p], [self.program.g])
         g = np.asarray(rows(x, self.dynamics.p)).ravel()
         names = np.array(self.row_names)
+        if self._n_powers:
+            x[self.slices["powers"]] = -g[names == POWER].reshape((-1, 2, self._n_powers)).min(axis=1).ravel()
+            g = np.asarray(rows(x, self.dynamics.p)).ravel()
         x[self.slices["integrals"]] -= g[names == "integral"]
         x[self.slices["lengths"]] -= g[names == "lengths"]
         for k, name in zip(self.columns("extrema"), self.goals.extrema, strict=True):

@@ -157,6 +157,28 @@ def test_every_objective_gives_a_verified_optimum(objective):
     assert gait.solver["kkt"] < 1e-8
 
 
+def test_absolute_work_is_found_with_bounds_on_power_that_are_tight():
+    program = go.nlp(go.parse_problem(COMPASS.replace("cost_of_transport", "absolute_cost_of_transport")))
+    w = solved_by_casadi(program)
+    nlp = program.casadi()
+    rows = np.asarray(ca.Function("rows", [nlp["x"], nlp["p"]], [nlp["g"]])(w, program.p0)).ravel()
+    room = rows[[label.name == "absolute_power" for label in program.g_labels]].reshape((-1, 2, 2))
+    np.testing.assert_allclose(room.min(axis=1), 0, atol=1e-3)  # of two motors, in W
+    np.testing.assert_array_equal(program.pack(program.unpack(w)), w)
+    assert (program.x_labels[-1].name, program.x_labels[-1].unit) == ("absolute_power", "W")
+    assert go.verify(program.gait(w)).passed
+
+
+@pytest.mark.slow
+def test_the_robot_walks_with_a_quarter_of_the_absolute_work():
+    changes = {"objective": "absolute_cost_of_transport", "constraints.clearance": {"min": 0.02}}
+    gait = go.solve(go.load_problem("rabbit-optimal").replace(changes), progress=False)
+    assert gait.converged, gait.message
+    assert gait.measures["absolute_cost_of_transport"] < 0.06  # 0.2188 with the least squared torques
+    assert gait.solver["kkt"] < 1e-8
+    assert go.verify(gait).passed
+
+
 @pytest.mark.slow
 def test_an_open_mode_sequence_leads_to_a_verified_optimum():  # not the best: a slip costs 0.4 % less
     gait = go.solve(go.parse_problem(COMPASS).replace({"gait.phases": "auto"}), progress=False)

@@ -20,7 +20,6 @@ DESIGNS = {"compass-pd-designed": 4, "compass-pd-slippery": 2, "rabbit-optimal":
 """Curves are designed anew for each gait, which takes long; farther away their constraints cannot be met."""
 LONG = (
     "rabbit-hzd",
-    "rabbit-hzd-slip",
     "rabbit-tracked",
     "crawler",
     "heel-toe",
@@ -30,7 +29,7 @@ LONG = (
     "compass-pd-impact-slip",
     "compass-torque-stable-slip",
 )
-RARE = {"compass-virtual-constraint-slip": 5, "inchworm": 3, "bounding-overlap": 3}
+RARE = {"compass-virtual-constraint-slip": 5, "inchworm": 3, "bounding-overlap": 3, "rabbit-hzd-slip": 2}
 """Most variants of these have another mode sequence."""
 COUNTS = dict.fromkeys(go.problem_names(), 20) | dict.fromkeys(LONG, 10) | DESIGNS | RARE
 """Gaits of each named problem that are judged."""
