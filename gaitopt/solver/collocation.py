@@ -79,8 +79,8 @@ CLOSE: dict[str, Any] = {"mu_init": 1e-4, "bound_mult_init_method": "mu-based"} 
 )
 """It stays near a start that is close to a solution, whose multipliers are not known."""
 OBJECTIVE_SLOPE, LONGER = 10.0, 5
-"""Of searches with bounds on |power|: largest slope to which the objective is scaled, because absolute work is small next
-to powers, and factor of the number of iterations, of which they take some 400."""
+"""Of searches with bounds on |power|: slope to which the objective is scaled, because absolute work is small next to
+powers, and factor of the number of iterations, of which they take some 400."""
 DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
