@@ -9,6 +9,7 @@ import os
 import re
 import runpy
 import shlex
+from dataclasses import is_dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -47,14 +48,20 @@ FIELD = re.compile(r"^(\*{0,2}\w+(?:, \w+)*) : (.*)$")
 
 
 def split_fields(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Lead ``a, b : words`` apart into two fields with words, which napoleon would take for a type."""
+    """Put the words of ``a, b : words`` on a line of their own, because napoleon takes them for a type."""
     if what == "property":
         lines[0] = lines[0].replace(": ", " - ")
-    parted = []
+    split = []
     for line in lines:
-        field = FIELD.match(line)
-        parted += [text for key in field[1].split(", ") for text in (key, f"    {field[2]}")] if field else [line]
-    lines[:] = parted
+        field = FIELD.match(line)  # names without spaces: Sphinx takes what is before a space for a type
+        split += [field[1].replace(", ", ","), f"    {field[2]}"] if field else [line]
+    lines[:] = split
+
+
+def shorten_signature(app: Any, what: str, name: str, obj: Any, options: Any, signature: Any, returned: Any) -> Any:
+    """Leave out the signatures of classes whose fields are listed anyway, and which a reader does not construct."""
+    built = what == "class" and signature and ("<factory>" in signature or app.env.docname == "api-results")
+    return ("", returned) if built and is_dataclass(obj) else None
 
 
 def visit_inline(writer: Any, node: Any) -> None:
@@ -145,6 +152,7 @@ def draw_start_page(app: Any, failed: Exception | None) -> None:
 def setup(app: Any) -> None:
     """Register them."""
     app.connect("autodoc-process-docstring", split_fields, priority=1)
+    app.connect("autodoc-process-signature", shorten_signature)
     app.connect("doctree-read", run_tutorial, priority=1)
     app.connect("build-finished", draw_start_page)
     app.add_html_math_renderer("mathml", (visit_inline, None), (visit_block, None))

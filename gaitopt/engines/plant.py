@@ -66,7 +66,7 @@ class Foot(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tree:
-    """Bodies in an order in which parents come first, the two feet (the first one stands), and gravity (x, z)."""
+    """Bodies with parents first, the two feet with the stance foot first, and gravity (x, z)."""
 
     bodies: tuple[Body, ...]
     feet: tuple[Foot, Foot]
@@ -103,7 +103,7 @@ class Tree:
             body, within = self.bodies[body].parent, self.bodies[body].position
 
     def foot(self, foot: int, q: Array, v: Array) -> tuple[Array, Array]:
-        """(x, y) of a foot as coordinates of the gait, and their rates: the tip, of a round foot less its rolling."""
+        """Coordinates (x, y) of a foot as in the gait, and their rates: its tip; for a round foot minus its rolling."""
         body, tip, R = self.feet[foot]
         place, velocity = self.point(body, tip, q, v)
         return place - (R * self.angles(q)[body], R), velocity - (R * self.angles(v)[body], 0)

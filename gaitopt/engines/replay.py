@@ -91,7 +91,7 @@ class Outcome:
     dt : time step [s].
     ending : ``completed``, ``no touchdown``, ``diverged``, ``failed: ERROR``, or ``crashed: SIGNAL``.
     sequence : modes that the engine's stance foot goes through, step by step.
-    motion : times [s], place of the stance foot from its start [m], and shape coordinates, thinned for pictures.
+    motion : times [s], path of the stance foot [m] and shape coordinates, thinned for pictures.
     deviation : difference of the state before the last impact, of which ``error_before_impact`` is the largest entry.
     """
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """One condition of a gait that does not hold.
+    """One violated condition, a reason why there is no gait.
 
     Attributes
     ----------
@@ -434,7 +434,7 @@ def require_gait(start: object, call: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attractor(ReadOnlyArrays):
-    """A gait to which walks converge, as the simulator finds it: a state, and the steps after which it returns.
+    """A gait to which simulated walks converge: a state, and the number of steps after which it repeats.
 
     Attributes
     ----------

@@ -136,7 +136,7 @@ def _contact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """The arcs between two impacts, and the impact at their end (None when the motion ended before)."""
+    """The arcs between two impacts, and the impact at their end (None if the motion ended before it)."""
 
     arcs: tuple[Arc, ...]
     impact: ImpactRecord | None

@@ -179,7 +179,7 @@ def walker_from_text(text: str, feet: tuple[str, str], file: str) -> type[UrdfWa
     Raises
     ------
     ProblemError
-        If the robot is not planar, no tree, has no inertia or no point feet, or the file is wrong; with file and line.
+        If the robot is not a planar tree with inertia and point feet, or the file is wrong; with file and line.
     """
     return _Reader(text, feet, file).walker()
 

@@ -207,7 +207,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     phases : names of the phase variables, functions of the shape that grow along a step; each shape coordinate is one
         under its own name.
     largest_angle : largest size of the shape coordinates in walking [rad].
-    contacts : names of the contact points, if the walker has several; (x, y) is then a base point of the author's.
+    contacts : names of the contact points, if the walker has several; (x, y) is then a point of your choice.
     massless_contacts : those at the end of massless parts, which have coordinates of their own (``Contact.places``).
     landing_contacts : those whose landing ends a step: the shape is then relabelled, and the base point moves to
         ``swing_foot``.

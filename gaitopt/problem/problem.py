@@ -307,7 +307,7 @@ def load_problem(name_or_path: str | Path, *, walkers: Walkers = (), controls: C
 
     Parameters
     ----------
-    name_or_path : a name out of ``problem_names()``, or the path of a .yaml file.
+    name_or_path : a name from ``problem_names()``, or the path of a .yaml file.
     walkers, controls : classes of walkers and control laws that are not registered.
 
     Raises
@@ -348,7 +348,7 @@ def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:
     Raises
     ------
     ProblemError
-        If the file cannot be read, or its robot is not planar, no tree, or has no inertia or no point feet.
+        If the file cannot be read, or its robot is not a planar tree with inertia and point feet.
     """
     path, names = Path(path), (*feet,) if not isinstance(feet, str) else (feet,)
     if len(names) != 2 or not all(isinstance(name, str) for name in names):
