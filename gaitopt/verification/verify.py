@@ -427,7 +427,8 @@ def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
         outside = [np.maximum(np.maximum(arc.start - ours.times, ours.times - arc.end), 0.0) for arc in arcs]
         index = np.argmin(outside, axis=0)  # the first of those that contain the time, or else the closest one
         states = np.empty(ours.states.shape)
-        for k, arc in enumerate(arcs):
+        for k in np.unique(index).tolist():
+            arc = arcs[k]
             fractions = np.clip(2 * (ours.times[index == k] - arc.start) / arc.duration - 1, -1, 1)
             states[index == k] = chebyshev.chebval(fractions, curves.coefficients(arc.states)).T
         return states
