@@ -54,7 +54,8 @@ def split_fields(app: Any, what: str, name: str, obj: Any, options: Any, lines: 
     split = []
     for line in lines:
         field = FIELD.match(line)  # names without spaces: Sphinx takes what is before a space for a type
-        split += [field[1].replace(", ", ","), f"    {field[2]}"] if field else [line]
+        names = field[1].replace(", ", "/" if what == "class" else ",") if field else ""  # napoleon splits only these
+        split += [names, f"    {field[2]}"] if field else [line]
     lines[:] = split
 
 
