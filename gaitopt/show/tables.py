@@ -550,7 +550,7 @@ def _theorem_rows(words: Record) -> list[tuple[str, str]]:
 
 
 def _words(name: str) -> str:
-    return name.replace("_", " ")
+    return "Neimark-Sacker" if name == "neimark_sacker" else name.replace("_", " ")
 
 
 def printed(result: Any, *, titled: bool = False) -> str:
