@@ -10,6 +10,8 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from string import digits
 from types import UnionType
 from typing import Annotated, Any, Protocol, TypeVar, Union, get_args, get_origin
 
@@ -33,6 +35,7 @@ HINTS: Mapping[str, str] = {
     "bounc|rebound|restitution|elastic": "impacts are plastic, and nothing bounces",
     "stair|step_height|rough|terrain|obstacle": "the ground is a plane slope",
     "lateral|yaw|3d|width": "all motion is in a plane",
+    "electric|joule": "electrical work with R/k^2 of the windings: objective: {work: 1, torque_squared: R/k^2}",
     "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
 }
 """What to use in place of an unknown word, by its pattern; docs/scope.md says the same."""
@@ -169,7 +172,13 @@ def near_miss(word: object, allowed: Sequence[str]) -> str:
     if close:
         return f"; did you mean {' or '.join(close)}?"
     hints = [hint for pattern, hint in HINTS.items() if isinstance(word, str) and re.search(pattern, text.lower())]
-    return "; ".join([f"; allowed: {', '.join(allowed) or 'none'}", *hints[:1]])
+    words = list[str]()
+    for stem, group in groupby(
+        allowed, lambda name: name.rstrip(digits) if name.rpartition(".")[2].isdigit() else name
+    ):
+        first, *others = group  # of the values of one motor, only the first and the last
+        words += [f"{first} to {others[-1].removeprefix(stem)}"] if len(others) > 1 else [first, *others]
+    return "; ".join([f"; allowed: {', '.join(words) or 'none'}", *hints[:1]])
 
 
 def nearest_keys(key: str, known: Sequence[str]) -> str:

@@ -416,3 +416,8 @@ def test_a_message_is_one_line_whatever_the_file_holds():
         parse_problem(text)
     (line,) = str(raised.value).splitlines()
     assert r"cost\x85of_transport is not a scalar of a gait" in line
+
+
+def test_the_values_of_a_motor_are_listed_by_the_first_and_the_last():
+    with pytest.raises(ProblemError, match=r"control\.stance_hip\.0 to 20, control.*; electrical work .*work: 1"):
+        load_problem("rabbit-optimal").replace({"objective": "electrical_work"})
