@@ -82,10 +82,10 @@ def continue_(
 ) -> int:
     """Follow the family of a gait along a parameter.
 
-    Folds and changes of the mode sequence are passed; special points are located.
+    The branch passes folds and changes of the mode sequence, and special points are located on it.
 
-    RUN@special.K continues the other branches through a special point: at a period doubling the cycles with twice as
-    many steps, at a branch point the crossing curve, at a change of modes the other mode sequences.
+    RUN@special.K follows the other branches through a special point: cycles with twice as many steps at a period
+    doubling, the crossing curve at a branch point, other mode sequences at a mode change.
     Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
@@ -171,8 +171,8 @@ def front(
 ) -> int:
     """Solve a series of designs along one key, such as least cost versus speed.
 
-    The key runs up and down its range, and each design starts from its neighbour. The designs that no other one beats
-    form the Pareto front. Every design is stored as soon as it is found. Repeat the command to resume.
+    The values are solved upwards and downwards, each from the design at the previous value. The designs that no other
+    design beats form the Pareto front. Every design is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.api.pictures import save_figures
@@ -252,9 +252,9 @@ def attractors(
 ) -> int:
     """Find the attractors of a walker at many values of a parameter.
 
-    Long walks from several starts end on cycles of any length, or in chaos. Each attractor has its largest Lyapunov
-    exponent per step, which is positive for chaos. Finished values are stored; repeat the command to resume. `gaitopt
-    plot FOLDER --over RUN` draws the diagram over a branch.
+    Long walks from several starts settle on cycles of any length, or on chaos, where the largest Lyapunov exponent
+    per step is positive. Finished values are stored; repeat the command to resume. `gaitopt plot FOLDER --over RUN`
+    draws the diagram over a branch.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_attractors
@@ -291,9 +291,9 @@ def basin(
 ) -> int:
     """Compute basins of attraction on a grid of states.
 
-    A walk from every state is simulated until it settles on a gait or fails. The other coordinates are those of RUN's
-    gait. Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the gait of
-    the K-th attractor; RUN is the folder that basin prints.
+    From each state a walk is simulated until it settles on a gait or fails. The other coordinates are those of the
+    gait of RUN. Finished tiles are stored; repeat the command to resume. `gaitopt solve RUN@attractor.K` solves the
+    gait of the K-th attractor; RUN is then the folder that basin prints.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_basin

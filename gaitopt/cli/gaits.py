@@ -70,7 +70,7 @@ def solve(
 ) -> int:
     """Solve for a gait, verify it and store it.
 
-    With --set KEY=VALUE the gait of the file is followed to the new values; if its family ends on the way, the message
+    With --set KEY=VALUE the gait of the file is followed to the new values. If its family ends on the way, the message
     says where and why. --from-guess starts from the guess of the file instead.
 
     With --starts the distinct solutions are listed and the best one is stored. The result of each start is stored in
@@ -149,8 +149,8 @@ def simulate(
 ) -> int:
     """Simulate steps from a state.
 
-    Contact modes and impacts follow from the forces; every ending has a name. With -o the walk is stored; `plot` and
-    `report` then compare it with the gait of RUN, or of PROBLEM if that has been solved.
+    The simulation selects contact modes and impacts from the forces, and names the way in which the walk ends. With
+    -o the walk is stored; `plot` and `report` then compare it with the gait of RUN, or of PROBLEM if it is solved.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_walk
@@ -176,14 +176,14 @@ def verify(
     run: RunArgument,
     engine: EngineOption = "auto",
     optimum: Annotated[
-        bool, typer.Option("--optimum", help="Search the feasible neighbourhood of a design for a better one.")
+        bool, typer.Option("--optimum", help="Search near a design for a better one that meets the constraints.")
     ] = False,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
     """Verify a gait by forward simulation.
 
-    The simulation does not know the mode sequence; it has to find it.
+    The simulation does not know the mode sequence; it selects the modes from the forces.
     """
     from gaitopt.api import verbs
     from gaitopt.simulation.engine import choose_engine
@@ -377,8 +377,8 @@ def replay(
 ) -> int:
     """Replay a gait in another physics engine.
 
-    The engine starts from the gait's state and simulates one cycle with each time step; the errors are printed versus
-    time step. The result is stored in the run folder; `report` draws the motion of the engine over that of the gait.
+    The engine starts from the gait's state and simulates one cycle with each time step. A table lists the errors for
+    each time step. The result is stored in the run folder; `report` draws the motion of the engine over the gait's.
     """
     from gaitopt.api import stored, verbs
     from gaitopt.engines.replay import adapter
