@@ -121,7 +121,7 @@ def counts(texts: Texts) -> dict[str, int]:
 
 ProblemArgument = Annotated[str, typer.Argument(metavar="PROBLEM", help="A name from `gaitopt list`, or a .yaml file.")]
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or a PROBLEM.")]
-RunArguments = Annotated[list[str], typer.Argument(metavar="RUN...", help="Run folders, or PROBLEMs.")]
+RunArguments = Annotated[list[str], typer.Argument(metavar="RUN", help="Run folders, or PROBLEMs.")]
 SetOption = Annotated[
     list[str] | None,
     typer.Option(

@@ -50,6 +50,8 @@ MODES = "phases; impact"
 LIST_COLUMNS = ("problem", "walker", MODES, "period [s]", "radius", "", "about")
 LEAST_ABOUT = {MODES: 40, "period [s]": 20, "radius": 20, "": 20}
 """Least width of the column ``about`` beside a column that is left out otherwise."""
+LONGEST_MODES = 80
+"""Characters of a mode sequence in the list of problems; of longer ones the number of phases is given."""
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
@@ -149,7 +151,10 @@ def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]])
         gait, radius = ("", "", ""), record.get("spectral_radius")
         if radius is not None:
             gait = number(record["period"]), number(radius), STABILITY[radius < 1]
-        rows.append((problem.name, problem.walker.model, str(problem.modes), *gait, problem.about.strip()))
+        modes = str(problem.modes)
+        if isinstance(problem.modes, Cycle) and len(modes) > LONGEST_MODES:
+            modes = f"{len(problem.modes.phases)} phases"
+        rows.append((problem.name, problem.walker.model, modes, *gait, problem.about.strip()))
     columns = list(zip(LIST_COLUMNS, *rows, strict=True))
     columns = [column for column in columns if any(column[1:])]
     everything = columns
