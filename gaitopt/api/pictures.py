@@ -54,7 +54,7 @@ def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | No
         from names in the legend to gaits, or to branches over one parameter, each a ``Branch`` or the records from
         ``load_records`` or ``continuation_records``.
     what : for gaits ``portrait`` (default), ``force``, ``force_over_COORDINATE``, ``slip``, ``torques``,
-        ``postures``, ``multipliers`` or ``roads``; for a walk ``section``, ``portrait``, ``force``, ``slip``,
+        ``postures``, ``multipliers`` or ``methods``; for a walk ``section``, ``portrait``, ``force``, ``slip``,
         ``torques`` or ``postures``; of a branch ``multipliers``, or a scalar of the result; of a sweep or of several
         branches a scalar. A scalar that is not given is ``spectral_radius``.
 

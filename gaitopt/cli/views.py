@@ -148,7 +148,7 @@ def plot(
 
     Results are gaits, walks, branches, basins, sweeps, fronts and attractors; several gaits or branches are compared.
 
-    Gait: portrait, force, slip, torques, contacts, postures, force_over_COORDINATE, multipliers, roads (NLP and
+    Gait: portrait, force, slip, torques, contacts, postures, force_over_COORDINATE, multipliers, methods (NLP and
     simulation), animation (an HTML page). Walk stored by `simulate -o`: section (states step by step), portrait, force,
     slip, torques, contacts, postures, animation.
     Branch: multipliers, or any scalar of the result, such as spectral_radius. Sweep: any scalar of the result; give
@@ -169,8 +169,8 @@ def plot(
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
-        if not alone and {"roads", ANIMATION} & {*(what or ())}:
-            raise typer.BadParameter(f"--what roads and animation show one gait, not {len(gaits)}")
+        if not alone and {"methods", ANIMATION} & {*(what or ())}:
+            raise typer.BadParameter(f"--what methods and animation show one gait, not {len(gaits)}")
         place = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
     for drawn in figures:

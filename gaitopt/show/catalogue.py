@@ -76,8 +76,8 @@ MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
     "postures": postures,
 }
 """Figures of gaits and walks."""
-GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "roads")
-"""Figures of one or several gaits; ``roads`` is of one."""
+GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "methods")
+"""Figures of one or several gaits; ``methods`` is of one."""
 WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
 OVER = "force_over_"
@@ -214,13 +214,13 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
         if name == "multipliers":
             return multiplier_plane({words: gait.multipliers for words, gait in named})
         motions = [motion_of(gait, words) for words, gait in named]
-        if name == "roads":
+        if name == "methods":
             return method_comparison(motions[0], simulated(first))
         if name.startswith(OVER):
             return force_ratio(motions, name.removeprefix(OVER))
         return MOTION_FIGURES[name](motions)
 
-    empty = set() if alone else {"roads"}
+    empty = set() if alone else {"methods"}
     empty |= {"torques"} if not any(gait.measures["peak_torque"] for gait in gaits) else set()
     empty |= {"contacts"} if not any(gait.system.walker.contacts for gait in gaits) else set()
     empty |= {"slip"} if not any(gait.measures["slip_distance"] for gait in gaits) else set()

@@ -211,7 +211,7 @@ def test_a_repeated_command_writes_the_same_bytes(run, command, problem):
     code, out, _ = run(command, problem, *formats)
     files = [Path(line) for line in out.splitlines()]
     assert code == 0
-    assert {"roads.svg", "animation.html"} <= {file.name for file in files} or command == "report"
+    assert {"methods.svg", "animation.html"} <= {file.name for file in files} or command == "report"
     before = [file.read_bytes() for file in files]
     assert run(command, problem, *formats)[:2] == (0, out)
     assert [file.name for file, own in zip(files, before, strict=True) if file.read_bytes() != own] == []
@@ -424,7 +424,7 @@ def test_a_hopper_shows_its_height_and_what_it_presses_on_the_ground():
     landed, flying = ([line.get_ydata() for line in normal.lines if line.get_linestyle() == own] for own in ("-", ":"))
     assert max(np.max(force) for force in landed) > 1
     assert all(np.allclose(force, 0) for force in flying)
-    words = [text.get_text() for text in figures_of(shown).draw("roads").legends[0].get_texts()]
+    words = [text.get_text() for text in figures_of(shown).draw("methods").legends[0].get_texts()]
     assert "y, simulation" in words
 
 

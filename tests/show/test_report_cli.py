@@ -32,7 +32,7 @@ def test_plot_solves_stores_and_draws_what_tells_something(tmp_path, capsys):
     paths = capsys.readouterr().out.split()
     assert all((tmp_path / path).stat().st_size > 1000 for path in paths)
     names = {path.rpartition("/")[2] for path in paths}
-    assert {"portrait.svg", "portrait.png", "force.svg", "roads.png", "animation.html"} <= names
+    assert {"portrait.svg", "portrait.png", "force.svg", "methods.png", "animation.html"} <= names
     assert "torques.svg" not in names
 
 
