@@ -558,6 +558,8 @@ def _placed(record: Any) -> Any:
     solver = record.get("solver") if _outcome(record) == "gait" else None
     if place["objective"] != (solver.get("objective") if isinstance(solver, Mapping) else None):
         raise PydanticCustomError("objective", "The objective is not that of the solver")
+    if solver is not None and place["objective"] is None:
+        raise PydanticCustomError("objective", "A design that is solved has an objective")
     return record
 
 

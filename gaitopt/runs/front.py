@@ -155,6 +155,8 @@ class FrontPlan(Plan[Front]):
                 job = problem_job(problems[value], neighbour)
                 yield job
                 gait = jobs.results[job.key]
+                if is_gait(gait) and not isinstance(gait["solver"].get("objective"), int | float):
+                    raise damaged(self.run.path(SOLVED.name), f"{job.key}: a design that is solved has an objective")
                 best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
                 neighbour = best[value]["job"] if is_gait(best[value]) else neighbour
 
