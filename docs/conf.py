@@ -61,8 +61,22 @@ def split_fields(app: Any, what: str, name: str, obj: Any, options: Any, lines: 
 
 def shorten_signature(app: Any, what: str, name: str, obj: Any, options: Any, signature: Any, returned: Any) -> Any:
     """Leave out the signatures of classes whose fields are listed anyway, and which a reader does not construct."""
-    built = what == "class" and signature and ("<factory>" in signature or app.env.docname == "api-results")
+    named = app.env.docname == "api-results" or name.endswith("EquationsOfMotion")
+    built = what == "class" and signature and ("<factory>" in signature or named)
     return ("", returned) if built and is_dataclass(obj) else None
+
+
+def shorten_arrays(app: Any, doctree: Any) -> None:
+    """Write ``ndarray`` without what numpy has in brackets; shapes stand in the text."""
+    for array in list(doctree.findall(lambda node: isinstance(node, Element) and node.astext() == "ndarray")):
+        parent, depth = array.parent, 0
+        if parent.index(array) + 1 == len(parent) or parent[parent.index(array) + 1].astext() != "[":
+            continue
+        while True:
+            node = parent.pop(parent.index(array) + 1)
+            depth += (node.astext() == "[") - (node.astext() == "]")
+            if depth == 0:
+                break
 
 
 def visit_inline(writer: Any, node: Any) -> None:
@@ -154,6 +168,7 @@ def setup(app: Any) -> None:
     """Register them."""
     app.connect("autodoc-process-docstring", split_fields, priority=1)
     app.connect("autodoc-process-signature", shorten_signature)
+    app.connect("doctree-read", shorten_arrays)
     app.connect("doctree-read", run_tutorial, priority=1)
     app.connect("build-finished", draw_start_page)
     app.add_html_math_renderer("mathml", (visit_inline, None), (visit_block, None))
