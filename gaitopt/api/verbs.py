@@ -760,7 +760,8 @@ def attractors(
     """Find what walks settle on at each value of a parameter: cycles, or motions that do not repeat.
 
     Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Walks start from the
-    attractors of the previous value, around the guess, and at random.
+    attractors of the previous value, from the stable gaits on the branch of the problem's gait, around all of these and
+    the guess, and at random.
 
     Parameters
     ----------

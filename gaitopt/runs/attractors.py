@@ -1,32 +1,39 @@
-"""Attractors: what walks settle on at each of many values of a parameter, from random starts and from the neighbour's.
+"""Attractors: what walks settle on at each of many values of a parameter, from known gaits and from random starts.
 
 The brute-force diagram that continuation cannot draw: every branch of a continuation is followed, stable or not, while
 this shows what walks come to rest on, chaos included. Values are walked in blocks, in each of which a value starts from
-the attractors of the value before it.
+the attractors of the value before it. The stable gaits on the branch of the problem's gait are starts too, because most
+random walks fall where the basin of a gait is small.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
-from itertools import islice
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Plotted, counted
-from gaitopt.errors import StorageError
+from gaitopt.errors import SolveError, StorageError
+from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.frames import data_frame
+from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AttractorsRecord, SettledRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
 from gaitopt.runs.jobs import Plan, ResultFile, Stored
-from gaitopt.search.candidates import start_box
+from gaitopt.search.candidates import family, start_box
+from gaitopt.search.solve import solve
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
+from gaitopt.systems import solve_sequence
 from gaitopt.threads import cached_property
 from gaitopt.verification.long_run import settled
 from gaitopt.verification.step_map import section_coordinates, step_map
@@ -41,6 +48,12 @@ BLOCK = 16
 """Values that are walked one after the other, each from the attractors of the one before."""
 SPREAD = (1e-3, 0.03)
 """Relative distances of the starts around a known state."""
+STARTS_FROM = "neighbour, branch, guess, random"
+"""What walks start from; in the key of a value, so that results from other starts are computed again."""
+MAX_POINTS = 500
+"""Maximum number of points of the branch towards either end of the axis."""
+BRANCHES = 4
+"""Number of branches that a process remembers."""
 STATE_BYTES = 200
 """A state in the file and in memory."""
 
@@ -167,20 +180,27 @@ class AttractorsPlan(Plan[Attractors]):
             problem = at_point(self.problem, {self.axis.key: value})
             plan = (self.starts, self.transient, self.keep, self.seed, number, value, str(self.chosen_engine))
             parent = jobs[-1].key if number % BLOCK else None
-            jobs.append(Job(key=key_of([problem.digest, *plan, parent]), argument=(problem, *plan), parent=parent))
+            key = key_of([problem.digest, self.problem.digest, str(self.axis), STARTS_FROM, *plan, parent])
+            jobs.append(Job(key=key, argument=(self.problem, self.axis, problem, *plan), parent=parent))
         return jobs
 
 
 def settle_job(
-    argument: tuple[Problem, int, int, int, int, int, float, str],
+    argument: tuple[Problem, Axis, Problem, int, int, int, int, int, float, str],
     neighbour: Mapping[str, Any] | None = None,
     should_stop: Stop = None,
 ) -> dict[str, Any]:
     """The record of one value; runs in any process."""
-    problem, starts, transient, keep, seed, number, value, engine = argument
+    origin, axis, problem, starts, transient, keep, seed, number, value, engine = argument
     mapped = step_map(problem, None, Engine(engine))
     rng = np.random.default_rng([seed, number])
-    xi = np.array([*islice(_starts(problem, mapped.dynamics, neighbour, rng), starts)])
+    names = problem.walker.section_names(slipping=True)
+    known = [np.array(run["states"][-1]) for run in (neighbour or {}).get("attractors", [])]
+    for gait in gaits_on_branch(origin, axis, problem, value, should_stop):
+        known.append(gait.state[[gait.system.state_names.index(name) for name in names]])
+    if problem.start is not None:
+        known.append(np.array([problem.start.state[name] for name in names]))
+    xi = np.array([*islice(_starts(problem, mapped.dynamics, known, rng), starts)])
     runs, endings = settled(
         mapped, section_coordinates(problem, xi), transient=transient, keep=keep, should_stop=should_stop
     )
@@ -196,19 +216,69 @@ def settle_job(
     return {"value": value, "attractors": found, "endings": endings}
 
 
-def _starts(problem: Problem, dynamics: Any, neighbour: Mapping[str, Any] | None, rng: Any) -> Iterator[Any]:
-    """Start states: the attractors of the neighbour, then the guess, each with others around it and random ones."""
-    names = problem.walker.section_names(slipping=True)
+def gaits_on_branch(
+    origin: Problem, axis: Axis, problem: Problem, value: float, should_stop: Stop = None
+) -> Iterator[Gait]:
+    """The stable gaits at a value on the branch of the gait of ``origin`` along an axis.
+
+    Unstable ones attract nothing, but a walk that starts on one leaves it slowly.
+
+    Parameters
+    ----------
+    problem : that of ``origin`` at the value.
+    """
+    points = _branch(_Family(problem=origin, axis=axis, should_stop=should_stop))
+    for before, after in pairwise(points):
+        # a value at a point is counted once, with the part of the branch that ends there
+        passed = (before.value - value) * (after.value - value) < 0 or after.value == value
+        if before.branch != after.branch or not passed:
+            continue
+        near = min(before, after, key=lambda point: abs(point.value - value)).gait
+        gait = solve_sequence(problem.with_gait(near.to_record()), should_stop=should_stop)
+        if gait.converged and gait.stable:
+            yield gait
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Family:
+    """The branch of a problem's gait as the key of the cache; ``should_stop`` is used when it is followed first."""
+
+    problem: Problem
+    axis: Axis
+    should_stop: Stop = field(compare=False)
+
+
+@lru_cache(maxsize=BRANCHES)
+def _branch(along: _Family) -> tuple[BranchPoint, ...]:
+    """The points of the branch; none if the problem has no gait, or none that can be followed along the axis."""
+    problem, key, points = along.problem, along.axis.key, list[BranchPoint]()
+    value = problem.parameters[key]
+    if problem.is_open or problem.is_design or isinstance(value, int):
+        return ()
+    try:
+        gait = solve(problem, should_stop=along.should_stop)
+    except SolveError:  # the reference of its control law has no solution; the walks report it
+        return ()
+    if gait.converged:
+        for end in dict.fromkeys((along.axis.lower, along.axis.upper)):
+            if end != value:
+                request = Request(parameter=key, to=(end,), max_points=MAX_POINTS, verify_every=0)
+                records = family(gait, request, along.should_stop)
+                points += [record for record in records if isinstance(record, BranchPoint)]
+    if along.should_stop is not None and along.should_stop():
+        raise KeyboardInterrupt  # so that the cache does not hold it
+    return tuple(points)
+
+
+def _starts(problem: Problem, dynamics: Any, known: Sequence[Any], rng: Any) -> Iterator[Any]:
+    """Start states: those ``known``, then others around each of them, and random ones."""
     box = start_box(problem, dynamics, {})
-    known = [np.array(run["states"][-1]) for run in (neighbour or {}).get("attractors", [])]
-    if problem.start is not None:
-        known.append(np.array([problem.start.state[name] for name in names]))
     yield from known
     sticks = problem.is_open or problem.cycle.impact.sticks
     while True:
         for state in known:
             for spread in SPREAD:
-                near = state * (1 + spread * rng.uniform(-1, 1, len(names)))
+                near = state * (1 + spread * rng.uniform(-1, 1, state.size))
                 yield near
         anywhere = rng.uniform(box.lower, box.upper)
         anywhere[-1] *= not sticks

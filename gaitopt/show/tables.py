@@ -409,24 +409,34 @@ def print_basin(console: Console, record: Record) -> None:
 def print_attractors(console: Console, result: Attractors) -> None:
     """What walks settle on: neighbouring values with the same cycle lengths in one row."""
     key, unit = result.axis.key, result.axis.unit or unit_of(result.axis.key, result.problem)
-    rows, before = list[tuple[str, ...]](), ""
+    rows, before, lost = list[tuple[str, ...]](), "", list[int]()
     for record in result.records:
         value = number(math.degrees(record["value"]) if unit == "deg" else record["value"])
         runs = record["attractors"]
+        ended = sum(record["endings"].values())
+        starts = ended + sum(run["starts"] for run in runs)
         words = ", ".join(sorted({_long_run_words(run) for run in runs})) or "none"
         rates = [run["lyapunov"] for run in runs if run["lyapunov"] is not None]
         span = [min(rates), max(rates)] if rates else []
         if words == before:
-            first, _, _, least, most = rows.pop()
+            first, _, _, _, least, most = rows.pop()
             span = [*span, *(float(text) for text in (least, most) if text)]
+            lost.append(ended)
         else:
-            first = value
+            first, lost = value, [ended]
+        fewest, most_lost = min(lost), max(lost)
+        part = f"{fewest if fewest == most_lost else f'{fewest} to {most_lost}'} of {starts}"
         ends = (f"{min(span):.4g}", f"{max(span):.4g}") if span else ("", "")
-        rows.append((first, value, words, *ends))
+        rows.append((first, value, words, part, *ends))
         before = words
     title = f"{result.problem.name}: what walks settle on over {key}{f' [{unit}]' if unit else ''}"
-    columns = ("from", "to", "attractors", "least exponent", "largest exponent")
-    section(console, title, columns, rows, numbers=(0, 1, 3, 4))
+    columns = ("from", "to", "attractors", "starts that end", "least exponent", "largest exponent")
+    section(console, title, columns, rows, numbers=(0, 1, 3, 4, 5))
+    endings = Counter[str]()
+    for record in result.records:
+        endings.update(record["endings"])
+    if endings:
+        console.print("ends: " + ", ".join(f"{_words(name)} {count:,}" for name, count in endings.most_common()))
 
 
 def _long_run_words(run: Record) -> str:

@@ -83,8 +83,11 @@ def settled(
             period = _period(orbit, REPEATS)
             if period is not None and _closest(orbit[-period:]) < SAME:  # still on its way into a shorter cycle
                 period = None
-            if attempt == ROUNDS - 1:
-                period = period or _period(orbit, SAME)
+            if attempt == ROUNDS - 1 and period is None:
+                period = _period(orbit, SAME)
+                cycle = None if period is None else _slow_cycle(dynamics, orbit, period)
+                if cycle is not None:
+                    orbit, period = cycle, len(cycle)
             if period is None and attempt < ROUNDS - 1:
                 remaining.append(walk)
                 continue
@@ -140,6 +143,28 @@ def _period(orbit: Array, tolerance: float) -> int | None:
         if np.abs(orbit[period:] - orbit[:-period]).max() < tolerance:
             return period
     return None
+
+
+def _slow_cycle(dynamics: Dynamics, orbit: Array, period: int) -> Array | None:
+    """The stable cycle that an orbit, in natural units, still approaches where it seems to repeat itself.
+
+    Next to a spiral whose turn takes a whole number of cycles, an orbit seems to have the period of a turn. Newton's
+    method finds the cycle in its middle; None if there is none, or none that is stable.
+    """
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
+    slips = orbit[-1, -1] != 0
+    mode = Mode.STICK if not slips else Mode.slip(orbit[-1, -1])
+    n, per_cycle = orbit.shape[1] - (not slips), dynamics.system.walker.steps_per_cycle()
+    mapped = ReturnMap(Simulator(dynamics), mode, period * per_cycle)
+    point = mapped.fixed_point(orbit[-period:].mean(axis=0)[:n] * units[:n])
+    if not point.converged or point.jacobian is None or np.abs(np.linalg.eigvals(point.jacobian)).max(initial=0.0) >= 1:
+        return None
+    states = [step.final_impact.state for step in point.cycle.steps[per_cycle - 1 :: per_cycle]]
+    cycle = np.array(states)[:, dynamics.system.section(Mode.SLIP_FORWARD).indices] / units
+    room = np.ptp(orbit, axis=0)
+    if not np.all((orbit.min(axis=0) - room <= cycle) & (cycle <= orbit.max(axis=0) + room)):
+        return None
+    return cycle[-(_period(np.vstack([cycle, cycle]), REPEATS) or period) :]
 
 
 def _closest(states: Array) -> float:

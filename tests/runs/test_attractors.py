@@ -11,6 +11,9 @@ import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.modes import Mode
+from gaitopt.runs.attractors import gaits_on_branch
+from gaitopt.runs.grid import Axis
+from gaitopt.show.tables import printed
 from gaitopt.simulation.engine import Engine
 from gaitopt.verification.long_run import settled
 from gaitopt.verification.step_map import step_map
@@ -161,3 +164,46 @@ def test_periods_double_where_multipliers_of_the_branch_pass_minus_one():
         start = near.state[gait.system.section(Mode.SLIP_FORWARD).indices]
         runs, _ = settled(step_map(at, None, Engine.SCIPY), start[None], transient=400, keep=8)
         assert [run.period_steps for run in runs] == [steps]
+
+
+SMALL_BASIN = {"friction": (0.1105, 0.115, 2)}
+A = "compass-passive-a"
+
+
+@pytest.mark.slow
+def test_a_stable_gait_with_a_small_basin_is_an_attractor_though_random_walks_fall(tmp_path):
+    """Between friction 0.1103 and 0.115 next to all random walks of this compass fall."""
+    few = {"starts": 6, "transient": 100, "keep": 32, "workers": 1, "progress": False}
+    found = go.attractors(A, SMALL_BASIN, output=tmp_path, **few)
+    for record in found.records:
+        gait = go.solve(go.load_problem(A).replace({"friction": record["value"]}), progress=False)
+        run = record["attractors"][0]
+        assert gait.stable
+        assert run["period_steps"] == 1
+        assert run["lyapunov"] == pytest.approx(np.log(gait.spectral_radius), abs=1e-6)
+        assert record["endings"]
+        assert sum(record["endings"].values()) + sum(r["starts"] for r in record["attractors"]) == 6
+    table = printed(found)
+    assert "starts that end" in table
+    assert re.search(r"ends: fall \d+", table)
+
+
+@pytest.mark.slow
+def test_a_spiral_that_turns_in_eleven_cycles_is_no_cycle_of_eleven_steps():
+    problem = go.load_problem(A).replace({"friction": 0.110583})
+    gait = go.solve(problem, progress=False)
+    start = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices] * [1.003, 1, 1, 1]
+    (run,), _ = settled(step_map(problem, None, Engine.SCIPY), start[None], transient=200, keep=64)
+    assert (run.period_steps, run.starts) == (1, 1)
+    assert run.lyapunov == pytest.approx(np.log(gait.spectral_radius), abs=1e-8)
+
+
+@pytest.mark.slow
+def test_an_unstable_gait_is_no_attractor_though_its_branch_leads_there():
+    """Below friction 0.1103 the gait exists, but its largest multiplier is outside of the unit circle."""
+    problem = go.load_problem(A)
+    at = problem.replace({"friction": 0.1095})
+    assert not go.solve(at, progress=False).stable
+    axis = Axis(key="friction", lower=0.1095, upper=0.115, count=2)
+    assert not [*gaits_on_branch(problem, axis, at, 0.1095)]
+    assert [*gaits_on_branch(problem, axis, problem.replace({"friction": 0.115}), 0.115)]
