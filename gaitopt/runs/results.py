@@ -4,19 +4,22 @@ A gait or a walk is a record with a table of its motion beside it. Whatever the 
 with it, so that a folder that was changed by hand is refused with file and key.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gaitopt.errors import SolveError, StorageError
+from gaitopt.gait import curves
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
 from gaitopt.gait.measures import measure
 from gaitopt.gait.records import CheckedGait, WalkRecord
-from gaitopt.gait.trajectory import Trajectory
+from gaitopt.gait.trajectory import Step, Trajectory
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.runs.attractors import ATTRACTORS_FILE, Attractors, read_attractors
@@ -24,12 +27,15 @@ from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
-from gaitopt.store.formats import Table, check_agrees, validated
+from gaitopt.store.formats import MODE_COLUMN, Table, check_agrees, damaged, validated
 from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps, with_stored_torques
 from gaitopt.store.lock import wait_for_writer
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, MANIFEST_FILE, WALK_FILE, WALK_FILES, Run
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
+
+RECOMPUTED = 1e-7
+"""Relative difference of a stored force or torque from its value at the stored state that rounding may cause."""
 
 Result = Gait | Branch | Walk | Sweep | Basin | Attractors | Front
 
@@ -59,6 +65,7 @@ def restore_gait(folder: Path) -> Gait:
         gait = gait_from_record(problem, dynamics, record, steps, measure(steps))
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: gait.json or trajectory.csv does not contain a gait ({error!r})") from error
+    _check_table(folder / GAIT_FILES[1], table, dynamics, steps)
     check_agrees(path, record, gait.to_record(), "the table beside it")
     return gait
 
@@ -86,8 +93,42 @@ def restore_walk(folder: Path) -> Walk:
         raise StorageError(f"{folder}: walk.json or walk.csv does not contain a walk ({error!r})") from error
     states = np.array(gait, dtype=float).reshape(-1, len(system.state_names))
     walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
+    _check_table(folder / WALK_FILES[1], table, dynamics, trajectory.steps)
     check_agrees(folder / WALK_FILE, record, walk.to_record(), "the table beside it")
     return walk
+
+
+def _check_table(path: Path, table: Table, dynamics: Dynamics, steps: Sequence[Step]) -> None:
+    """Refuse a table whose header, times, modes, forces or torques are not those of the motion of its states.
+
+    Times are Chebyshev points of the arcs. A column is compared relative to its largest value. Shares of forces that
+    the equations of motion leave open are not compared.
+    """
+    header = trajectory_header(dynamics.system)
+    if table.header != header:
+        raise damaged(path, f"has columns {', '.join(table.header)}, not {', '.join(header)}", 1)
+    stated, true = list[Sequence[Any]](table.rows), list[Sequence[Any]](trajectory_rows(steps))
+    numbers = [k for k, name in enumerate(header) if name != MODE_COLUMN]
+    values, expected = (np.array([[row[k] for k in numbers] for row in rows], dtype=float) for rows in (stated, true))
+    begins = np.cumsum([0.0, *(step.period for step in steps)])
+    expected[:, 0] = np.concatenate(
+        [
+            began + arc.start + arc.duration * (curves.points(arc.times.size) + 1) / 2
+            for began, step in zip(begins, steps, strict=False)
+            for arc in step.arcs
+        ]
+    )
+    sizes = np.nanmax(np.abs(np.nan_to_num(expected)), axis=0, initial=0.0)
+    wrong = ~(np.abs(values - expected) <= RECOMPUTED * sizes) & ~np.isnan(expected)
+    for number, (row, other) in enumerate(zip(stated, true, strict=True)):
+        name = next((header[k] for k, differs in zip(numbers, wrong[number], strict=True) if differs), "")
+        name = name if row[1] == other[1] else MODE_COLUMN
+        if name:
+            column = header.index(name)
+            source = "the equations of motion give" if column else "the points of its arc give"
+            value = other[column] if column else expected[number, 0]
+            words = f"{name} is {row[column]}, but {source} {value}"
+            raise damaged(path, words, number + 2)
 
 
 def _only_front(folder: Path) -> Front:

@@ -1,10 +1,15 @@
 """A gait survives the way to disk and back, and a table of motion says what the motion was."""
 
+import csv
+import re
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from named import named
 
-from gaitopt import simulate, verify
+from gaitopt import load_run, simulate, verify
+from gaitopt.errors import StorageError
 from gaitopt.gait.gait import trajectory_rows
 from gaitopt.runs.results import restore_gait, write_result
 from gaitopt.store.run import Run
@@ -47,3 +52,62 @@ def test_time_runs_on_over_the_steps_of_a_walk(gait):
     times = np.array([row[0] for row in trajectory_rows(walk.trajectory.steps)])
     assert (np.diff(times) > -1e-14).all()
     assert times[-1] == pytest.approx(3 * gait.measures["period"], abs=1e-8)
+
+
+def spoil(folder, name, column, change):
+    """Change the second row of a table in one column, and enter its checksum."""
+    with (folder / name).open(newline="") as file:
+        header, *rows = csv.reader(file)
+    k = header.index(column)
+    rows[1][k] = change(rows[1][k])
+    with (folder / name).open("w", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([header, *rows])
+    Run(folder).seal(name)
+
+
+@pytest.mark.parametrize("name", ["compass-pd-impact-slip", "heel-toe"])
+@pytest.mark.parametrize("file", ["trajectory.csv", "walk.csv"])
+def test_a_wrong_number_in_any_column_of_a_table_is_detected(name, file, tmp_path):
+    """The reader refuses wrong times, modes, forces and torques; the simulation of a gait finds wrong states."""
+    result = named(name) if file == "trajectory.csv" else simulate(named(name))
+    states = result.system.state_names
+    write_result(result, Run(tmp_path / "run"))
+    whole, frame = (tmp_path / "run" / file).read_text(), result.to_frame()
+    for column in (column for column in frame if column not in states or file == "trajectory.csv"):
+        (tmp_path / "run" / file).write_text(whole)
+        if column == "mode":
+            spoil(tmp_path / "run", file, column, lambda text: text.replace("off", "stick").replace("slip", "flip"))
+        else:
+            error = 1e-5 * float(frame[column].abs().max() or 1.0)
+            spoil(tmp_path / "run", file, column, lambda text, error=error: repr(float(text) + error))
+        if column not in states:
+            with pytest.raises(StorageError, match=rf"{re.escape(file)}:3 "):
+                load_run(tmp_path / "run")
+        else:
+            with suppress(StorageError):
+                assert not verify(load_run(tmp_path / "run")).passed
+
+
+@pytest.mark.parametrize("columns", [["f_t"], ["f_n"], ["f_t", "f_n"], ["ankle"], ["hip"]])
+def test_doubled_forces_and_torques_are_refused_with_line_and_column(columns, tmp_path):
+    folder = tmp_path / "run"
+    write_result(named("compass-pd-impact-slip"), Run(folder))
+    path = folder / "trajectory.csv"
+    header, *rows = (line.split(",") for line in path.read_text().splitlines())
+    for row in rows:
+        for k in (header.index(column) for column in columns):
+            row[k] = repr(2 * float(row[k]))
+    path.write_text("\n".join(",".join(row) for row in [header, *rows]) + "\n")
+    Run(folder).seal(path.name)
+    with pytest.raises(StorageError, match=rf"trajectory\.csv:2 {columns[0]} is .*, but the equations of motion give"):
+        load_run(folder)
+
+
+def test_a_table_with_exchanged_columns_is_refused(tmp_path):
+    folder = tmp_path / "run"
+    write_result(named("compass-pd-impact-slip"), Run(folder))
+    path = folder / "trajectory.csv"
+    path.write_text(path.read_text().replace("f_t,f_n", "f_n,f_t"))
+    Run(folder).seal(path.name)
+    with pytest.raises(StorageError, match=r"trajectory\.csv:1 has columns .* f_n, f_t"):
+        load_run(folder)
