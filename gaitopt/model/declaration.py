@@ -75,6 +75,13 @@ REMEDIES = {
     "model": ': write model = "NAME" in its body; problem files name the walker by it',
     "shape": ': write shape = ("theta1", ...) in its body, the names of its coordinates',
 }
+WITHOUT_CONTACTS = {
+    "pushes": "leave pushes and Mechanism.push out, or describe a walker that stands on one foot at a time",
+    "stops": "leave stops and Mechanism.stops out, or describe a walker that stands on one foot at a time",
+    "switches": "leave switches and Mechanism.switches out, or describe a walker that stands on one foot at a time",
+    "massless_feet": "name the contacts at the end of massless parts in massless_contacts",
+}
+"""Class attributes that walkers with several contacts do not have, each with a remedy."""
 MODEL = re.compile(r"\w[\w.-]*")
 _PASSED: WeakSet[type[Walker]] = WeakSet()
 """Classes that have passed ``check_class``; every point of a branch builds a problem of the same class."""
@@ -621,6 +628,9 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     devices = (*walker.stops, *walker.switches)
     if set(walker.stops) & set(walker.switches):
         yield f"{', '.join(sorted(set(walker.stops) & set(walker.switches)))} is named by both stops and switches"
+    for name, remedy in WITHOUT_CONTACTS.items() if walker.contacts else ():
+        if getattr(walker, name):
+            yield f"{name} is {shown(getattr(walker, name))}, but has no effect on a walker with contacts yet: {remedy}"
     taken = {*devices, *walker.actuators} & {*RESERVED}
     if taken:
         yield f"{', '.join(sorted(taken))} has another meaning in problem files: rename the stop, switch or actuator"

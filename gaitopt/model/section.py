@@ -155,7 +155,6 @@ class ContactSection(Section):
         return BUILT.watch(Function("section_slopes", [self._z, self._p], [densify(slopes)]))
 
 
-@built_once(maxsize=64)
 class Cyclic(Protocol):
     """A problem or a hybrid system, as far as its cycles are concerned."""
 
@@ -196,7 +195,12 @@ def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str
         If the contacts cannot be on the ground together.
     """
     before = walker.swapped(before) if event == TOUCHDOWN else before
-    return ContactSection(walker, before.contact, impact.contact, event)
+    return _contact_section(walker, before.contact, impact.contact, event)
+
+
+@built_once(maxsize=64)
+def _contact_section(walker: type[Walker], before: Mode, after: Mode, event: str) -> ContactSection:
+    return ContactSection(walker, before, after, event)
 
 
 def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> tuple[SX, tuple[int, int], list[int]]:

@@ -21,6 +21,7 @@ from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.control import Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default, joint_limits
+from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
@@ -111,6 +112,9 @@ class _StatementReader:
                 why = f"its phase at the start of a step of the {self._model.model} is unknown"
                 why += "; walkers with several contacts may end a cycle with its period, gait: {section: clock}"
             self._fault(("control", "type"), f"the clock of {self._control.type} does not restart at impacts: {why}")
+        if self._model and self._model.contacts and fields.get("impact_law") is ImpactLaw.FRICTIONLESS:
+            why = f"has no effect on the contacts of the {self._model.model} yet; allowed: coulomb"
+            self._fault(("impact_law",), f"{fields['impact_law']} {why}")
         if self._model:
             objective, constraints = self._read_objective(), self._read_constraints()
             if not self._faults:

@@ -2,15 +2,19 @@
 
 import json
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from casadi import vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import contact_section
+from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_walker import SlipWalker
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem
@@ -109,6 +113,37 @@ def test_a_wrong_statement_is_one_sentence(old: str, new: str, words: str) -> No
 
 
 @pytest.mark.parametrize(
+    ("name", "value"),
+    [("pushes", True), ("stops", ("knee",)), ("switches", ("latch",)), ("massless_feet", True)],
+)
+def test_what_has_no_effect_on_named_contacts_is_refused(name: str, value: object) -> None:
+    """A push was ignored, and a walk with a stop was completed beyond it."""
+
+    def mechanism(cls: type, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        stated = HeelToe.mechanism.__func__(cls, q, p)
+        parts = {
+            "pushes": {"push": vertcat(0, 1)},
+            "stops": {"stops": {"knee": q.theta1 + 1}},
+            "switches": {"switches": {"latch": lambda dq: dq.theta1}},
+        }
+        return replace(stated, **parts.get(name, {}))
+
+    landing = classmethod(lambda cls, q, dq, p: ((0, 0), (0, 0)))
+    attributes = {"model": "bad", name: value, "mechanism": classmethod(mechanism), "landing": landing}
+    bad = type("Bad", (HeelToe,), {"__module__": __name__, "__qualname__": "Bad", **attributes})
+    with pytest.raises(ProblemError) as caught:
+        parse_problem(HEEL_TOE.replace("model: heel_toe", "model: bad"), walkers=[bad])
+    assert f"Bad: {name} is {value!r}, but has no effect on a walker with contacts" in str(caught.value)
+
+
+def test_a_frictionless_impact_of_named_contacts_is_refused() -> None:
+    """It was ignored: heel-toe-impact-slip kept its period."""
+    with pytest.raises(ProblemError) as caught:
+        heel_toe(("friction: 0.265", "friction: 0.265\nimpact_law: frictionless"))
+    assert "impact_law: frictionless has no effect on the contacts of the heel_toe yet" in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("name", "section", "words"),
     [
         ("bounding", "clock", "clock needs a control law with a period"),
@@ -123,6 +158,11 @@ def test_a_section_that_a_walker_lacks_is_refused(name: str, section: str, words
 
 def contacts(walker: type, **words: str) -> Mode:
     return Mode.of_contacts({name: words.get(name, "off") for name in walker.contacts})
+
+
+def test_a_section_is_built_once() -> None:
+    heel, both = contacts(HeelToe, heel="stick"), contacts(HeelToe, heel="stick", swing_heel="stick")
+    assert contact_section(HeelToe, both, heel, "touchdown") is contact_section(HeelToe, both, heel, "touchdown")
 
 
 def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
