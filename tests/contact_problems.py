@@ -57,7 +57,8 @@ gait:
     state: {y: 0.935, dx: 1.237}
 """
 BOUNDERS = ("bounding", "bounding-overlap")
-CATALOGUE = ("heel-toe", "heel-toe-slip", "heel-toe-impact-slip", "slip-walk", *BOUNDERS, "crawler", "inchworm")
+SPRINGS = ("slip-walk", "slip-walk-stable")
+CATALOGUE = ("heel-toe", "heel-toe-slip", "heel-toe-impact-slip", *SPRINGS, *BOUNDERS, "crawler", "inchworm")
 NAMES = (*CATALOGUE, "run")
 
 

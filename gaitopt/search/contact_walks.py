@@ -1,11 +1,12 @@
 """Candidates of a walker with several contacts: fixed points of the return map next to walks from around a guess.
 
 Its sections differ with what the contacts do, so that starts are sampled around one state: that of the guess. The
-simulator walks on from each. From every mode sequence that it meets, Newton's method seeks a fixed point of the return
-map on the section of that sequence, which may be unstable.
+simulator walks on from each. Newton's method seeks a fixed point of the return map, which may be unstable, from where
+the walk is last in each mode sequence that it meets, and from its start. Where several gaits have one mode sequence,
+walks lead away from the unstable ones, and Newton's method from their ends to the same gait again and again.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import contact_section
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidates import cycle_record
+from gaitopt.search.candidates import SMALLEST_SCALE, cycle_record
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
@@ -52,18 +53,13 @@ def contact_candidates(
         if should_stop():
             raise KeyboardInterrupt
         exact = number == 0 and start == 0
-        z = on_ground(dynamics, guess, np.zeros(2 * n) if exact else spread * rng.uniform(-1, 1, 2 * n))
+        size = 0.0 if exact else rng.uniform(SMALLEST_SCALE, 1.0)
+        z = on_ground(dynamics, guess, size * spread * rng.uniform(-1, 1, 2 * n))
         if not np.isfinite(z).all():
             continue
         steps = [step for step in simulator.run(z, CYCLES * n_steps).steps if step.impact is not None]
-        tried = set[Cycle]()
         for length in range(1, n_steps + 1):
-            for last in range(len(steps), length - 1, -1):
-                sequence = _cycle(steps[last - length : last])
-                if sequence is None or sequence in tried:
-                    continue
-                tried.add(sequence)
-                state = steps[last - 1].final_impact.state
+            for sequence, state in _places(steps, length, z):
                 section = dynamics.system.section(sequence)
                 found = ReturnMap(simulator, section, length, state).damped_fixed_point(
                     state[section.indices], units[section.indices]
@@ -71,6 +67,24 @@ def contact_candidates(
                 if found is not None:
                     candidates.append(cycle_record(dynamics.system, found, f"walk {number}.{start}"))
     return candidates, STARTS
+
+
+def _places(steps: list[Step], length: int, start: Array) -> Iterator[tuple[Cycle, Array]]:
+    """The cycles of a length in a walk, each with the state after its last occurrence; the first also with the start.
+
+    Parameters
+    ----------
+    start : ndarray, shape (n_z,) - state from which the walk began.
+    """
+    tried = set[Cycle]()
+    for last in range(len(steps), length - 1, -1):
+        sequence = _cycle(steps[last - length : last])
+        if sequence is not None and sequence not in tried:
+            tried.add(sequence)
+            yield sequence, steps[last - 1].final_impact.state
+    first = _cycle(steps[:length])
+    if first is not None:
+        yield first, start
 
 
 def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:

@@ -15,12 +15,23 @@ RUN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["slip-walk", "run"])
+@pytest.mark.parametrize("name", ["slip-walk-stable", "run"])
 def test_open_modes_lead_to_the_gait_whose_modes_are_stated(name: str) -> None:
     found, gait = solve(contact_problem(name).replace({"gait.phases": "auto"})), contact_gait(name)
     assert found.cycle == gait.cycle
     assert found.state[4] == pytest.approx(gait.state[4], abs=1e-10)
     assert found.multipliers == pytest.approx(gait.multipliers, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_springy_legs_walk_in_two_gaits_of_one_mode_sequence(seed: int) -> None:
+    """Geyer, Seyfarth and Blickhan (2006): one of them is stable."""
+    problem = contact_problem("slip-walk").replace({"gait.phases": "auto"})
+    found = search(SearchPlan(problem=problem, seed=seed), ResumableJobs(workers=Workers(count=1)))
+    assert len(found) == 2
+    for gait, name in zip(found, ("slip-walk-stable", "slip-walk"), strict=True):
+        assert gait.cycle == contact_gait(name).cycle
+        assert gait.multipliers == pytest.approx(contact_gait(name).multipliers, abs=1e-8)
 
 
 def test_the_legs_that_walk_also_run_in_two_gaits() -> None:

@@ -38,6 +38,7 @@ EXPECTED = {  # section coordinates, period and multipliers, found by walking an
     "run": ([0.934925866], 0.8712658, [0.368259]),
     # back foot 0.10336958 behind, velocity at -0.33568428 rad; Geyer, Seyfarth, Blickhan (2006)
     "slip-walk": ([-0.103369584, -0.395032455], 0.17576282 + 0.23402285, [1.43126171, 0.53609219]),
+    "slip-walk-stable": ([-0.155868165, -0.433404937], 0.444532703, [0.803986278 + 0.556859152j]),
 }
 
 
