@@ -52,10 +52,15 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
 
 def save_replays(replays: "Sequence[Replay]", gait: Gait, folder: Path) -> Path:
     """Store the replays of a gait in one engine in the run folder of its problem; returns the file."""
-    run, name = Run.of(gait.problem, folder), f"{REPLAY}{replays[0].engine}.json"
+    run, file = Run.of(gait.problem, folder), replay_file(folder, replays[0].engine)
     with run.begun(gait.problem):
-        run.write({name: json_file({"replays": [replay.to_record() for replay in replays]})})
-    return run.path(name)
+        run.write({file.name: json_file({"replays": [replay.to_record() for replay in replays]})})
+    return file
+
+
+def replay_file(folder: Path, engine: str) -> Path:
+    """The file with the replays of one engine in a run folder."""
+    return folder / f"{REPLAY}{engine}.json"
 
 
 def stored_replays(folder: Path) -> list[dict[str, Any]]:

@@ -222,7 +222,7 @@ def simulate(
     problem = begin.problem if isinstance(begin, Gait) else begin
     folder = _folder(problem, output)
     if folder is not None:
-        Run(folder).check(problem)
+        Run(folder).check(problem, write=True)
     disk = 0 if folder is None else STEP_BYTES_DISK
     check_room(steps, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
     walk = simulate_walk(begin, state, steps, dense=dense, engine=engine, should_stop=should_stop)
@@ -547,7 +547,7 @@ def prove(
     from gaitopt.proof.check import BRACKETED  # these modules need the extra "proof"
     from gaitopt.proof.prove import prove as prove_gait
     from gaitopt.proof.prove import prove_special
-    from gaitopt.store.files import make_folder, write_whole
+    from gaitopt.store.files import check_writable, make_folder, write_whole
     from gaitopt.store.formats import json_text
 
     require_gait(start, "prove")
@@ -565,13 +565,15 @@ def prove(
         error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
         error.result = gait
         raise error
+    file = Run.of(gait.problem).path(CERTIFICATE_FILE) if output is True else Path(output) if output else None
+    if file is not None:
+        check_writable(file)
     with shown(progress, word_progress, f"proving {gait.problem.name}") as say:
         if isinstance(start, SpecialPoint) and parameter is not None:
             proof = prove_special(gait, parameter, start.type, width, progress=say)
         else:
             proof = prove_gait(gait, intervals, progress=say)
-    if output:
-        file = Run.of(gait.problem).path(CERTIFICATE_FILE) if output is True else Path(output)
+    if file is not None:
         make_folder(file.parent)
         write_whole(file, json_text({**proof.certificate, "theorem": proof.to_record()}) + "\n")
     return proof
@@ -663,7 +665,7 @@ def replay(
         words = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
         raise UnknownNameError(words).concerning("setting")
     named = known if settings is None else {settings: known[settings]} if isinstance(settings, str) else settings
-    steps = [*(engines.TIME_STEPS if time_steps is None else time_steps)]
+    steps = sorted({*(engines.TIME_STEPS if time_steps is None else time_steps)}, reverse=True)
     wrong = [dt for dt in steps if not SHORTEST_STEP <= dt <= LONGEST_STEP]
     if wrong or not steps:
         words = f"{wrong[0]:g} s is" if wrong else "none is given, but each must be"
@@ -673,6 +675,9 @@ def replay(
         error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
         error.result = gait
         raise error
+    folder = _folder(gait.problem, output)
+    if folder is not None:
+        Run(folder).check(gait.problem, write=True)
     done, total = 0, len(named) * len(steps)
     with shown(progress, job_progress, f"runs of {simulator.name}") as show:
 
@@ -682,7 +687,6 @@ def replay(
             show(done, total)
 
         replays = engines.replay(gait, simulator, named, steps, finished, should_stop)
-    folder = _folder(gait.problem, output)
     if folder is not None:
         save_replays(replays, gait, folder)
     return replays

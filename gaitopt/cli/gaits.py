@@ -321,7 +321,7 @@ def prove(
     if not gait.converged:
         return report(gait, None, terminal)
     terminal.say(f"proving {gait.problem.name}; this takes ten seconds to some minutes")
-    file = folder / verbs.CERTIFICATE_FILE
+    file = (output or folder) / verbs.CERTIFICATE_FILE
     return _report_proof(verbs.prove(gait, intervals, output=file, progress=terminal.say), file, terminal)
 
 
@@ -388,11 +388,13 @@ def replay(
     gait, folder, _ = gait_of(run, changes, output, terminal)
     if not gait.converged:
         return report(gait, None, terminal)
+    folder = output or folder
     with terminal.working(f"runs of {engine}") as (progress, interrupted):
         replays = verbs.replay(
-            gait, engine, settings=setting, time_steps=time_steps, progress=progress, should_stop=interrupted
-        )
-    file = stored.save_replays(replays, gait, folder)
+            gait, engine, settings=setting, time_steps=time_steps, output=folder, progress=progress,
+            should_stop=interrupted,
+        )  # fmt: skip
+    file = stored.replay_file(folder, replays[0].engine)
     for result in replays:
         terminal.show({**result.to_record(), "file": str(file)}, print_replay)
     if not terminal.json:

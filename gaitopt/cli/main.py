@@ -17,6 +17,7 @@ import typer
 from gaitopt import __version__
 from gaitopt.cli.families import attractors, basin, continue_, front, sweep
 from gaitopt.cli.gaits import explain, find, prove, replay, simulate, solve, verify
+from gaitopt.cli.options import check_numbers
 from gaitopt.cli.terminal import (
     BROKEN_PIPE,
     INTERNAL_ERROR,
@@ -104,6 +105,7 @@ def options(version: VersionOption = False) -> None:
     """Find periodic gaits of planar legged walkers whose feet may slip, and verify them by simulation."""
 
 
+COMMANDS: dict[str, Callable[..., int]] = {}
 for _name, _command, *_shared in (
     ("list", list_problems, JSON),
     ("show", show, JSON),
@@ -126,6 +128,7 @@ for _name, _command, *_shared in (
     ("reproduce", reproduce, QUIET),
 ):
     app.command(_name)(with_shared_options(_command, *_shared))
+    COMMANDS[_name] = _command
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -209,6 +212,8 @@ def _internal_error(error: Exception) -> str:
 def _run(arguments: list[str]) -> int:
     if COMPLETION in os.environ:
         app(prog_name="gaitopt")
+    if arguments[0] in COMMANDS:
+        check_numbers(COMMANDS[arguments[0]], arguments[1:])
     try:
         with _commands().make_context("gaitopt", list(arguments)) as context:
             code = context.command.invoke(context)

@@ -4,9 +4,11 @@ Angles may have the unit deg or rad.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from inspect import signature
+from itertools import chain, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args, get_origin
 
 import typer
 
@@ -16,8 +18,6 @@ if TYPE_CHECKING:
     from gaitopt.api.verbs import Over
 
 
-LONGEST_COUNT = 100
-"""Maximum length of the text of a number of values."""
 Texts = Iterable[str] | None
 
 
@@ -44,6 +44,7 @@ def overrides(texts: Texts) -> dict[str, object]:
 
 def grid(texts: Iterable[str]) -> "Over":
     """The ranges of ``--over KEY=LO:HI:N`` options by key, as the library takes them."""
+    from gaitopt.model.units import parse_count
     from gaitopt.runs.grid import Grid, axis_of
 
     ranges: dict[str, tuple[str, str, int]] = {}
@@ -52,9 +53,10 @@ def grid(texts: Iterable[str]) -> "Over":
         for text in texts:
             key, span = key_value(text, "--over")
             ends = span.split(":")
-            if len(ends) != 3 or not ends[2].strip().isdecimal() or len(ends[2]) > LONGEST_COUNT:
+            count = parse_count(ends[2].strip()) if len(ends) == 3 else None
+            if count is None:
                 raise ValueError(f"{text}: write --over {key}=LO:HI:N, for instance {key}=0.1:0.3:20")
-            ranges[key] = (ends[0], ends[1], int(ends[2]))
+            ranges[key] = (ends[0], ends[1], count)
             axes.append(axis_of(key, *ranges[key]))
         Grid(tuple(axes))
     except ValueError as error:
@@ -105,17 +107,49 @@ def number(text: str, option: str) -> float:
     return float(value)
 
 
+def check_numbers(command: Callable[..., int], arguments: Sequence[str]) -> None:
+    """Refuse texts in place of numbers that the parser of the options reads, but that are no decimal numbers: ``1_0``.
+
+    Parameters
+    ----------
+    command : its annotations say which options are numbers.
+    arguments : those of the command, as typed.
+    """
+    numbers = set[str]()
+    for name, entry in signature(command).parameters.items():
+        if {float, int} & {*_types(entry.annotation)}:
+            stated = [(part.default, *(part.param_decls or ())) for part in get_args(entry.annotation)[1:]]
+            numbers |= {f"--{name.replace('_', '-')}", *chain(*stated)}  # the first name is Option's first argument
+    for argument, after in pairwise((*arguments, "")):
+        option, equals, value = argument.partition("=")
+        text = value if equals else after
+        if option in numbers and not (text.isascii() and "_" not in text):
+            raise typer.BadParameter(f"{option} {text}: write a number in decimal digits")
+
+
+def _types(annotation: object) -> Iterator[object]:
+    """The types in an annotation such as ``Annotated[list[float] | None, ...]``."""
+    if get_origin(annotation) is Annotated:
+        yield from _types(get_args(annotation)[0])
+        return
+    yield annotation
+    for part in get_args(annotation):
+        yield from _types(part)
+
+
 def counts(texts: Texts) -> dict[str, int]:
     """Numbers of times by kind, for all kinds, from ``--follow KIND=N`` options."""
     from gaitopt.branches.request import FOLLOWS
+    from gaitopt.model.units import parse_count
 
     numbers = dict.fromkeys(FOLLOWS.values(), 0)
     for text in texts or ():
         key, value = key_value(text, "--follow")
-        if key not in numbers or not value.isdecimal():
+        count = parse_count(value)
+        if key not in numbers or count is None:
             kinds = ", ".join(f"{kind}=N" for kind in numbers)
             raise typer.BadParameter(f"--follow {text}: write --follow with one of {kinds} and a whole number N")
-        numbers[key] = int(value)
+        numbers[key] = count
     return numbers
 
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from gaitopt.errors import printable
 from gaitopt.threads import cached_property
@@ -29,6 +29,8 @@ INTERRUPTED, BROKEN_PIPE, TERMINATED = 130, 141, 143
 """Exit codes, as a shell reports a program that SIGINT, SIGPIPE or SIGTERM has ended."""
 PIPED_WIDTH = 160
 """Width of tables that do not go to a terminal [characters]."""
+NARROWEST_WIDTH, WIDEST_WIDTH = 20, 10_000
+"""Bounds of the width that COLUMNS may state [characters]: a table of one column, and far beyond any screen."""
 
 Progress = Callable[[int, Any], None]
 Record = Mapping[str, Any]
@@ -60,8 +62,22 @@ def console(*, stderr: bool, quiet: bool = False) -> "Console":
             raise BrokenPipeError
 
     stream = sys.stderr if stderr else sys.stdout
-    width = None if stream.isatty() or "COLUMNS" in os.environ else PIPED_WIDTH
+    width = _width(stream)
     return ResultConsole(stderr=stderr, quiet=quiet, width=width, markup=False, highlight=False, emoji=False)
+
+
+def _width(stream: TextIO) -> int | None:
+    """Width of the tables on a stream [characters], None for that of its terminal.
+
+    A terminal that does not know its size exports COLUMNS=0, with which the console would print nothing.
+    """
+    from gaitopt.model.units import parse_count
+
+    stated = os.environ.get("COLUMNS", "").strip()
+    columns = parse_count(stated)
+    if columns:
+        return min(max(columns, NARROWEST_WIDTH), WIDEST_WIDTH)
+    return None if stream.isatty() and not stated.isdigit() else PIPED_WIDTH
 
 
 class Terminal:

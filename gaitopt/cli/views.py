@@ -173,6 +173,7 @@ def plot(
             raise typer.BadParameter(f"--what methods and animation show one gait, not {len(gaits)}")
         place = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
+    check_writable(place)
     for drawn in figures:
         terminal.print_paths(save_figures(drawn, place, what or (), formats or (Format.SVG, Format.PNG)))
     return 0
@@ -208,7 +209,9 @@ def report(
             return NOT_A_GAIT
         replays = stored_replays(folders[0]) if alone else []
         page, folder = pictures.report(*gaits, replays=replays), folders[0]
-    terminal.print_paths([page.save(output or (folder / REPORT if alone else Path(COMPARISON_REPORT)))])
+    file = output or (folder / REPORT if alone else Path(COMPARISON_REPORT))
+    check_writable(file)
+    terminal.print_paths([page.save(file)])
     return 0
 
 

@@ -1,7 +1,7 @@
 """A process for the runs of an engine, so that a crash of its compiled code is a result.
 
 The parent writes one pickle with the job, and reads one per time step. What the engine prints goes to standard error,
-which is not shown.
+which is not shown. Standard input stays open: its end tells the process that its parent is gone, even if killed.
 """
 
 import os
@@ -77,7 +77,7 @@ def _results(process: "subprocess.Popen[bytes]", job: Any, should_stop: Stop) ->
     try:
         pickle.dump(sys.path, outgoing)
         pickle.dump(job, outgoing)
-        outgoing.close()
+        outgoing.flush()
     except BrokenPipeError:
         pass
     waited = 0.0
@@ -115,6 +115,7 @@ def serve() -> None:
     os.dup2(2, 1)
     sys.path[:] = pickle.load(sys.stdin.buffer)  # noqa: S301 - from a process of our own
     gait, simulator, settings, time_steps = pickle.load(sys.stdin.buffer)  # noqa: S301 - as above
+    threading.Thread(target=_end_with_parent, args=(sys.stdin.fileno(),), daemon=True).start()
     try:
         reference = Reference(gait)
         for dt in time_steps:
@@ -123,3 +124,10 @@ def serve() -> None:
     except ProblemError as error:
         pickle.dump(error, results)
         results.flush()
+
+
+def _end_with_parent(descriptor: int) -> None:
+    """End this process when the pipe from its parent closes; the pipe's buffered reader would lock Python's exit."""
+    while os.read(descriptor, 1):
+        pass
+    os._exit(1)

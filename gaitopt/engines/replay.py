@@ -394,7 +394,7 @@ def replay(
     finished: Callable[[Outcome], None],
     should_stop: Stop = None,
 ) -> list[Replay]:
-    """Replay a gait at several settings, by name; see ``gaitopt.replay``."""
+    """Replay a gait at several settings, by name, with different time steps, the largest first: ``gaitopt.replay``."""
     from gaitopt.engines.process import outcomes  # it imports this module
 
     slip = gait_slip(Reference(gait))
@@ -406,7 +406,7 @@ def replay(
             setting=name,
             settings=dict(values),
             slip=slip,
-            outcomes=outcomes(gait, simulator, values, sorted(time_steps, reverse=True), finished, should_stop),
+            outcomes=outcomes(gait, simulator, values, time_steps, finished, should_stop),
         )
         for name, values in settings.items()
     ]

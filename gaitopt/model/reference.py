@@ -45,7 +45,7 @@ from pydantic import (
 from pydantic.json_schema import SkipJsonSchema
 
 from gaitopt.arrays import Array
-from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle
+from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, parse_number
 
 if TYPE_CHECKING:
     from gaitopt.model.control import Instant
@@ -729,7 +729,7 @@ def _columns(table: Table) -> dict[str, Array]:
             raise ValueError(f"{table.file}:{k}: {len(cells)} entries, but there are {len(names)} columns")
         for column, cell in enumerate(cells):
             try:
-                numbers[n, column] = float(cell)
+                numbers[n, column] = parse_number(cell)
             except ValueError:
                 raise ValueError(f"{table.file}:{k}: {cell.strip()[:40]!r} is not a number") from None
             if not (isfinite(numbers[n, column]) and abs(numbers[n, column]) <= LARGEST_POINT):

@@ -190,7 +190,32 @@ def shorter(part: str, whole: str) -> Any:
 
 
 ANGLE_UNITS = {"rad": 1.0, "deg": math.pi / 180}
-_ANGLE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(deg|rad)\s*")
+DECIMAL = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+"""Pattern of a decimal number."""
+_NUMBER = re.compile(rf"{DECIMAL}|[+-]?\.?(?:inf|nan)", re.IGNORECASE)
+LONGEST_COUNT = 100
+"""Digits of a whole number; Python's ``int`` reads some thousand."""
+_ANGLE = re.compile(rf"\s*({DECIMAL})\s*(deg|rad)\s*")
+
+
+def parse_number(text: str) -> float:
+    """The value of a decimal number, ``inf`` or ``nan``.
+
+    Python's ``float`` also reads ``1_0`` and digits of other scripts, which are mistakes in a file or an option.
+
+    Raises
+    ------
+    ValueError
+        If the text is something else.
+    """
+    if _NUMBER.fullmatch(text.strip()) is None:
+        raise ValueError(f"{text.strip()!r} is not a number: write decimal digits, such as 0.25 or 2.5e-1")
+    return float(text.replace(".inf", "inf").replace(".nan", "nan"))
+
+
+def parse_count(text: str) -> int | None:
+    """The whole number that at most ``LONGEST_COUNT`` ASCII digits state; None if the text is something else."""
+    return int(text) if len(text) <= LONGEST_COUNT and text.isascii() and text.isdecimal() else None
 
 
 def parse_angle(value: object) -> object:

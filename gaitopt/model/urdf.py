@@ -27,7 +27,7 @@ from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.declaration import FOOT_COORDINATES, NAME, NAME_WORDS, RESERVED, state_tree
 from gaitopt.model.links import SAME, Link, Tree
-from gaitopt.model.units import Inertia, Positive, Slope
+from gaitopt.model.units import Inertia, Positive, Slope, parse_number
 from gaitopt.model.walker import Mechanism, Walker
 
 MAX_BYTES = 1024 * 1024
@@ -598,7 +598,7 @@ class _Reader:
 
     def _value(self, element: Element, key: str, word: str) -> float:
         try:
-            value = float(word)
+            value = parse_number(word)
         except ValueError:
             self.refuse(element, f"{key} = {_shown(word)} is not a number")
         if not abs(value) <= LARGEST:

@@ -262,7 +262,8 @@ class _DocumentReader:
         return value
 
     def _tag(self, event: ScalarEvent) -> str:
-        return str(self.yaml.resolver.resolve(ScalarNode, event.value, event.implicit))
+        tag = str(self.yaml.resolver.resolve(ScalarNode, event.value, event.implicit))
+        return _STRING if tag in (_FLOAT, _INT) and "_" in event.value else tag  # 1_0 is a number in YAML 1.1 only
 
     def _refuse(self, event: Event, message: str) -> ProblemError:
         return _refusal(self.name, message, *_position(event))

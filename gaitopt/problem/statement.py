@@ -19,6 +19,7 @@ from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
 from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.modes import IMPACT, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, ContactSection, contact_section
+from gaitopt.model.units import parse_count
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
 from gaitopt.problem.schema import OPEN, FrictionCoefficients
@@ -402,9 +403,10 @@ def _path(key: str, data: Mapping[str, Any]) -> Key:
                 points = section.get("bezier")
                 if isinstance(points, dict) and part in points:
                     path, section = [*path, "bezier"], points
-            if isinstance(section, list) and part.isdecimal() and int(part) < len(section):
-                path.append(int(part))
-                section = section[int(part)]
+            index = parse_count(part)
+            if isinstance(section, list) and index is not None and index < len(section):
+                path.append(index)
+                section = section[index]
             else:
                 path.append(part)
                 section = section.get(part) if isinstance(section, dict) else None

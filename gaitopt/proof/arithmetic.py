@@ -20,6 +20,7 @@ F. Johansson (2017), Arb: efficient arbitrary-precision midpoint-radius interval
 
 import copyreg
 import operator
+import re
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,6 +32,8 @@ from typing import Any
 import casadi as ca
 from casadi import Function
 from flint import acb, arb, arb_mat, ctx, fmpq
+
+from gaitopt.model.units import DECIMAL
 
 Number = Any
 """A ball (``arb``), a power series in time (``arb_series``), or a ``Tilted`` one of these."""
@@ -144,11 +147,14 @@ def ball(text: str) -> arb:
     """
     lower, between, upper = text.partition(INTERVAL)
     if between:
-        return ball(lower.strip()).union(ball(upper.strip()))
+        ends = lower.strip(), upper.strip()
+        if ends[0].partition(" ")[2] != ends[1].partition(" ")[2]:
+            raise ValueError(f"{text!r}: state both ends in the same unit")
+        return ball(ends[0]).union(ball(ends[1]))
     number, _, unit = text.partition(" ")
-    value = arb(number)
-    if unit not in ("", "rad", "deg") or not value.is_finite():
+    if unit not in ("", "rad", "deg") or re.fullmatch(DECIMAL, number) is None:
         raise ValueError(f"{text!r} is not an exact value; write a decimal number, or one with deg or rad")
+    value = arb(number)
     return value * arb.pi() / 180 if unit == "deg" else value
 
 

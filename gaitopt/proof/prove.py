@@ -263,6 +263,7 @@ class _BoxSearch:
 
     def __init__(self, statement: Statement, gait: Gait, progress: Callable[[str], None]) -> None:
         self._progress, self._tries, self._curvature = progress, 0, list[float]()
+        self.statement = statement
         self._value, self._unit = 0.0, ""
         if statement.varied is not None:
             self._unit = statement.interval[0].partition(" ")[2]
@@ -373,7 +374,9 @@ class _BoxSearch:
         return (record, box), (middle_orbit, centre, rate)
 
     def _text(self, value: float) -> str:
-        return f"{value!r} {self._unit}".strip()
+        """An end of a box; an end of the interval as it is stated, 13 rather than 13.0, which the check compares."""
+        stated = {float(end.partition(" ")[0]): end for end in self.statement.interval}
+        return stated.get(value, f"{value!r} {self._unit}".strip())
 
 
 def _digits(value: arb) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.model.units import parse_angle
+from gaitopt.model.units import parse_angle, parse_number
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 
@@ -91,15 +91,25 @@ def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axi
     """
     degrees = any(isinstance(end, str) and end.strip().endswith("deg") for end in (lower, upper))
     unit = "deg" if degrees else ""
-    return Axis(key=key, lower=number_or_angle(lower), upper=number_or_angle(upper), count=count, unit=unit)
+    try:
+        ends = number_or_angle(lower), number_or_angle(upper)
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from error
+    return Axis(key=key, lower=ends[0], upper=ends[1], count=count, unit=unit)
 
 
 def number_or_angle(end: float | str) -> float:
     """A number, or an angle with its unit in rad."""
-    try:
+    if not isinstance(end, str):
         return float(end)
+    try:
+        return parse_number(end)
     except ValueError:
-        return float(str(parse_angle(str(end).strip())))
+        pass
+    try:
+        return float(str(parse_angle(end)))
+    except ValueError:
+        raise ValueError(f"{end.strip()!r} is not a number or an angle such as 2 deg") from None
 
 
 @dataclass(frozen=True, slots=True)

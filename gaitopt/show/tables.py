@@ -500,14 +500,20 @@ def print_proof(console: Console, record: Record) -> None:
         if not claim["proved"]:
             console.print(f"{claim['claim']}: {claim['words']}")
     bounds = {**(record["state"] or {}), **{name: record.get(name) for name in SCALARS}}
-    if record.get("interval"):
-        bounds[record["parameter"]] = record["interval"].split("..")
     rows = [(name, enclosure(*value)) for name, value in bounds.items() if value is not None]
+    if record.get("interval"):
+        rows.append((record["parameter"], _typed_interval(record["interval"])))
     for k, m in enumerate(record["multipliers"], start=1):
         re, im = enclosure(*m["re"]), enclosure(*m["im"])
         rows.append((f"multiplier {k}", re if im == "0" else f"{re}, im {im}"))
     if rows:
         section(console, "bounds, rounded; --json prints all digits", ("quantity", "value"), rows)
+
+
+def _typed_interval(text: str) -> str:
+    """An interval ``LO..HI`` of a parameter as ``enclosure``, with the unit of both ends."""
+    (lower, _, unit), (upper, _, _) = (end.strip().partition(" ") for end in text.split(".."))
+    return f"{enclosure(lower, upper)} {unit}".rstrip()
 
 
 def enclosure(lower: str, upper: str) -> str:

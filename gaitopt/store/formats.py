@@ -21,6 +21,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from gaitopt.errors import StorageError
 from gaitopt.gait.records import STATES, differing, first_fault
+from gaitopt.model.units import parse_number
 
 Parsed = TypeVar("Parsed")
 Model = TypeVar("Model")
@@ -150,7 +151,7 @@ def parse_cell(cell: str) -> float:
     ValueError
         If it is not a finite number.
     """
-    number = float(cell or "nan")
+    number = parse_number(cell or "nan")
     if cell and not math.isfinite(number):
         raise ValueError(f"{cell!r} is not a finite number")
     return number

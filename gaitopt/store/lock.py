@@ -55,7 +55,8 @@ def only_writer(folder: Path) -> Iterator[None]:
         remedy = "wait for it, or name another folder"
         raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}").concerning("output") from error
     except (OSError, ValueError) as error:
-        raise StorageError(f"cannot lock {folder}: {reason(error)}") from error
+        words = f"cannot lock {folder}: {reason(error)}; choose another folder"
+        raise StorageError(words).concerning("output") from error
     outermost = lock.lock_counter == 1
     try:
         if outermost:

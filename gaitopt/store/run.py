@@ -162,8 +162,12 @@ class Run:
 
     # writing
 
-    def check(self, problem: Problem) -> None:
+    def check(self, problem: Problem, *, write: bool = False) -> None:
         """Refuse a folder that may not be written for this problem, before anything is computed or written.
+
+        Parameters
+        ----------
+        write : refuse a run of this problem too if the system does not let this process write into its folder.
 
         Raises
         ------
@@ -181,6 +185,8 @@ class Run:
                 f"{self.folder} contains another problem ({manifest.problem}, hash {manifest.hash[:8]}, not "
                 f"{problem.name}, hash {problem.digest[:8]}); it was not changed: delete it, or choose another folder"
             ).concerning("output")
+        if write:
+            check_writable(self.folder)
 
     @contextmanager
     def writing(self, problem: Problem) -> Iterator[None]:

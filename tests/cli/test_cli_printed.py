@@ -11,7 +11,7 @@ from named import named, verification
 
 from gaitopt import __version__, load_problem, parse_problem, problem_names
 from gaitopt.cli.main import main
-from gaitopt.cli.terminal import console
+from gaitopt.cli.terminal import NARROWEST_WIDTH, console
 from gaitopt.errors import printable
 
 ATTACK = "\x1b]0;title\x07\x1b[31mred\x9b2J\r\x08\x7f‮⁦ 한국 ñ\n\ttab"
@@ -51,6 +51,23 @@ def test_console_shows_them_in_texts_and_tables(terminal, monkeypatch):
     results.print(table(("a\x1b[1m", "b"), [("\x1b[31mred", "\x07")]))
     assert not set(written.getvalue()) & set("\x1b\x07\x9b\r\x08\x7f‮⁦")
     assert r"\x1b[31mred" in written.getvalue()
+
+
+@pytest.mark.parametrize("columns", ["0", "-5", "abc", "", "\u0663", "9" * 200])
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_width_that_is_none_hides_nothing(columns, terminal, monkeypatch):
+    written = io.StringIO()
+    written.isatty = lambda: terminal
+    monkeypatch.setattr(sys, "stdout", written)
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("COLUMNS", columns)
+    assert main(["list"]) == 0
+    assert "\nrabbit-hzd-slip " in written.getvalue()
+
+
+def test_the_narrowest_width_has_room_for_a_column(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "1")
+    assert console(stderr=False).width == NARROWEST_WIDTH
 
 
 @pytest.mark.usefixtures("empty_folder")

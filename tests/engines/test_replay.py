@@ -1,12 +1,16 @@
 """Gaits replayed in engines: convergence to the gait, closed forms, refusals, crashes, kept results."""
 
 import json
+import os
 import runpy
+import subprocess
 import sys
+import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import gaitopt as go
@@ -14,7 +18,7 @@ from gaitopt.api.stored import stored_replays
 from gaitopt.cli.main import main
 from gaitopt.engines import replay as engines
 from gaitopt.engines.plant import Reference
-from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 
 ROOT = Path(__file__).parents[2]
 for place in (ROOT / "docs" / "examples", Path(__file__).parent):
@@ -27,6 +31,8 @@ VALIDATION = runpy.run_path(str(ROOT / "benchmarks" / "engines" / "validation.py
 CASES, PERTURBATIONS = VALIDATION["CASES"], VALIDATION["PERTURBATIONS"]
 INSTALLED = [name for name, package in engines.ENGINES.items() if find_spec(package) is not None]
 TOLERANCES = {"block slides to rest": 5e-3, "pendulum": 1e-2, "plastic impact": 0.02}
+LONG_ENOUGH = 120
+"""Seconds within which a process ends on the busiest machine."""
 REBOUND = {"mujoco": 0.15}
 """A contact whose time constant is twice the time step rebounds, whatever its size."""
 
@@ -156,6 +162,41 @@ def test_a_call_ends_when_it_is_asked_to():
     gait = go.solve("compass-passive-stick", progress=False)
     with pytest.raises(KeyboardInterrupt):
         go.replay(gait, Hanging, time_steps=[2e-3], progress=False, should_stop=lambda: True)
+
+
+def test_a_time_step_that_is_given_twice_counts_once():
+    (result,) = go.replay("compass-passive-a", Simulator, settings="default", time_steps=[4e-3, 4e-3], progress=False)
+    assert [outcome.dt for outcome in result.outcomes] == [4e-3]
+    assert result.order is None
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_engine_runs(tmp_path, monkeypatch):
+    gait = go.solve("compass-passive-stick", progress=False, output=tmp_path / "run")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    with pytest.raises(StorageError, match=r"cannot write .*run is not writable"):
+        go.replay(gait, Hanging, time_steps=[2e-3], progress=False, output=tmp_path / "run")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
+def test_the_process_of_an_engine_ends_with_its_parent_even_if_that_is_killed():
+    program = f"""
+import sys
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import gaitopt as go
+from crashing_engines import Hanging
+go.replay("compass-passive-stick", Hanging, time_steps=[2e-3], progress=False)
+"""
+    with subprocess.Popen([sys.executable, "-c", program]) as parent:
+        watched, children = psutil.Process(parent.pid), []
+        while not children and parent.poll() is None:
+            time.sleep(0.05)
+            children = watched.children()
+        parent.kill()
+    assert len(children) == 1
+    _, alive = psutil.wait_procs(children, timeout=LONG_ENOUGH)
+    for child in alive:
+        child.kill()
+    assert not alive
 
 
 def test_replays_are_kept_with_the_run_and_drawn_on_its_page(tmp_path):

@@ -399,6 +399,8 @@ def test_the_gait_of_a_stored_run_can_be_followed(file: Path) -> None:
     [
         ("t,theta2\n0,0.1\n0.1\n", "swing.csv:3: 1 entries, but there are 2 columns"),
         ("# degrees\nt,theta2 [deg]\n\n0,1\n0.1,x\n", "swing.csv:5: 'x' is not a number"),
+        ("t,theta2\n0,0\n0.1,1_0\n", "swing.csv:3: '1_0' is not a number"),
+        ("t,theta2\n0,0\n0.1,\u0661\n", "swing.csv:3: '\u0661' is not a number"),
         ("t,theta2\n0,0\n0.1,nan\n", "swing.csv:3: theta2 = nan is not a finite number"),
         ("t,theta2\n0,0\n0.2,1e9\n", "swing.csv:3: theta2 = 1e9 is not a finite number of at most 1000"),
         ("t,theta2\n0,0\n0.2,0\n0.2,0.1\n", "swing.csv:4: t = 0.2 after 0.2; it must increase from row to row"),

@@ -194,6 +194,8 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
         (INERTIA, "", r"link torso: has <inertial> without <inertia>"),
         ('iyy="1.33"', 'iyy="-1"', r"link torso: has the moment of inertia -1 kg m\^2 about the axes"),
         ('<mass value="12"/>', '<mass value="heavy"/>', r"link torso: <mass> value = 'heavy' is not a number"),
+        ('<mass value="12"/>', '<mass value="1_2"/>', r"link torso: <mass> value = '1_2' is not a number"),
+        ('<mass value="12"/>', '<mass value="\u0661"/>', r"link torso: <mass> value = '\u0661' is not a number"),
         ('<mass value="12"/>', '<mass value="nan"/>', r"link torso: <mass> value = 'nan' must be a number of at most"),
         (
             '<mass value="12"/>',

@@ -1,6 +1,7 @@
 """``gaitopt prove``: exit codes, its JSON, and certificates on disk."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -116,6 +117,24 @@ def test_a_parameter_may_be_an_interval(run, empty_folder):
     code, _, err = run("prove", "rimless-wheel-stick", "--set", "friction=0.95..much")
     assert code == 3
     assert "--set friction" in err
+
+
+def test_an_interval_of_angles_has_one_unit_and_is_printed_with_it(run, empty_folder):
+    code, out, _ = run("prove", "rimless-wheel-stick", "--set", "walker.slope=13 deg..13.0001 deg", "--quiet")
+    assert code == 0
+    assert ["walker.slope", "13.00005", "±", "5e-05", "deg"] in [line.split() for line in out.splitlines()]
+    code, _, err = run("prove", "rimless-wheel-stick", "--set", "walker.slope=13 deg..0.227 rad")
+    assert code == 3
+    assert "--set walker.slope: '13 deg..0.227 rad': state both ends in the same unit" in err
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_proof(run, certificate, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr("gaitopt.proof.prove.prove", None)
+    code, _, err = run("prove", str(Path(certificate["certificate"]).parent), "--quiet")
+    assert code == 6
+    assert "proof.json" in err
+    assert "is not writable; choose another place with -o" in err
 
 
 def test_check_takes_no_overrides(run):

@@ -218,7 +218,7 @@ def test_what_is_refused_leaves_no_folder(command):
         ("friction=0.1:0.2:0", "0 values from 0.1 to 0.2 are not a range"),
         ("friction=0.1:0.1:5", "not a range"),
         ("friction=0.1:inf:5", "not a finite range"),
-        ("friction=a:b:5", "write an angle as a number"),
+        ("friction=a:b:5", "friction: 'a' is not a number or an angle such as 2 deg"),
     ],
 )
 def test_range_that_is_none_is_refused_by_the_command(capsys, over, violation):
