@@ -39,9 +39,9 @@ HEAD = """# Reference orbits
 
 {count} periodic orbits of walkers with dry friction, of which {proved} are proved: existence, mode sequence and
 multipliers. [docs/reference-orbits.md](../../docs/reference-orbits.md) describes the format, and how to use the set
-without gaitopt. `python recompute.py NAME.json` recomputes an orbit with numpy and scipy. Data: CC-BY-4.0; version
-{version}; checksums in `SHA256SUMS` (`sha256sum -c SHA256SUMS`). `python benchmarks/orbits.py` at the root of the
-repository remakes the set.
+without gaitopt. `python recompute.py NAME.json` recomputes an orbit with numpy and scipy, and ends with exit code
+1 if a number of the file differs. Data: CC-BY-4.0; version {version}; checksums in `SHA256SUMS` (`sha256sum -c
+SHA256SUMS`). `python benchmarks/orbits.py` at the root of the repository remakes the set.
 
 | orbit | mechanism | modes; impact | period [s] | spectral radius | proof | links |
 |---|---|---|---|---|---|---|
