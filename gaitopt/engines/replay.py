@@ -12,6 +12,11 @@ one within some time steps. All runs of one setting share a process, which may c
     slip_missed, slip_invented   fraction of the cycle in which only the gait slips, or only the engine
     impact_error  difference of the impulse at the landing foot up to the comparison, relative to that of the gait
     energy_error  difference of the energy at the comparison, relative to weight times length
+
+The engine is consistent with the gait if its differences tend to zero with the time step. Each of them, v(dt), is
+extrapolated from two time steps a > b, and the change from one pair to the next tells how much that is worth:
+
+    limit = (a v(b) - b v(a)) / (a - b)        doubt = last change of the limit, or a quarter of the one before
 """
 
 import time
@@ -29,7 +34,10 @@ from gaitopt.callbacks import Stop
 from gaitopt.engines.plant import Reference, Tree
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.trajectory import Step
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
+from gaitopt.simulation.simulator import Simulator as WalkerSimulator
 
 ENGINES: Mapping[str, str] = {"mujoco": "mujoco", "drake": "pydrake", "pybullet": "pybullet", "siconos": "siconos"}
 """Adapters, and the packages that they import."""
@@ -57,6 +65,21 @@ MIDDLES = 100
 KEPT = 160
 """Maximum number of samples of a motion that are kept for pictures."""
 COMPLETED = "completed"
+FLOOR, SLIP_FLOOR = 2e-5, 0.01
+"""Extrapolated differences below which an engine is consistent with a gait: of angles and places before its impact in
+natural units, and of the slip relative to that of the gait. With right equations, four engines stay below 1.3e-5."""
+DOUBTS = 2.0
+"""Multiple of the doubt that a limit of a correct engine may be off besides."""
+RESOLVED = 2e-4
+"""Largest doubt of angles and places with which an engine can be called consistent."""
+WRONG = 0.01
+"""Relative error of friction that must be noticed in an engine that is called consistent, if it changes the gait."""
+NOTICED = 0.8
+"""Part of the effect of wrong friction that must exceed the limit of a difference."""
+CONVERGING = 0.25
+"""Ratio of successive changes of a limit if the time step is halved and errors are smooth: they are of second order."""
+PAIRS = 3
+"""Number of the finest pairs of time steps whose limits are compared."""
 
 
 class Simulator(Protocol):
@@ -123,6 +146,7 @@ class Replay:
     setting : name of the setting.
     settings : its values.
     slip : path of the gait's foot forward and backward [m].
+    friction_effect : relative change of these paths if the friction is wrong by 1 %.
     outcomes : one per time step, the largest first.
     """
 
@@ -132,6 +156,7 @@ class Replay:
     setting: str
     settings: Mapping[str, Any]
     slip: Mapping[str, float]
+    friction_effect: Mapping[str, float]
     outcomes: tuple[Outcome, ...]
 
     @property
@@ -156,6 +181,55 @@ class Replay:
             largest = outcome.dt
         return largest
 
+    @property
+    def consistent(self) -> bool | None:
+        """Whether the engine tends to the gait with the time step; None if its runs do not tell."""
+        return self._judgement[0]
+
+    @property
+    def consistent_reason(self) -> str:
+        """Why the engine is consistent with the gait or not, or why its runs do not tell."""
+        return self._judgement[1]
+
+    @property
+    def _judgement(self) -> tuple[bool | None, str]:
+        failed = next((o for o in self.outcomes if o.ending != COMPLETED), None)
+        if failed is not None:
+            return None, f"the run with a time step of {failed.dt:g} s ended: {failed.ending}"
+        steps = np.array([o.dt for o in self.outcomes])
+        if len(steps) <= PAIRS:
+            return None, f"{len(steps)} time steps; the extrapolation needs {PAIRS + 1}"
+        paths = {way: path for way, path in self.slip.items() if path > 0}
+        bodies = len(self.outcomes[0].deviation) // 2 - 1
+        angles = [[*o.deviation[:bodies], o.deviation[2 * bodies]] for o in self.outcomes]  # rates at a contact vibrate
+        slips = [[o.slip[way] / path - 1 for way, path in paths.items()] for o in self.outcomes]
+        differences = np.hstack([angles, np.reshape(slips, (len(steps), len(paths)))])
+        coarse, fine = steps[:-1, None], steps[1:, None]
+        limits = ((coarse * differences[1:] - fine * differences[:-1]) / (coarse - fine))[-PAIRS:]
+        changes, sizes = np.abs(np.diff(limits, axis=0)), np.abs(limits[-1])
+        doubts = np.max(changes * CONVERGING ** np.arange(PAIRS - 2, -1, -1.0)[:, None], axis=0)
+        bounds = np.repeat([FLOOR, SLIP_FLOOR], [bodies + 1, len(paths)]) + DOUBTS * doubts
+        names = (
+            *["the angle of a body"] * bodies,
+            "the place of the foot",
+            *(f"the {w.replace('_', ' ')}" for w in paths),
+        )
+        worst, vaguest = int(np.argmax(sizes / bounds)), int(np.argmax(doubts[: bodies + 1]))
+        if sizes[worst] > bounds[worst]:
+            words = f"{names[worst]} tends to an error of {sizes[worst]:.2g} as the time step tends to zero"
+            return False, f"{words}; the errors of a consistent engine tend to less than {bounds[worst]:.2g}"
+        if doubts[vaguest] > RESOLVED:
+            words = f"its extrapolated error still changes by {doubts[vaguest]:.2g} from one time step to the next"
+            return None, f"{names[vaguest]} does not converge: {words}"
+        slides = bool(paths) and max(self.friction_effect.values()) > SLIP_FLOOR
+        if slides and all(NOTICED * self.friction_effect[way] < bounds[k] for k, way in enumerate(paths, bodies + 1)):
+            return (
+                None,
+                "the errors of the slip converge too slowly: friction that is wrong by 1 % would not be noticed",
+            )
+        words = f"the largest is {sizes[worst]:.2g} in {names[worst]}, with a limit of {bounds[worst]:.2g}"
+        return True, f"all errors tend to zero with the time step; extrapolated, {words}"
+
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
         names = ["state_error", "error_before_impact", "creep", "slip_missed", "slip_invented", "sequence_matches"]
@@ -176,6 +250,8 @@ class Replay:
             "slip": {"gait": dict(self.slip), "engine": slip},
             "sequence": [[list(modes) for modes in outcome.sequence] for outcome in self.outcomes],
             "largest_dt": self.largest_dt,
+            "consistent": self.consistent,
+            "consistent_reason": self.consistent_reason,
             "motion": {} if finest is None else {"dt": finest.dt, **finest.motion},
         }
 
@@ -375,15 +451,29 @@ def _motion(
     return columns
 
 
-def gait_slip(reference: Reference) -> dict[str, float]:
-    """Path of the gait's stance foot forward and backward [m]."""
-    paths = [
-        float(arc.states[-1, reference.system.n_shape] - arc.states[0, reference.system.n_shape])
-        for step in reference.gait.steps
-        for arc in step.arcs
-        if arc.mode.slips
-    ]
+def slip_paths(steps: Iterable[Step]) -> dict[str, float]:
+    """Path of the stance foot forward and backward [m]."""
+    arcs = [arc for step in steps for arc in step.arcs if arc.mode.slips]
+    x = [arc.states[:, arc.dynamics.system.n_shape] for arc in arcs]
+    paths = [float(place[-1] - place[0]) for place in x]
     return {"slip_forward": sum(p for p in paths if p > 0), "slip_backward": -sum(p for p in paths if p < 0)}
+
+
+def friction_effect(gait: Gait) -> dict[str, float]:
+    """Relative change of the slip of a gait in one cycle if the friction is wrong by ``WRONG``, at least.
+
+    Infinite for a direction in which the foot does not slip then, or if the motion ends before.
+    """
+    parameters, slip = gait.dynamics.parameters, slip_paths(gait.steps)
+    coefficients = [key for key in parameters if key.startswith("friction") and not key.endswith("viscous")]
+    effects = dict.fromkeys(slip, np.inf)
+    for factor in (1 - WRONG, 1 + WRONG):
+        dynamics = gait.dynamics.at({key: factor * parameters[key] for key in coefficients})
+        walked = WalkerSimulator(dynamics).run(gait.state, steps=len(gait.steps))
+        if walked.ending is Ending.COMPLETED:
+            changed = slip_paths(walked.steps)
+            effects = {w: min(effects[w], abs(changed[w] / path - 1)) for w, path in slip.items() if path > 0}
+    return effects
 
 
 def replay(
@@ -397,7 +487,8 @@ def replay(
     """Replay a gait at several settings, by name, with different time steps, the largest first: ``gaitopt.replay``."""
     from gaitopt.engines.process import outcomes  # it imports this module
 
-    slip = gait_slip(Reference(gait))
+    Reference(gait)  # is refused if an engine has no law for it
+    slip, effect = slip_paths(gait.steps), friction_effect(gait)
     return [
         Replay(
             problem=gait.problem.name,
@@ -406,6 +497,7 @@ def replay(
             setting=name,
             settings=dict(values),
             slip=slip,
+            friction_effect=effect,
             outcomes=outcomes(gait, simulator, values, time_steps, finished, should_stop),
         )
         for name, values in settings.items()

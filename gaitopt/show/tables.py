@@ -552,6 +552,8 @@ def print_replay(console: Console, record: Record) -> None:
     console.print("observed order: {}, before the impact {}".format(*(_brief(order, 1.0, ".2f") for order in orders)))
     largest = record["largest_dt"]
     console.print(f"modes are right up to dt = {largest:g} s" if largest else "modes are right at no time step")
+    verdict = {True: "consistent with the gait", False: "NOT consistent with the gait", None: "consistency unknown"}
+    console.print(f"{verdict[record['consistent']]}: {record['consistent_reason']}")
 
 
 def _brief(value: float | None, unit: float = 1.0, digits: str = ".1e") -> str:
