@@ -166,7 +166,7 @@ PLUGIN = """
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 
 class HomeMadeWheel(RimlessWheel):
-    pass
+    model = "home_made"
 """
 LOAD = "import pickle, sys; print(repr(pickle.load(sys.stdin.buffer).walker))"
 
@@ -180,14 +180,14 @@ def test_walkers_of_modules_are_imported_where_they_arrive(tmp_path, monkeypatch
     message = pickle.dumps(problem)
     assert _loaded_elsewhere(message, str(tmp_path)).stdout.startswith("HomeMadeWheel(")
     refused = _loaded_elsewhere(message, "").stderr
-    assert "UnknownNameError: walker rimless_wheel: its class HomeMadeWheel cannot be imported" in refused
+    assert "UnknownNameError: walker home_made: its class HomeMadeWheel cannot be imported" in refused
     assert "install the package of the walker there" in refused
     assert _loaded_elsewhere(pickle.dumps(solve(problem, progress=False).problem), str(tmp_path)).returncode == 0
 
 
 def test_a_walker_that_no_module_holds_is_refused_with_a_sentence(tmp_path):
     class Local(RimlessWheel):
-        pass
+        model = "home_made"
 
     problem = load_problem(_wheel_file(tmp_path), walkers=[Local])
     with pytest.raises(pickle.PicklingError, match=r"another process cannot import its class .*Local.*; define"):
@@ -199,7 +199,7 @@ def test_dask_sends_a_walker_that_no_module_holds_by_value(tmp_path):
     cloudpickle = pytest.importorskip("cloudpickle")
 
     class Local(RimlessWheel):
-        pass
+        model = "home_made"
 
     gait = solve(load_problem(_wheel_file(tmp_path), walkers=[Local]), progress=False)
     assert content(sent(gait, cloudpickle.dumps).steps) == content(gait.steps)
@@ -207,7 +207,7 @@ def test_dask_sends_a_walker_that_no_module_holds_by_value(tmp_path):
 
 def _wheel_file(folder):
     path = folder / "wheel.yaml"
-    path.write_text(named(WHEEL).problem.text)
+    path.write_text(named(WHEEL).problem.text.replace("model: rimless_wheel", "model: home_made"))
     return path
 
 

@@ -4,11 +4,12 @@ A law may come from any package. Each error is one sentence that names the class
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from math import inf, isfinite
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 from weakref import WeakSet
 
 import numpy as np
@@ -17,7 +18,10 @@ from casadi import (
     OP_CONST,
     OP_COPYSIGN,
     OP_EQ,
+    OP_FABS,
     OP_FLOOR,
+    OP_FMAX,
+    OP_FMIN,
     OP_FMOD,
     OP_INPUT,
     OP_LE,
@@ -31,14 +35,30 @@ from casadi import (
     tanh,
     vertcat,
 )
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.model.control import Control, Instant, is_parameter, parameter_names
+from gaitopt.model.control import OWN_PACKAGE, Control, Instant, SectionType, is_parameter, parameter_names
 from gaitopt.model.declaration import MODEL, NAME, NAME_WORDS, Reader, calling, shown
+from gaitopt.model.reference import MOST_KNOTS, Path
 from gaitopt.model.units import UNITS, Within
+from gaitopt.model.walker import WalkerType
 
 ATTRIBUTES = ("type", "version", "jumps", "restarts")
+DERIVED = ("targets", "parameters", "structure", "source", "record", "unknowns", "guesses")
+"""Methods of ``Control`` that follow from the fields of a class."""
+OPAQUE: tuple[object, ...] = (Any, object, dict, list, tuple, set, frozenset, Mapping, Sequence)
+"""Annotations that say nothing about the values in a field."""
+PERIODIC = 1e-6
+"""Difference of the torques at both ends of a period, relative to those in between, that is rounding of the period."""
+PARTS_OF_PERIOD = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
+"""Parts of the period at which torques are evaluated, with both ends."""
+NEARBY, STATES = 0.1, 3
+"""Deviation from the guess, and number, of the states in which both ends of a period are compared."""
+KINKED = {OP_FABS: "fabs", OP_FMAX: "fmax", OP_FMIN: "fmin"}
+"""Operations whose derivatives jump."""
 JUMPING = {
     **dict.fromkeys((OP_LT, OP_LE, OP_EQ, OP_NE), "a comparison"),
     OP_SIGN: "sign", OP_FLOOR: "floor", OP_CEIL: "ceil", OP_FMOD: "fmod", OP_REMAINDER: "remainder",
@@ -87,8 +107,14 @@ def _class_faults(law: type[Control]) -> Iterator[str]:
     for name, field in law.model_fields.items():
         if name not in Control.model_fields:
             yield from (f"the key {name} {why}" for why in _field_faults(name, field))
+    if law.model_fields["limits"].annotation != Control.model_fields["limits"].annotation:
+        yield "the key limits is that of every law, the largest torque of each motor: rename it"
     if not law.model_config.get("frozen"):
         yield "model_config must keep frozen=True"
+    for name in DERIVED:
+        owner = next(base for base in law.__mro__ if name in vars(base))
+        if not owner.__module__.startswith(OWN_PACKAGE):
+            yield f"{name} must not be overridden: it follows from the fields of the class"
 
 
 def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
@@ -101,9 +127,114 @@ def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
         yield "has an alias, which problem files cannot use: remove it"
     if field.exclude:
         yield "is excluded from records of the law: remove exclude=True"
+    if any(part in OPAQUE for part in _types(field.annotation)):
+        words = "which does not say what problem files may give: state one such as float, str or tuple[float, ...]"
+        yield f"is of type {_type_words(field.annotation)}, {words}"
     for part in field.metadata:
         if isinstance(part, Within) and part.unit not in UNITS:
             yield f"has a range in {shown(part.unit)}, which is not a natural unit: {', '.join(UNITS)}"
+
+
+def _types(annotation: object) -> Iterator[object]:
+    """The types in an annotation; a generic one such as ``dict[str, float]`` counts by its arguments."""
+    arguments = [part for part in get_args(annotation) if part is not ...]
+    if not arguments:
+        yield annotation
+    for part in arguments:
+        yield from _types(part)
+
+
+def _type_words(annotation: object) -> str:
+    """The name of a type."""
+    return str(annotation) if get_args(annotation) else getattr(annotation, "__name__", str(annotation))
+
+
+def law_section(law: type[Control], walker: WalkerType) -> SectionType:
+    """``Control.section``, checked: the keys of a law for a walker.
+
+    Raises
+    ------
+    ProblemError
+        If the method raises, or does not return a class of pydantic.
+    """
+    with calling(law, "section"):
+        section: object = law.section(walker)
+    if not (isinstance(section, type) and issubclass(section, BaseModel)):
+        words = "must return a pydantic class with the keys of the law, such as cls"
+        raise ProblemError(f"{law.__name__}: section returns {shown(section)}, but {words}")
+    return section
+
+
+def law_faults(law: Control, walker: WalkerType) -> Iterator[tuple[Path, str]]:
+    """``Control.faults``, checked: the keys below ``control`` that are wrong, with a message for each.
+
+    Raises
+    ------
+    ProblemError
+        If the method raises, or yields something else.
+    """
+    kind = type(law)
+    with calling(kind, "faults"):
+        stated: tuple[Any, ...] = tuple(law.faults(walker))
+    for entry in stated:
+        path, message = entry if isinstance(entry, tuple) and len(entry) == 2 else (None, None)
+        keys = isinstance(path, tuple) and all(isinstance(key, str | int) for key in path)
+        if not (keys and isinstance(message, str)):
+            words = 'a path and a message, such as (("gains", "hip"), "is missing")'
+            raise ProblemError(f"{kind.__name__}: faults yields {shown(entry)}, but must yield {words}")
+    yield from stated
+
+
+def check_hooks(law: Control, walker: WalkerType) -> None:
+    """Check what the methods of a law return for a walker, besides torques: clock, phase variable and units.
+
+    Raises
+    ------
+    ProblemError
+        If a method raises, or returns something else than it must.
+    """
+    kind, name = type(law), type(law).__name__
+    with calling(kind, "phase_variable"):
+        phase: object = law.phase_variable
+    phases = (*walker.shape, *walker.phases)
+    if phase != "" and phase not in phases:
+        words = f"must be a phase variable of {walker.model}, {', '.join(phases)}, or empty"
+        raise ProblemError(f"{name}: phase_variable is {shown(phase)}, but {words}")
+    for key in law.parameters:
+        with calling(kind, "unit"):
+            unit: object = law.unit(key)
+        if not isinstance(unit, str):
+            raise ProblemError(f"{name}: unit({key!r}) is {shown(unit)}, but must be a text such as 'N m/rad'")
+    check_clock(law)
+
+
+def check_period(law: Control, motors: Sequence[str], torques: Function, z: Array, p: Array) -> None:
+    """Require that torques which do not jump are the same at both ends of the period of the law's clock.
+
+    Parameters
+    ----------
+    motors, torques : names, and function (t, z, p, r).
+    z, p : state near which they are compared, and parameters.
+
+    Raises
+    ------
+    ProblemError
+        If they differ.
+    """
+    if law.period is None or law.jumps:
+        return
+    random = np.random.default_rng(0)
+    times = [law.period * part for part in PARTS_OF_PERIOD]
+    for size in (0.0, *(NEARBY,) * (STATES - 1)):
+        state = z + size * random.standard_normal(z.size)
+        pieces = [law.data(bisect_left(law.breakpoints, time)) for time in times]
+        applied = [np.asarray(torques(t, state, p, r)).ravel() for t, r in zip(times, pieces, strict=True)]
+        start, end = applied[0], applied[-1]
+        if not (np.abs(end - start) <= PERIODIC * np.abs(applied).max(initial=0.0)).all():
+            k = int(np.argmax(np.abs(end - start)))
+            words = f"the motor {motors[k]} applies {start[k]:.6g} at its start and {end[k]:.6g} at its end"
+            remedy = "make the torques periodic, or set jumps = True"
+            raise ProblemError(f"{type(law).__name__}: period is {law.period:g} s, but {words}: {remedy}")
 
 
 def check_clock(law: Control) -> None:
@@ -112,8 +243,8 @@ def check_clock(law: Control) -> None:
     Raises
     ------
     ProblemError
-        If breakpoints are not increasing times, segment data differ in length or hold something else than numbers, or
-        one of these depends on a parameter.
+        If breakpoints are not increasing times or too many, segment data differ in length or hold something else than
+        numbers, or one of these depends on a parameter.
     """
     kind, name = type(law), type(law).__name__
     read: dict[str, Callable[[Control], Any]] = {
@@ -126,6 +257,9 @@ def check_clock(law: Control) -> None:
     for key, value in read.items():
         with calling(kind, key):
             stated[key] = value(law)
+        if key == "breakpoints" and len(stated[key]) > MOST_KNOTS and not kind.__module__.startswith(OWN_PACKAGE):
+            words = f"{len(stated[key]):,} breakpoints divide the motion into as many parts; use at most {MOST_KNOTS}"
+            raise ProblemError(f"{name}: {words}, or smooth torques")
     times, horizon, period = stated["breakpoints"], stated["horizon"], stated["period"]
     if not (all(map(_is_time, times)) and all(a < b for a, b in pairwise((0.0, *times)))):
         raise ProblemError(f"{name}: breakpoints are {shown(times)}, but must be increasing times above 0 [s]")
@@ -154,8 +288,8 @@ def check_clock(law: Control) -> None:
             raise ProblemError(f"{name}: {key} {words}")
 
 
-def jumping_operations(torques: Function) -> tuple[str, ...]:
-    """Names of the operations with jumps in a function (t, z, p, r) that depend on time or state."""
+def jumping_operations(torques: Function, kinds: Mapping[int, str] = JUMPING) -> tuple[str, ...]:
+    """Names of the operations of some kinds in a function (t, z, p, r) that depend on time or state."""
     moves = [False] * torques.sz_w()
     found = dict[str, None]()
     for k in range(torques.n_instructions()):
@@ -166,8 +300,8 @@ def jumping_operations(torques: Function) -> tuple[str, ...]:
             moved = operation == OP_INPUT and operands[0] < 2
         else:
             moved = any(moves[operand] for operand in operands)
-        if moved and operation in JUMPING:
-            found[JUMPING[operation]] = None
+        if moved and operation in kinds:
+            found[kinds[operation]] = None
         moves[torques.instruction_output(k)[0]] = moved
     return tuple(found)
 
@@ -216,3 +350,21 @@ def torques(law: Control, now: Instant, p: SX) -> SX:
         u = read.scalar(f"torques[{name!r}]", stated.get(name, SX(0)), "all")
         result.append(limits[name] * tanh(u / limits[name]) if name in limits else u)
     return vertcat(SX(0, 1), *result)
+
+
+def quantities(law: Control, now: Instant, p: SX) -> dict[str, SX]:
+    """The further expressions of a law by name, checked; arguments as for ``torques``.
+
+    Raises
+    ------
+    ProblemError
+        If ``Control.quantities`` raises, or does not return expressions of the given symbols by name.
+    """
+    kind, known = type(law), vertcat(now.t, now.robot.z, p, now.r)
+    with calling(kind, "quantities"):
+        stated: object = symbolic(law, now.p).quantities(now)
+    if not (isinstance(stated, Mapping) and all(isinstance(name, str) for name in stated)):
+        words = "must return a mapping from names to expressions"
+        raise ProblemError(f"{kind.__name__}: quantities returns {shown(stated)}, but {words}")
+    read = Reader(kind, SimpleNamespace(symbols=known), SimpleNamespace())
+    return {name: read.expression(f"quantities[{name!r}]", value) for name, value in stated.items()}

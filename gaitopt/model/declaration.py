@@ -441,21 +441,27 @@ class Reader:
         """A column of expressions, which depend on the arguments ``of``: a key of ``_forbidden``."""
         name = self._class.__name__
         form = "one number or expression" if size == 1 else f"a column of {size}, vertcat(...)"
+        expression = self.expression(what, value, form)
+        if expression.shape != (size, 1):
+            rows, columns = expression.shape
+            raise ProblemError(f"{name}: {what} has shape ({rows}, {columns}), but must be {form}")
+        words, forbidden = self._forbidden[of]
+        if forbidden.numel() and depends_on(expression, forbidden):
+            raise ProblemError(f"{name}: {what} must be a function of {words}")
+        return expression
+
+    def expression(self, what: str, value: Any, form: str = "an expression") -> SX:
+        """An expression of any shape, of the symbols that were passed to the method."""
+        name = self._class.__name__
         strange = isinstance(value, bool) or (isinstance(value, np.ndarray) and value.dtype.kind not in "iuf")
         if strange or not isinstance(value, KINDS):
             raise ProblemError(f"{name}: {what} is {shown(value)}, but must be {form} of CasADi's type SX")
         with calling(self._class, f"reading {what}"):
             expression = SX(value)
-        if expression.shape != (size, 1):
-            rows, columns = expression.shape
-            raise ProblemError(f"{name}: {what} has shape ({rows}, {columns}), but must be {form}")
         foreign = Function("foreign", [self.symbols], [expression], {"allow_free": True}).free_sx()
         if foreign:
             words = ", ".join(str(symbol) for symbol in foreign)
             raise ProblemError(f"{name}: {what} contains {words}, which is not a symbol that was passed to the method")
-        words, forbidden = self._forbidden[of]
-        if forbidden.numel() and depends_on(expression, forbidden):
-            raise ProblemError(f"{name}: {what} must be a function of {words}")
         return expression
 
 

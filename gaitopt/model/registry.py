@@ -64,6 +64,12 @@ def registered_controls() -> Mapping[str, type[Control]]:
     return _plugins(CONTROLS)[0]
 
 
+def built_in(kind: Kind, name: str) -> Any:
+    """The class of this package with a name; None if there is none."""
+    found = _plugins(kind)[0].get(name)
+    return found if found is not None and found.__module__.startswith(OWN_PACKAGE) else None
+
+
 def refused_walkers() -> Mapping[str, str]:
     """Messages about registered walkers that cannot be used, by name."""
     return _plugins(WALKERS)[1]

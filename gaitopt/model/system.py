@@ -18,13 +18,13 @@ from types import SimpleNamespace
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, jacobian, jtimes, substitute, vec, vertcat
+from casadi import SX, Function, cse, horzcat, jacobian, jtimes, substitute, symvar, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
 from gaitopt.model.buffered import buffered
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
-from gaitopt.model.contract import torques
+from gaitopt.model.contract import quantities, torques
 from gaitopt.model.control import Control, Instant, parameter_names
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import FOOT_COORDINATES, has_links, joint_limits, state_after_impact, state_tree
@@ -80,14 +80,16 @@ class Expressions:
             uses = "actual" if actual or uses == "actual" else "held"
             return self._accelerations(mode, slip, actual)
 
-        torque = BUILT.watch(torques(self._control, self._instant(accelerations), self.p))
+        known = self.p if slip is None else vertcat(self.p, *symvar(slip))
+        torque = BUILT.watch(torques(self._control, self._instant(accelerations), known))
         if uses != "actual" or slip is None:
             self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
         return torque
 
     def quantities(self, mode: Mode) -> dict[str, SX]:
         """Further expressions of the control law in a mode."""
-        return dict(self._control.quantities(self._instant(lambda actual: self._accelerations(mode, None, actual))))
+        now = self._instant(lambda actual: self._accelerations(mode, None, actual))
+        return quantities(self._control, now, self.p)
 
     @property
     def phase_rate(self) -> SX:

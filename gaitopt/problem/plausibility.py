@@ -22,7 +22,7 @@ from gaitopt.display import told_apart
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
-from gaitopt.model.contract import check_clock, jumping_operations
+from gaitopt.model.contract import KINKED, check_hooks, check_period, jumping_operations, law_section
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
 from gaitopt.model.declaration import actuator_units, state_mechanism
 from gaitopt.model.dynamics import Dynamics
@@ -30,7 +30,7 @@ from gaitopt.model.friction import COULOMB, ContactFriction
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import TableCurves
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import DURATION, MOTOR_WORDS, Scales, Within, symmetric, words_and_unit
@@ -110,10 +110,11 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
     """
     walker = type(problem.walker)
     try:
-        check_clock(law)
+        check_hooks(law, walker)
         system = build()
-        mode = walker.released(Mode.STICK) if problem.is_open else problem.cycle.phases[0]
-        function = system.torques(mode)
+        mode, function = _torques(problem, system)
+        if type(law).quantities is not Control.quantities:
+            system.quantities(mode)  # which reads them
     except ProblemError as error:
         yield Fault(("control",), str(error))
         return
@@ -122,9 +123,7 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
     jumps = () if type(law).__module__.startswith(OWN_PACKAGE) else jumping_operations(function)
     if jumps:
         words = f"{name}: torques uses {', '.join(jumps)} of time or state, which may jump where no mode ends"
-        remedy = (
-            "jumps in time are breakpoints; write others smoothly, such as tanh(x / width), and kinks by fmax or fmin"
-        )
+        remedy = "jumps in time are breakpoints; write others smoothly, such as tanh(x / width) for sign(x)"
         yield Fault(("control",), f"{words}: {remedy}")
         return
     where = "with all coordinates zero" if problem.start is None else "at the guess"
@@ -150,6 +149,30 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
                 yield Fault(("control",), f"{name}: the {words} of {actuator} jumps {jump}: {remedy}")
         if segment < len(times):
             at_end = np.asarray(function(times[segment], z, p, law.data(segment))).ravel()
+    if not law.restarts or problem.cycle_end == CLOCK:
+        try:
+            check_period(law, walker.actuators, function, z, p)
+        except ProblemError as error:
+            yield Fault(("control",), str(error))
+
+
+def _torques(problem: ProblemStatement, system: HybridSystem) -> tuple[Mode, Function]:
+    """A mode of the gait, and the torques in it: (t, z, p, r)."""
+    mode = type(problem.walker).released(Mode.STICK) if problem.is_open else problem.cycle.phases[0]
+    return mode, system.torques(mode)
+
+
+def _kinks(problem: ProblemStatement) -> Iterator[Fault]:
+    """Remarks: functions in the torques of another package's law whose derivatives jump where no mode ends."""
+    law = problem.control
+    if type(law).__module__.startswith(OWN_PACKAGE) or law.source[0]:
+        return
+    kinks = jumping_operations(_torques(problem, _controlled_system(problem))[1], KINKED)
+    if kinks:
+        words = f"torques uses {', '.join(kinks)} of time or state, whose kink gaitopt does not locate"
+        remedy = "it may keep a solve or a verification from its accuracy"
+        smooth = "write it smoothly, such as sqrt(x**2 + width**2) for fabs(x)"
+        yield Fault(("control",), f"{type(law).__name__}: {words}: {remedy}; {smooth}")
 
 
 def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
@@ -228,6 +251,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     if lacks_energy(problem):
         yield Fault(("walker",), NO_ENERGY)
     yield from _loose_ends(problem, scales.length)
+    yield from _kinks(problem)
     needed = least_friction(problem)
     if problem.static_friction < needed:
         yield Fault(("friction",), TOO_SLIPPERY.format(*told_apart(problem.static_friction, needed)))
@@ -266,7 +290,7 @@ def natural_units(walker: Walker) -> Scales:
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
     """All numbers with a range in natural units, or one that depends on the walker."""
     walker, state = problem.walker, state_section(type(problem.walker))
-    control = problem.control.section(type(walker))
+    control = law_section(type(problem.control), type(walker))
     yield from _section_spans((), HeadSection, {"friction": problem.friction})
     if isinstance(problem.friction, FrictionCoefficients):
         yield from _section_spans(("friction",), FrictionCoefficients, vars(problem.friction))

@@ -22,8 +22,10 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import (
     CONTROLS,
+    OWN_PACKAGE,
     WALKERS,
     Kind,
+    built_in,
     refused_controls,
     refused_walkers,
     registered_controls,
@@ -569,6 +571,9 @@ def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
         except ProblemError as error:
             raise ProblemError(f"{argument}: {error}") from error
         name = getattr(passed, kind.attribute)
+        if not passed.__module__.startswith(OWN_PACKAGE) and built_in(kind, name) is not None:
+            words = f"{kind.attribute} is {name!r}, the name of a {kind.words} of gaitopt: choose another one"
+            raise ProblemError(f"{argument}: {passed.__name__}: {words}")
         if named.setdefault(name, passed) is not passed:
             both = f"{named[name].__name__} and {passed.__name__}"
             raise ProblemError(

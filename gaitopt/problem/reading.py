@@ -18,7 +18,8 @@ from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import before_impact, check_walker, section_posture, stepping_posture, swing_foot
 from gaitopt.model.contact_transitions import contact_transitions
-from gaitopt.model.control import Control, NoControl, is_parameter
+from gaitopt.model.contract import check_hooks, law_faults, law_section
+from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default, joint_limits
 from gaitopt.model.friction import ImpactLaw
@@ -251,11 +252,16 @@ class _StatementReader:
         keys = {key: value for key, value in data.items() if key not in ("type", "version")}
         try:
             with calling(law, "reading its keys"):
-                section = self._numbers(law if model is None else law.section(model), keys, ("control",))
+                section = self._numbers(law if model is None else law_section(law, model), keys, ("control",))
                 if section is None or model is None:
                     return None
                 control = section if isinstance(section, law) else law(**dict(section))
-                self._faults += [Fault(("control", *place), message) for place, message in control.faults(model)]
+            faults = [Fault(("control", *place), message) for place, message in law_faults(control, model)]
+            self._faults += faults
+            if not (faults or control.source[0] or law.__module__.startswith(OWN_PACKAGE)):
+                check_hooks(control, model)
+                with calling(law, "writing its keys as JSON"):
+                    control.model_dump_json()
         except ProblemError as error:
             self._fault(("control",), str(error))
             return None

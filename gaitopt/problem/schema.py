@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self, get_args, get_origin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, create_model, model_validator
 from pydantic.fields import FieldInfo
 
+from gaitopt.model.contract import law_section
 from gaitopt.model.control import ConstantTorque, NoControl, is_parameter
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import Mode
@@ -368,7 +369,7 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
     laws = list[dict[str, Any]]()
     for name, law in registered_controls().items():
         sections: dict[type[BaseModel], None] = dict.fromkeys(
-            law.section(walker) for walker in walkers if walker.actuators or law is NoControl
+            law_section(law, walker) for walker in walkers if walker.actuators or law is NoControl
         )
         for section in sections:
             numbers = tuple(key for key, entry in section.model_fields.items() if is_parameter(entry))

@@ -44,7 +44,13 @@ class Unprintable:
 
 def altered(base: type[Walker], attributes: dict[str, Any]) -> type[Walker]:
     """A class that differs from ``base`` by some attributes, annotated ones included."""
-    return type("Bad", (base,), {"__module__": __name__, "__qualname__": "Bad", **attributes})
+    own = {"__module__": __name__, "__qualname__": "Bad", "model": f"bad_{base.model}"}
+    return type("Bad", (base,), own | attributes)
+
+
+def text_of(name: str) -> str:
+    """A named problem whose walker is a class that ``altered`` returns."""
+    return (go.load_problem(name).text or "").replace("model: ", "model: bad_")
 
 
 def returning(value: Any) -> classmethod:
@@ -67,7 +73,7 @@ def body_with(**parts: Any) -> Callable[[Mechanism, Any, Any], tuple[Body, ...]]
 
 def refusal(walker: Any, base: type[Walker] = CompassBiped) -> str:
     """What is said where a problem with this walker is loaded; the line that is about it."""
-    text = go.load_problem(PROBLEMS[base]).text or ""
+    text = text_of(PROBLEMS[base])
     with pytest.raises(ProblemError) as caught:
         parse_problem(text, walkers=[walker])
     assert caught.value.exit_code == 3
@@ -442,7 +448,7 @@ def good_classes() -> Iterator[type[Walker]]:
 
 @pytest.mark.parametrize("walker", [*good_classes()])
 def test_numbers_arrays_and_lists_are_as_good_as_expressions_and_tuples(walker: type[Walker]) -> None:
-    problem = parse_problem(go.load_problem("compass-passive-a").text or "", walkers=[walker])
+    problem = parse_problem(text_of("compass-passive-a"), walkers=[walker])
     assert isinstance(problem.walker, walker)
 
 

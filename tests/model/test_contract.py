@@ -195,6 +195,10 @@ def test_a_jump_at_a_breakpoint_must_be_declared() -> None:
         ({"data": lambda self, segment: np.zeros(segment)}, "0 or 1 numbers, but must have the same length in every"),
         ({"data": lambda self, segment: np.array([np.nan])}, "but must be a row of finite numbers"),
         ({"data": lambda self, segment: np.array([self.step])}, "data depends on a parameter"),
+        (
+            {"breakpoints": property(lambda self: tuple(np.linspace(0.1, 1, 10_000)))},
+            "Clock: 10,000 breakpoints divide the motion into as many parts; use at most 60",
+        ),
     ],
 )
 def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:
@@ -202,6 +206,105 @@ def test_wrong_clocks_are_named(attributes: dict[str, Any], words: str) -> None:
     with pytest.raises(ProblemError) as caught:
         stated(law)
     assert words in str(caught.value)
+
+
+def raising(*_: Any) -> Any:
+    raise ArithmeticError("of the law")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "words"),
+    [
+        ({"phase_variable": property(lambda self: "knee")}, "phase_variable is 'knee', but must be a phase variable"),
+        ({"phase_variable": property(lambda self: 3)}, "is 3, but must be a phase variable of compass_biped"),
+        ({"phase_variable": property(raising)}, "phase_variable raises ArithmeticError: of the law"),
+        ({"unknowns": raising}, "unknowns must not be overridden: it follows from the fields of the class"),
+        ({"structure": property(raising)}, "structure must not be overridden"),
+        ({"parameters": property(lambda self: {"step": "much"})}, "parameters must not be overridden"),
+        ({"targets": property(raising)}, "targets must not be overridden"),
+        ({"record": property(raising)}, "record must not be overridden"),
+        ({"unit": lambda self, key: 3}, "unit('step') is 3, but must be a text such as 'N m/rad'"),
+        ({"unit": raising}, "unit raises ArithmeticError"),
+        ({"faults": lambda self, walker: ["no"]}, "faults yields 'no', but must yield a path and a message, such as"),
+        ({"faults": raising}, "faults raises ArithmeticError"),
+        ({"section": classmethod(lambda cls, walker: 3)}, "section returns 3, but must return a pydantic class with"),
+        ({"section": classmethod(raising)}, "section raises ArithmeticError"),
+        ({"quantities": raising}, "quantities raises ArithmeticError"),
+        ({"quantities": lambda self, now: [now.t]}, "but must return a mapping from names to expressions"),
+        ({"quantities": lambda self, now: {"a": "b"}}, "quantities['a'] is 'b', but must be an expression of CasADi's"),
+        ({"quantities": lambda self, now: {"a": SX.sym("s")}}, "quantities['a'] contains s, which is not a symbol"),
+        ({"period": property(raising)}, "period raises ArithmeticError"),
+        ({"horizon": property(lambda self: "late")}, "horizon is 'late', but must be a time after the breakpoints"),
+        ({"__annotations__": {"more": Any}, "more": 1}, "the key more is of type Any, which does not say what problem"),
+        ({"__annotations__": {"more": list[Any]}, "more": []}, "the key more is of type list[typing.Any], which does"),
+        ({"__annotations__": {"more": bytes}, "more": b"\xff"}, "writing its keys as JSON raises Pydantic"),
+        ({"__annotations__": {"limits": float}, "limits": 1.0}, "the key limits is that of every law"),
+        ({"type": "pd"}, "controls: Hooked: type is 'pd', the name of a control law of gaitopt: choose another one"),
+    ],
+)  # fmt: skip
+def test_whatever_a_method_of_a_law_raises_or_returns_is_one_sentence(attributes: dict[str, Any], words: str) -> None:
+    law = type("Hooked", (Stairs,), {"type": "hooked", "jumps": True, "__module__": __name__, **attributes})
+    with pytest.raises(ProblemError) as caught:
+        stated(law)
+    assert words in str(caught.value)
+    assert "Hooked" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_kink_in_the_torques_is_a_remark_that_names_it() -> None:
+    class Kinked(Regulator):
+        type = "kinked"
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            return {"hip": now.p.kp * fmax(now.q.theta1, 0) + fmax(now.p.kp, 1)}
+
+    (remark,) = [remark for remark in stated(Kinked).remarks if "kink" in remark]
+    assert "control: Kinked: torques uses fmax of time or state, whose kink gaitopt does not locate" in remark
+    assert "sqrt(x**2 + width**2)" in remark
+    assert not [remark for remark in stated(Regulator).remarks if "kink" in remark]
+
+
+@pytest.mark.parametrize(
+    ("torque", "words"),
+    [
+        (lambda now, omega: sin(omega * now.t), None),
+        (lambda now, omega: sin(omega * now.t) + 0.1 * now.t, "applies 0 at its start and 0.12 at its end"),
+        (lambda now, omega: now.q.gap * (1 + now.t), "at its start"),
+    ],
+)
+@pytest.mark.parametrize("restarts", [True, False])
+def test_torques_of_a_clock_that_ends_the_cycle_are_periodic(torque: Any, words: str | None, restarts: bool) -> None:
+    class Wave(Control):
+        type = "wave"
+        restarts: ClassVar[bool] = True
+        cycle: Annotated[float, Fixed] = 1.2
+
+        @property
+        def period(self) -> float:
+            return self.cycle
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            return {now.robot.walker.actuators[0]: torque(now, 2 * np.pi / self.cycle)}
+
+    Wave.restarts = restarts
+    text = go.load_problem("crawler").text
+    lines = text.splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("control:"))
+    end = next(k for k in range(start + 1, len(lines)) if not lines[k].startswith(" "))
+    text = "\n".join([*lines[:start], "control: {type: wave}", *lines[end:]])
+    if words is None:
+        assert go.parse_problem(text, controls=[Wave]).control.period == 1.2
+        return
+    with pytest.raises(ProblemError) as caught:
+        go.parse_problem(text, controls=[Wave])
+    assert "control: Wave: period is 1.2 s, but the motor" in str(caught.value)
+    assert words in str(caught.value)
+
+
+def test_an_open_mode_sequence_takes_a_law_that_asks_for_the_accelerations_of_the_phase() -> None:
+    """The sign of the slip is an unknown of the program, on which these accelerations depend."""
+    system = HybridSystem(CompassBiped, Linearising(actual=True))
+    assert system.open_flow() is not None
 
 
 @pytest.mark.parametrize(
