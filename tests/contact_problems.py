@@ -1,5 +1,7 @@
 """Problems of walkers with named contacts: those of the catalogue, and a runner that lands on a massless foot."""
 
+import re
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 
@@ -8,6 +10,7 @@ from named import named
 
 from gaitopt.gait.gait import Gait
 from gaitopt.model.walker import Body, Contact, Mechanism, Walker
+from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.problem.problem import Problem, load_problem, parse_problem
 from gaitopt.search.solve import solve
 
@@ -75,3 +78,27 @@ def contact_gait(name: str) -> Gait:
     gait = solve(contact_problem(name))
     assert gait.converged, gait.message
     return gait
+
+
+class PointFeet(Rabbit):
+    """RABBIT with the points of both feet as contacts."""
+
+    model = "rabbit_contacts"
+    contacts = ("foot", "other")
+    landing_contacts = ("other",)
+    exchanged_contacts = {"foot": "other"}  # noqa: RUF012
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        stated = super().mechanism(q, p)
+        other = Contact(position=stated.swing_foot, counts=stated.phases["stance_leg"])
+        return replace(stated, contacts={"foot": Contact(position=vertcat(q.x, q.y)), "other": other})
+
+
+def with_point_feet(name: str, model: str = "stick") -> Problem:
+    """A problem of RABBIT, restated with named contacts."""
+    text = load_problem(name).text.replace("model: rabbit", "model: rabbit_contacts")
+    phases = re.search(r"phases: \[(.*)\]", text).group(1).split(", ")
+    text = re.sub(r"phases: .*", f"phases: [{', '.join(f'{{foot: {word}}}' for word in phases)}]", text)
+    text = re.sub(r"impact: (\w+)", r"impact: {foot: \1}", text).replace("model: stick", f"model: {model}")
+    return parse_problem(text, walkers=[PointFeet])

@@ -63,7 +63,7 @@ def observe(arc: Arc) -> Observation:
     force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
     slip = arc.states[:, -1:]
     if system.walker.contacts:
-        _, velocities = buffered_map(system.contact_points, arc.times.size)(arc.states, p)
+        _, velocities, _ = buffered_map(system.contact_points, arc.times.size)(arc.states, p)
         slip = velocities[:, ::2].copy()
     return Observation(
         force=force, slip=slip, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0]

@@ -164,9 +164,9 @@ class Step:
 
     @property
     def sequence(self) -> ModeSequence:
-        """Phases and impact; raises as ``final_impact``."""
-        modes = tuple(mode for mode, _ in self.phases)
-        return ModeSequence(modes, self.final_impact.mode, landings=tuple(self.landings.items()))
+        """Phases and impact, without one at the start; raises as ``final_impact``."""
+        modes, landings = tuple(mode for mode, _ in self.phases), self.landings.items()
+        return ModeSequence(modes, self.final_impact.mode, landings=tuple((k, mode) for k, mode in landings if k))
 
     @property
     def arc_phases(self) -> tuple[int, ...]:

@@ -30,11 +30,12 @@ closed their equations give its force; while it is off they keep their values. I
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function, densify, horzcat, jacobian, jtimes, vec, vertcat
+from casadi import SX, Function, densify, horzcat, jacobian, jtimes, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
@@ -63,21 +64,21 @@ class Structure:
     constraints : (contact, row) of all constraints in order, row 0 tangential, 1 normal; the normal ones first.
     kept : indices of the independent ones.
     dropped : indices of those that depend on the ones before them.
-    pivots : (row, column) of the entries by which the linear system is eliminated, in order.
     is_determined : whether the motion is the same whatever the shares of the forces, if all have the same friction.
     nulls : ndarray, shape (n, len(dropped)) - a sample of N: the signs of its entries hold in every posture.
     drags : ndarray, shape (n_q, n) - sampled tangential directions of the constraints whose forces cause friction.
     group : the contacts whose forces are undetermined.
+    posture : index of the posture that was sampled for it.
     """
 
     constraints: tuple[tuple[str, int], ...]
     kept: tuple[int, ...]
     dropped: tuple[int, ...]
-    pivots: tuple[tuple[int, int], ...]
     is_determined: bool
     nulls: Array
     drags: Array
     group: tuple[str, ...]
+    posture: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,12 +144,10 @@ class _System:
     def __init__(self, eom: EquationsOfMotion, mode: Mode, friction: Mapping[str, SX]) -> None:
         self.eom, self.mode = eom, mode
         contacts = eom.mechanism.contacts
-        held = [name for name in eom.walker.contacts if name not in mode.touching]
         names = (*eom.walker.shape, "x", "y")
-        resting = {key for name in held for key in contacts[name].places}
-        self.active = [k for k, name in enumerate(names) if name not in resting]
+        self.active = active_coordinates(eom.walker, mode)
         self.J = {name: jacobian(contacts[name].position, eom.q) for name in mode.touching}
-        self.structure = _structure(eom.walker, mode)
+        self.structure = constraint_structure(eom.walker, mode)
         rows, columns = [], []
         for contact, row in self.structure.constraints:
             rows.append(self.J[contact][row, :])
@@ -164,13 +163,13 @@ class _System:
         force : SX, shape (n_q,) - generalised force besides those of the contacts.
         rhs : SX, shape (n,) - required value of each constraint.
         """
-        s, a = self.structure, self.active
+        s, a, pivots = self.structure, self.active, _pivots(self.eom.walker, self.mode)
         kept, n = [*s.kept], len(self.active)
         J, G = self.rows[kept, a], self.columns[a, kept]
         M = self.eom.M[a, a]
         K = _bordered(M, J, G)
-        solution, determinant = _eliminated(K, vertcat(force[a], rhs[kept]), s.pivots)
-        _, frictionless = _eliminated(_bordered(M, J, self.rows[kept, a].T), SX.zeros(K.shape[0]), s.pivots)
+        solution, determinant = _eliminated(K, vertcat(force[a], rhs[kept]), pivots)
+        _, frictionless = _eliminated(_bordered(M, J, self.rows[kept, a].T), SX.zeros(K.shape[0]), pivots)
         change, forces = SX.zeros(self.eom.M.shape[0]), SX.zeros(len(s.constraints))
         for k, index in enumerate(a):
             change[index] = solution[k]
@@ -234,15 +233,11 @@ def contact_motion(
     )
 
 
-def friction_of_shares(walker: type[Walker], mode: Mode, kinetic: Mapping[str, SX]) -> SX:
-    """What friction does to the walker where the shares of the forces change: zero if these do not matter, a vector."""
-    structure = _structure(walker, mode)
-    effects = [
-        SX(structure.drags[:, [k]] @ structure.nulls[[k], :]) * kinetic[name]
-        for k, (name, _) in enumerate(structure.constraints)
-        if structure.dropped
-    ]
-    return vec(sum(effects, SX.zeros(1, 1)))
+def friction_of_shares(walker: type[Walker], mode: Mode, kinetic: Mapping[str, float]) -> Array:
+    """What friction does to the walker where the shares of the forces change, shape (n_q, n): zero if nothing."""
+    structure = constraint_structure(walker, mode)
+    coefficients = np.array([kinetic[name] for name, _ in structure.constraints])
+    return np.asarray((structure.drags * coefficients) @ structure.nulls)
 
 
 def contact_impact(
@@ -298,13 +293,27 @@ def _shares(
     system: _System, forces: Mapping[str, SX], nulls: SX, static: Mapping[str, SX]
 ) -> tuple[tuple[Share, ...], tuple[str, ...]]:
     """Margins of the groups of contacts whose forces are undetermined, and the contacts of these groups."""
-    structure = system.structure
+    rows = share_margins(system.eom.walker, system.mode, forces, nulls, static)
+    return tuple(Share(parts=parts, value=value) for parts, value in rows), system.structure.group
+
+
+def share_margins(
+    walker: type[Walker], mode: Mode, forces: Mapping[str, Any], nulls: Any, static: Mapping[str, Any]
+) -> list[tuple[tuple[tuple[str, str], ...], Any]]:
+    """Parts and value of the margins of contacts whose forces are undetermined, from numbers or symbols; see ``Share``.
+
+    Parameters
+    ----------
+    forces : (f_t, f_n) by contact, one member of the family.
+    nulls : basis N of the family, shape (n, number of dropped constraints), in the order of the constraints.
+    static : coefficients of friction by contact.
+    """
+    structure = constraint_structure(walker, mode)
     rows = [
         row.with_values(*_row_of(structure, row.parts[0], forces[row.name], nulls, static[row.name]))
-        for row in _inequalities(structure, system.mode)
+        for row in _inequalities(walker, mode)
     ]
-    shares = tuple(Share(parts=row.parts, value=row.value) for row in _without_shares(structure, rows))
-    return shares, structure.group
+    return [(row.parts, row.value) for row in _without_shares(structure, rows)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,8 +343,10 @@ class _Inequality:
         return replace(self, value=value, coefficients=coefficients)
 
 
-def _inequalities(structure: Structure, mode: Mode) -> list[_Inequality]:
+@lru_cache(maxsize=256)
+def _inequalities(walker: type[Walker], mode: Mode) -> tuple[_Inequality, ...]:
     """The inequalities of the contacts that share their forces, at the sampled posture, without their values."""
+    structure = constraint_structure(walker, mode)
     kinds = {0: ("cone_forward", "cone_backward"), 1: ("normal_force",), -1: ("normal_force",)}
     rows = []
     for k, name in enumerate(structure.group):
@@ -344,7 +355,7 @@ def _inequalities(structure: Structure, mode: Mode) -> list[_Inequality]:
             value, sample = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)
             _, unlike = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE + 0.1 * k)
             rows.append(_Inequality((part,), value, sample, sample, unlike))
-    return rows
+    return tuple(rows)
 
 
 def _row_of(structure: Structure, part: tuple[str, str], force: Any, nulls: Any, mu: Any) -> tuple[Any, Any]:
@@ -409,13 +420,13 @@ def _joined(parts: tuple[tuple[str, str], ...], others: Sequence[tuple[str, str]
 
 def undetermined(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
     """The contacts whose forces are undetermined in a mode, because they share them."""
-    return _structure(walker, mode).group
+    return constraint_structure(walker, mode).group
 
 
 def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
     """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
-    structure = _structure(walker, mode)
-    return tuple(row.parts for row in _without_shares(structure, _inequalities(structure, mode)))
+    structure = constraint_structure(walker, mode)
+    return tuple(row.parts for row in _without_shares(structure, _inequalities(walker, mode)))
 
 
 FRICTION_SAMPLE = 0.37
@@ -446,8 +457,75 @@ def _eliminated(K: SX, b: SX, pivots: Sequence[tuple[int, int]]) -> tuple[SX, SX
     return x, determinant
 
 
-@built_once(maxsize=256)
-def _structure(walker: type[Walker], mode: Mode) -> Structure:
+def active_coordinates(walker: type[Walker], mode: Mode) -> list[int]:
+    """Indices of the coordinates that move in a mode: all but those of massless contacts that are off."""
+    contacts = equations_of_motion(walker).mechanism.contacts
+    resting = {key for name in walker.contacts if name not in mode.touching for key in contacts[name].places}
+    return [k for k, name in enumerate((*walker.shape, "x", "y")) if name not in resting]
+
+
+@built_once(maxsize=64)
+def _sampled(walker: type[Walker]) -> tuple[Function, NDArray[np.bool_]]:
+    """(q, p) -> heights of all contacts, J with their rows t and n in turn, M; and which entries of J are constant."""
+    eom = equations_of_motion(walker)
+    positions = [contact.position for contact in eom.mechanism.contacts.values()]
+    heights = vertcat(SX(0, 1), *(position[1] for position in positions))
+    J = vertcat(SX(0, eom.q.numel()), *(jacobian(position, eom.q) for position in positions))
+    fixed = np.array([[J[row, k].is_constant() for k in range(J.shape[1])] for row in range(J.shape[0])])
+    return Function("contacts", [eom.q, eom.p], [densify(x) for x in (heights, J, eom.M)]), fixed
+
+
+@lru_cache(maxsize=256)
+def _postures(walker: type[Walker], touching: tuple[str, ...]) -> tuple[tuple[Array, Array], ...]:
+    """J of all contacts and M at sampled postures in which some contacts are on the ground.
+
+    Raises
+    ------
+    ProblemError
+        If the contacts cannot be on the ground together, or a coordinate has no inertia.
+    """
+    sampled, fixed = _sampled(walker)
+    places = [walker.contacts.index(name) for name in touching]
+    rows = [row for k in places for row in (2 * k, 2 * k + 1)]
+    (n_p,), n_q = sampled.size_in(1)[:1], fixed.shape[1]
+    random, found = np.random.default_rng(0), list[tuple[Array, Array]]()
+    for _ in range(20 * SAMPLES):
+        p, place = random.uniform(0.5, 1.5, n_p), random.uniform(-0.3, 0.3, n_q)
+        for _ in range(50):
+            height, J, M = (np.asarray(value) for value in sampled(place, p))
+            height, slope = height[places], J[[2 * k + 1 for k in places]]
+            if not np.all(np.isfinite(slope)) or np.abs(height).max(initial=0.0) < ON_GROUND:
+                break
+            place = place - np.linalg.pinv(slope) @ height.ravel()
+        if np.all(np.isfinite(J[rows])) and np.all(np.isfinite(M)) and np.abs(height).max(initial=0.0) < ON_GROUND:
+            found.append((J, M))
+        if len(found) == SAMPLES:
+            break
+    if not found:
+        words = f"its contacts {', '.join(touching)} do not reach the ground together"
+        raise ProblemError(f"{walker.__name__}: {words}")
+    return tuple(found)
+
+
+def _constraints(mode: Mode) -> tuple[tuple[str, int], ...]:
+    """(contact, row) of the constraints of a mode, the normal ones first."""
+    return (
+        *((name, 1) for name in mode.touching),
+        *((name, 0) for name in mode.touching if not mode.directions[name]),
+    )
+
+
+def _rows_and_columns(walker: type[Walker], mode: Mode, J: Array) -> tuple[Array, Array]:
+    """Rows of the constraints of a mode, shape (n, n_q), and the columns of their forces with sampled friction."""
+    place = {name: 2 * k for k, name in enumerate(walker.contacts)}
+    constraints = _constraints(mode)
+    rows = np.array([J[place[name] + row] for name, row in constraints]).reshape(-1, J.shape[1])
+    slips = [row * mode.directions[name] * FRICTION_SAMPLE * J[place[name]] for name, row in constraints]
+    return rows, (rows - np.array(slips).reshape(rows.shape)).T
+
+
+@lru_cache(maxsize=1024)
+def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
     """What the constraints of a mode depend on, from sampled postures in which its contacts are on the ground.
 
     Raises
@@ -455,54 +533,20 @@ def _structure(walker: type[Walker], mode: Mode) -> Structure:
     ProblemError
         If the contacts cannot be on the ground together, or a coordinate has no inertia.
     """
-    eom = equations_of_motion(walker)
-    contacts = eom.mechanism.contacts
-    q, names = eom.q, (*walker.shape, "x", "y")
-    constraints = tuple((name, 1) for name in mode.touching)
-    constraints += tuple((name, 0) for name in mode.touching if not mode.directions[name])
-    rows = [jacobian(contacts[name].position[row], q) for name, row in constraints]
-    slips = [mode.directions[name] * FRICTION_SAMPLE * row for name, row in constraints]
-    across = [jacobian(contacts[name].position[0], q) for name, _ in constraints]
-    columns = [row - (s * t if k else 0) for row, s, t, (_, k) in zip(rows, slips, across, constraints, strict=True)]
-    heights = vertcat(SX(0, 1), *(contacts[name].position[1] for name in mode.touching))
-    resting = {key for name in walker.contacts if name not in mode.touching for key in contacts[name].places}
-    active = [k for k, name in enumerate(names) if name not in resting]
-    stacked = [vertcat(SX(0, q.numel()), *rows), vertcat(SX(0, q.numel()), *columns), eom.M]
-    sampled = Function("structure", [q, eom.p], [densify(x) for x in (heights, jacobian(heights, q), *stacked)])
-    random, found = np.random.default_rng(0), list[Structure]()
-    for _ in range(20 * SAMPLES):
-        p, place = random.uniform(0.5, 1.5, eom.p.numel()), random.uniform(-0.3, 0.3, q.numel())
-        for _ in range(50):
-            height, slope, J, G, M = (np.asarray(value) for value in sampled(place, p))
-            if not np.all(np.isfinite(slope)) or np.abs(height).max(initial=0.0) < ON_GROUND:
-                break
-            place = place - np.linalg.pinv(slope) @ height.ravel()
-        if np.all(np.isfinite(J)) and np.all(np.isfinite(M)) and np.abs(height).max(initial=0.0) < ON_GROUND:
-            fixed = np.array([[row[k].is_constant() for k in active] for row in rows])
-            found.append(_pivots(constraints, J[:, active], G[:, active].T, M[np.ix_(active, active)], fixed))
-        if len(found) == SAMPLES:
-            break
-    if not found:
-        words = f"its contacts {', '.join(mode.touching)} do not reach the ground together"
-        raise ProblemError(f"{walker.__name__}: {words}")
+    active = active_coordinates(walker, mode)
+    found = []
+    for k, (J_all, _) in enumerate(_postures(walker, mode.touching)):
+        J, G = _rows_and_columns(walker, mode, J_all)
+        found.append(_dependence(_constraints(mode), J[:, active], G[active], k))
     return max(found, key=lambda one: sum(one.kept == other.kept for other in found))
 
 
-def _pivots(
-    constraints: tuple[tuple[str, int], ...], J: Array, G: Array, M: Array, fixed: NDArray[np.bool_]
-) -> Structure:
+def _dependence(constraints: tuple[tuple[str, int], ...], J: Array, G: Array, posture: int) -> Structure:
     """The structure at one posture.
-
-    The pivots vanish in no posture. First come entries of J that are the same everywhere, each with its partner in G;
-    what is left of M then is the mass matrix of a walker with fewer joints, whose pivots on the diagonal are positive.
-    Those of the other constraints are effective masses, which vanish at redundant constraints and in the paradox of
-    Painleve alone.
 
     Parameters
     ----------
     J, G : rows, shape (n, n_q), and columns (n_q, n) of all constraints.
-    M : mass matrix, shape (n_q, n_q).
-    fixed : entries of J that do not depend on the posture.
     """
     kept: list[int] = []
     basis = np.zeros((0, J.shape[1]))
@@ -518,6 +562,33 @@ def _pivots(
         nulls[k, j] = 1
         nulls[kept, j] = -np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
     size = np.abs(G).max(initial=1.0)
+    return Structure(
+        constraints=constraints,
+        kept=tuple(kept),
+        dropped=tuple(dropped),
+        is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
+        nulls=nulls,
+        drags=(J.T - G) / FRICTION_SAMPLE,
+        group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),
+        posture=posture,
+    )
+
+
+@lru_cache(maxsize=256)
+def _pivots(walker: type[Walker], mode: Mode) -> tuple[tuple[int, int], ...]:
+    """(row, column) of the entries by which the linear system of a mode is eliminated, in order.
+
+    The pivots vanish in no posture. First come entries of J that are the same everywhere, each with its partner in G;
+    what is left of M then is the mass matrix of a walker with fewer joints, whose pivots on the diagonal are positive.
+    Those of the other constraints are effective masses, which vanish at redundant constraints and in the paradox of
+    Painleve alone.
+    """
+    structure, active = constraint_structure(walker, mode), active_coordinates(walker, mode)
+    kept, place = [*structure.kept], {name: 2 * k for k, name in enumerate(walker.contacts)}
+    J_all, M_all = _postures(walker, mode.touching)[structure.posture]
+    J, G = _rows_and_columns(walker, mode, J_all)
+    J, G, M = J[:, active], G[active], M_all[np.ix_(active, active)]
+    fixed = _sampled(walker)[1][[place[name] + row for name, row in structure.constraints]][:, active]
     K = np.block([[M, -G[:, kept]], [J[kept], np.zeros((len(kept), len(kept)))]])
     pivots, A, n = list[tuple[int, int]](), K.copy(), len(M)
 
@@ -551,13 +622,4 @@ def _pivots(
             k = min(rest, key=lambda k: fill(k, k))
             eliminate(k, k)
             left.remove(k)
-    return Structure(
-        constraints=constraints,
-        kept=tuple(kept),
-        dropped=tuple(dropped),
-        pivots=tuple(pivots),
-        is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
-        nulls=nulls,
-        drags=(J.T - G) / FRICTION_SAMPLE,
-        group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),
-    )
+    return tuple(pivots)

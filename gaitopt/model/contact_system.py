@@ -1,17 +1,28 @@
 """A walker with several contacts, its control and the ground in CasADi symbols; see ``gaitopt.model.system``."""
 
-from casadi import SX, if_else, jacobian, jtimes, norm_2, sqrt, substitute, vertcat
+from casadi import (
+    SX,
+    densify,
+    depends_on,
+    horzcat,
+    jacobian,
+    jtimes,
+    reshape,
+    sqrt,
+    substitute,
+    vec,
+    vertcat,
+)
 
 from gaitopt.building import BUILT
 from gaitopt.model.contact_set import (
-    DEPENDENT,
     ContactImpact,
     ContactMotion,
     contact_impact,
     contact_motion,
-    friction_of_shares,
 )
 from gaitopt.model.contact_transitions import contact_transitions, impulse_name, share_name
+from gaitopt.model.contract import torques
 from gaitopt.model.control import Control
 from gaitopt.model.friction import ContactFriction, ImpactLaw
 from gaitopt.model.lagrangian import equations_of_motion
@@ -19,6 +30,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN, contact_section
 from gaitopt.model.system import Expressions
 from gaitopt.model.walker import Walker
+from gaitopt.threads import cached_property
 
 
 class ContactExpressions(Expressions):
@@ -165,30 +177,58 @@ class ContactExpressions(Expressions):
         gap = contact.position[1] if contact.gap is None else contact.gap
         return gap if contact.counts.is_constant() else _either(gap, -contact.counts * self.eom.length)
 
-    def decision(self, mode: Mode) -> dict[str, SX]:
-        """What decides whether a mode is consistent: dz, margins, their rates, and normal accelerations of contacts.
+    @cached_property
+    def mechanics(self) -> SX:
+        """What decides about the contacts, in the order and the shapes of ``mechanics_shapes``."""
+        eom, q = self.eom, self.eom.q
+        J = vertcat(*(jacobian(contact.position, q) for contact in eom.mechanism.contacts.values()))
+        springs = [-eom.force_of(energy) for energy in eom.mechanism.potential_while.values()]
+        parts = (eom.M, -eom.B - eom.G, eom.E, horzcat(SX(q.numel(), 0), *springs), J, jtimes(J @ eom.dq, q, eom.dq))
+        return BUILT.watch(vertcat(*(vec(densify(part.T)) for part in parts)))  # rows one after the other
 
-        ``dz`` is ``determined``.
+    @property
+    def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the parts of ``mechanics``.
+
+        M, generalised forces besides those of motors and contacts, E, forces of the springs that act in some modes
+        (a column for each entry of ``Mechanism.potential_while``), J with the rows t and n of each contact, and dJ dq.
         """
-        margins, state = self.margins(mode), self.state(mode)
-        rates = jtimes(margins, self.eom.z, state.dz) + jacobian(margins, self.t)
-        return {
-            "dz": self.determined(mode, state.dz),
-            "margins": margins,
-            "rates": rates,
-            "separations": vertcat(SX(0, 1), *(state.separations.values())),
-        }
+        n, k = self.eom.q.numel(), 2 * len(self.walker.contacts)
+        springs = len(self.eom.mechanism.potential_while)
+        shapes = ((n, n), (n,), (n, len(self.walker.actuators)), (n, springs), (k, n), (k,))
+        return dict(zip(("M", "force", "E", "springs", "J", "convective"), shapes, strict=True))
 
-    def determined(self, mode: Mode, motion: SX) -> SX:
-        """The motion in a mode; NaN where friction depends on the shares of forces that are undetermined."""
-        depends = norm_2(friction_of_shares(self.walker, mode, self._kinetic)) > DEPENDENT
-        return if_else(depends, SX.nan(), motion)
+    @cached_property
+    def law(self) -> tuple[SX, SX, SX]:
+        """Torques as a function of the accelerations that the law uses, and these: with the contacts held, and actual.
+
+        Each is a column: the shape accelerations without torques, then their derivative by each torque.
+        """
+        n, u = len(self.walker.shape), len(self.walker.actuators)
+        held, actual = SX.sym("held", n * (1 + u)), SX.sym("actual", n * (1 + u))
+
+        def accelerations(is_actual: bool) -> tuple[SX, SX]:
+            values = reshape(actual if is_actual else held, n, 1 + u)
+            return values[:, 0], values[:, 1:]
+
+        torque = torques(self._control, self._instant(accelerations), vertcat(self.p, held, actual))
+        return BUILT.watch((torque, held, actual))
+
+    @property
+    def law_uses(self) -> tuple[bool, bool]:
+        """Whether the torques depend on the accelerations with the contacts held, and on the actual ones."""
+        torque, held, actual = self.law
+        return depends_on(torque, held), depends_on(torque, actual)
 
     def points(self) -> dict[str, SX]:
-        """Height, and velocity (v_t, v_n), of every contact."""
-        positions = [contact.position for contact in self.eom.mechanism.contacts.values()]
-        velocities = [jacobian(position, self.eom.q) @ self.eom.dq for position in positions]
-        return {"heights": vertcat(*(position[1] for position in positions)), "velocities": vertcat(*velocities)}
+        """Height, velocity (v_t, v_n), and ``Contact.counts`` of every contact."""
+        contacts = self.eom.mechanism.contacts.values()
+        velocities = [jacobian(contact.position, self.eom.q) @ self.eom.dq for contact in contacts]
+        return {
+            "heights": vertcat(*(contact.position[1] for contact in contacts)),
+            "velocities": vertcat(*velocities),
+            "counts": vertcat(*(contact.counts for contact in contacts)),
+        }
 
 
 def _either(a: SX, b: SX) -> SX:

@@ -46,6 +46,7 @@ class ContactTransitions(Transitions):
         self.unloaded = ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[tuple[Mode, Mode | None], Mapping[str, Transition]] = {}
+        self._breakpoints: dict[Mode, Transition] = {}
         self._checked: set[Cycle] = set()
 
     @property
@@ -145,8 +146,10 @@ class ContactTransitions(Transitions):
 
     def at_breakpoint(self, mode: Mode) -> Transition:
         """The transition at a breakpoint of the control law, see ``Transitions``; a slipping contact may lift off."""
-        rests = tuple(name for name in mode.touching if not mode.directions[name])
-        return self._row(BREAKPOINT, at_rest=rests, candidates=self.at_rest(mode))
+        if mode not in self._breakpoints:
+            rests = tuple(name for name in mode.touching if not mode.directions[name])
+            self._breakpoints[mode] = self._row(BREAKPOINT, at_rest=rests, candidates=self.at_rest(mode))
+        return self._breakpoints[mode]
 
     def _candidates(self, mode: Mode, *, at_rest: Iterable[str], landing: str | None = None) -> tuple[Mode, ...]:
         """Modes of the contacts that touch; an impact may change the motion of all of them."""

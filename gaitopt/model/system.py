@@ -494,25 +494,57 @@ class HybridSystem:
         (z_plus,) = self._reset(mode, before, ends_step).call([self._symbols.z, self._symbols.p])
         return {"z_plus_by_z": jacobian(z_plus, self._eom.z)}
 
-    @compiled("tzpr")
-    def contact_decision(self, mode: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> dz/dt, margins, their rates, and normal accelerations of the contacts that are off."""
-        return self._contacts.decision(mode)
+    @property
+    def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the parts of ``mechanics``; see ``ContactExpressions``."""
+        return self._contacts.mechanics_shapes
+
+    @property
+    def springs_while(self) -> tuple[str, ...]:
+        """States in which further springs act, in the order of their columns in ``mechanics``."""
+        return tuple(self._eom.mechanism.potential_while)
+
+    @property
+    @compiled("zp")
+    def mechanics(self) -> dict[str, SX]:
+        """(z, p) -> M, forces and J of all contacts, from which forces in any mode follow; see ``mechanics_shapes``."""
+        return {"mechanics": self._contacts.mechanics}
+
+    @property
+    @compiled("zdp")
+    def mechanics_rate(self) -> dict[str, SX]:
+        """(z, dz/dt, p) -> rate of ``mechanics`` along a motion."""
+        dz, mechanics = SX.sym("dz", self.n_z), self._contacts.mechanics
+        return {"d": dz, "rate": jtimes(mechanics, self._symbols.z, dz)}
+
+    @property
+    @building
+    def law_uses(self) -> tuple[bool, bool]:
+        """Whether the torques depend on the accelerations with the contacts held, and on the actual ones."""
+        return self._contacts.law_uses
+
+    @property
+    @compiled("tzhapr")
+    def law_torques(self) -> dict[str, SX]:
+        """(t, z, held, actual, p, r) -> torques from accelerations that the law may use; see ``ContactExpressions``."""
+        torque, held, actual = self._contacts.law
+        return {"h": held, "a": actual, "torque": torque}
+
+    @property
+    @compiled("tzhadpr")
+    def law_torques_rate(self) -> dict[str, SX]:
+        """(t, z, held, actual, rates of z, held and actual, p, r) -> rate of ``law_torques``."""
+        torque, held, actual = self._contacts.law
+        arguments = vertcat(self._symbols.z, held, actual)
+        rates = SX.sym("rates", arguments.numel())
+        rate = jtimes(torque, arguments, rates) + jacobian(torque, self._symbols.t)
+        return {"h": held, "a": actual, "d": rates, "rate": rate}
 
     @compiled("zp")
     def contact_impact(self, mode: Mode, landing: tuple[str, ...]) -> dict[str, SX]:
-        """(z, p) -> z_plus, impulses, velocities, regularity and margins of groups; see ``ContactImpact``.
-
-        ``z_plus`` is NaN where friction depends on the shares of impulses that are undetermined.
-        """
+        """(z, p) -> z_plus and impulses; see ``ContactImpact``."""
         result = self._contacts.collision(mode, landing)
-        return {
-            "z_plus": self._contacts.determined(mode, result.z_plus),
-            "impulses": vertcat(*result.impulses.values()),
-            "velocities": vertcat(*result.velocities.values()),
-            "regularity": result.regularity,
-            "shares": vertcat(SX(0, 1), *(share.value for share in result.shares)),
-        }
+        return {"z_plus": result.z_plus, "impulses": vertcat(*result.impulses.values())}
 
     @property
     @compiled("zp")
@@ -523,7 +555,7 @@ class HybridSystem:
     @property
     @compiled("zp")
     def contact_points(self) -> dict[str, SX]:
-        """(z, p) -> height of every contact, and its velocity (v_t, v_n)."""
+        """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number above zero where it may land."""
         return self._contacts.points()
 
     @property

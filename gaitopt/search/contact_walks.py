@@ -93,7 +93,7 @@ def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
     They touch it with what they do in ``state``: they stick, or slip.
     """
     system, scales, p = dynamics.system, dynamics.scales, dynamics.p
-    heights, velocities = (np.asarray(value).ravel() for value in system.contact_points(state, p))
+    heights, velocities, _ = (np.asarray(value).ravel() for value in system.contact_points(state, p))
     words = dict[str, str]()
     for name, height, (v_t, v_n) in zip(system.walker.contacts, heights, velocities.reshape(-1, 2), strict=True):
         touches = abs(height) < TOUCHING * scales.length and abs(v_n) < TOUCHING * scales.speed

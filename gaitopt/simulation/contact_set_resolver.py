@@ -13,40 +13,97 @@ and at zero the rates decide. After an impact
 
 Combinations count once if they move the walker alike, such as sticking and slipping without a velocity. Where several
 motions are consistent because friction drops at the onset of slip, the one that sticks counts. Otherwise the motion
-ends with a name where no combination is consistent, or several are.
+ends with a name where no combination is consistent, or several are. A mode whose ``regularity`` is not positive counts
+like any other: it satisfies the laws of contact and friction, although not as their only solution.
+
+While motions are compared, a control law that computes torques for contacts that are held holds all contacts that touch
+just before. If the torques of the chosen mode differ, because a contact leaves, the mode is decided anew with these.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord, impact_record
-from gaitopt.model.buffered import Buffers
+from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.contact_transitions import AT_REST
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import Ending, Transition, kind
+from gaitopt.model.transitions import Ending, Transition
+from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
 from gaitopt.simulation.contact_resolver import Termination
-from gaitopt.simulation.events import EDGE, LOOK_AHEAD, bends_decide, falls_at_start
+from gaitopt.simulation.events import EDGE, LOOK_AHEAD, STEADY, bends_decide, falls_at_start
 
 ALIKE = 1e-9
 """Motions are the same if their accelerations, or velocities, differ by less, in natural units."""
 AT_REST_TOO = 1e-11
 """A slip velocity below this, in natural units, is zero where another contact has just come to rest."""
 TOUCHING = 1e-9
-"""A contact of a given state touches the ground if its height and normal velocity are below this, in natural units."""
+"""A contact of a given state is on the ground if its height is smaller, and stays there if its normal velocity is, in
+natural units."""
+HOPELESS = 1e-3
+"""A force of the wrong sign that is larger than this part of the weight has it for longer than an instant: it would
+have to change by the weight within a millionth of the unit of time."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """A consistent combination: the mode, its acceleration or the velocity after it, and the state after an impact."""
+    """A consistent combination: the mode, and its accelerations or the rates after it in natural units."""
 
     mode: Mode
     motion: Array
-    state: Array
+
+
+class _Motion:
+    """The k-th of the motions at an instant; its second derivatives are found from the motion a little later."""
+
+    def __init__(self, instant: ContactInstant, mode: Mode, held: Mode, found: Solutions, k: int) -> None:
+        self._instant, self._mode, self._held, self._found, self._k = instant, mode, held, found, k
+        self._later: tuple[ContactInstant, Solutions] | None = None
+
+    def slips_back(self, contact: int) -> bool:
+        """Whether a contact that should slip moves to the other side."""
+        slip = self._found.modes.slip[self._k, contact]
+        margin, rate = slip * self._instant.velocities[contact, 0], slip * self._found.contact[self._k, contact, 0]
+        if margin > EDGE:
+            return False
+        margin, bend = min(margin, 0.0), 0.0  # at rest to within rounding
+        if bends_decide(margin, rate):
+            bend = (slip * self._ahead[1].contact[0, contact, 0] - rate) / LOOK_AHEAD
+        return bool(falls_at_start("slip_velocity", margin, rate, bend))
+
+    def lacks_force(self) -> bool:
+        """Whether a contact would have to be pulled at, or held by more friction than there is."""
+        names, margins = self._instant.margins(self._mode, self._held, self._found, self._k)
+        for j, margin in enumerate(margins):
+            if margin > EDGE:
+                continue
+            if not margin > -HOPELESS:
+                return True
+            rate, bend = self._instant.rates(self._mode, self._held, self._found.motion[self._k])[j], 0.0
+            if bends_decide(margin, rate):
+                later, motions = self._ahead
+                bend = (later.rates(self._mode, self._held, motions.motion[0])[j] - rate) / LOOK_AHEAD
+            if falls_at_start(names[j], margin, rate, bend):
+                return True
+        return False
+
+    def separates(self, contact: int) -> bool:
+        """Whether a contact that is off moves away from the ground."""
+        value = self._found.contact[self._k, contact, 1]
+        if abs(value) > STEADY:
+            return bool(value > 0)
+        return bool((self._ahead[1].contact[0, contact, 1] - value) / LOOK_AHEAD > STEADY)
+
+    @property
+    def _ahead(self) -> tuple[ContactInstant, Solutions]:
+        if self._later is None:
+            moved = self._instant.after(LOOK_AHEAD, self._mode, self._found.motion[self._k])
+            self._later = moved, moved.motions((self._mode,), self._held)
+        return self._later
 
 
 class ContactSetResolver:
@@ -55,63 +112,110 @@ class ContactSetResolver:
     Parameters
     ----------
     dynamics : the walker under its control law, at its parameters.
+
+    Attributes
+    ----------
+    system : the walker under its control law.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        self._dynamics, self._system = dynamics, dynamics.system
+        self._dynamics, self.system = dynamics, dynamics.system
         scales = dynamics.scales
-        self._time, self._gravity = scales.time, scales.length / scales.time**2
         self._speed, self._impulse = scales.speed, scales.impulse
-        self._acceleration = dynamics.state_units[dynamics.system.n_z // 2 :] / scales.time
         self._names = dynamics.system.walker.contacts
+        self._place = {name: k for k, name in enumerate(self._names)}
         self._massless = dynamics.system.walker.massless_contacts
+        self._weightless = np.array([name in self._massless for name in self._names])
         self._drops = dynamics.friction_drops
-        self._decisions: dict[Mode, Buffers] = {}
-        self._impacts: dict[tuple[Mode, tuple[str, ...]], Buffers] = {}
+        self._forces = ContactForces(dynamics)
         self._points = Buffers(dynamics.system.contact_points)
 
-    def first_mode(self, t: float, z: Array, segment: int) -> Mode | Termination:
-        """Mode of a motion that starts at a state; a contact touches the ground if its height and approach are zero."""
-        heights, velocities = (values.copy() for values in self._points(z, self._dynamics.p))
-        velocities = velocities.reshape(-1, 2)
-        length, words = self._dynamics.scales.length, {}
-        for name, height, (v_t, v_n) in zip(self._names, heights, velocities, strict=True):
-            touches = abs(height) <= TOUCHING * length and abs(v_n) <= TOUCHING * self._speed
-            slip = "stick" if abs(v_t) <= TOUCHING * self._speed else Mode.slip(v_t)
-            words[name] = str(slip) if touches else OFF
-        mode = self._system.walker.released(Mode.of_contacts(words))
-        return self.mode_at_rest(self._system.transitions.at_rest(mode), t, z, segment)
+    def below_ground(self, z: Array) -> str | None:
+        """Message about a contact that counts and is below the ground in a given state; None if there is none."""
+        heights, _, counts = self._points(z, self._dynamics.p)
+        for name, height, counted in zip(self._names, heights.tolist(), counts.tolist(), strict=True):
+            if name not in self._massless and counted > 0 and height < -TOUCHING * self._dynamics.scales.length:
+                return f"{name} is {-height:.6g} m below the ground at the start"
+        return None
+
+    def start(self, z: Array) -> Mode | Transition | Termination:
+        """What contacts do in a given state; the row of the table if one of them is on the ground and comes down."""
+        reason = self.below_ground(z)
+        if reason is not None:
+            return Termination(Ending.SCUFFING, reason)
+        heights, velocities, counts = (values.copy() for values in self._points(z, self._dynamics.p))
+        length, words, landing = self._dynamics.scales.length, dict[str, str](), list[str]()
+        for k, (name, (v_t, v_n)) in enumerate(zip(self._names, velocities.reshape(-1, 2) / self._speed, strict=True)):
+            grounded = abs(heights[k]) <= TOUCHING * length
+            slip = "stick" if abs(v_t) <= TOUCHING else str(Mode.slip(v_t))
+            words[name] = slip if grounded and abs(v_n) <= TOUCHING else OFF
+            if grounded and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
+                landing.append(name)
+        mode = self.system.walker.released(Mode.of_contacts(words))
+        if not landing:
+            return mode
+        row = self.system.transitions.of(mode)[f"gap.{landing[0]}"]
+        if row.ends_step:
+            reason = f"{landing[0]} is on the ground and comes down where the step starts, which its landing ends"
+            return Termination(Ending.IMPACT_INCONSISTENT, reason)
+        return row
 
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
-        candidates = self._with_others_at_rest(candidates, z)
+        instant = self._forces.at(t, z, segment)
+        candidates = self._with_others_at_rest(candidates, instant.velocities)
         touching = {name for mode in candidates for name in mode.touching}
-        options: list[_Option] = []
-        undetermined = False
-        for mode in candidates:
-            acceleration = self._consistent(mode, touching, t, z, segment)
-            if acceleration is not None and not np.all(np.isfinite(acceleration)):
-                undetermined = True
-            elif acceleration is not None:
-                options.append(_Option(mode, acceleration, z))
-        chosen = self._one_of(options)
-        if chosen is not None:
-            return chosen.mode
-        names = " and ".join(option.mode.brief for option in options)
-        if options:
+        held = candidates[0]
+        if self._forces.law_depends_on_holding:
+            held = held.with_states({name: "stick" if name in touching else OFF for name in self._names})
+        while True:
+            chosen = self._chosen(instant, candidates, touching, held)
+            if isinstance(chosen, Termination) or not self._forces.law_depends_on_holding:
+                return chosen
+            if {*chosen.touching} == {*held.touching}:
+                return chosen
+            # within the phase the law holds fewer contacts, and its torques jump
+            held = chosen.with_states(dict.fromkeys(chosen.touching, "stick"))
+            candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
+
+    def _chosen(
+        self, instant: ContactInstant, candidates: Sequence[Mode], touching: set[str], held: Mode
+    ) -> Mode | Termination:
+        """The only consistent one of some modes.
+
+        Parameters
+        ----------
+        touching : contacts on the ground, which move away from it in the modes in which they are off.
+        held : the contacts that the control law holds.
+        """
+        known = [mode for mode in candidates if not self._forces.is_undetermined(mode)]
+        found = instant.motions(known, held)
+        options = [
+            _Option(known[k], found.motion[k])
+            for k in self._conceivable(found, touching)
+            if self._holds(instant, found, k, touching, held)
+        ]
+        different = self._different(options)
+        if len(different) == 1 or (different and self._drops):
+            return self._preferred(different).mode
+        if different:
+            names = " and ".join(option.mode.brief for option in different)
             return Termination(Ending.CONTACT_AMBIGUOUS, f"several motions are consistent: {names}")
-        if undetermined:
+        if len(known) < len(candidates):
             words = "contacts of different friction slip together, so that the forces do not determine the motion"
             return Termination(Ending.UNDETERMINED, words)
         among = f"none of {len(candidates)} combinations of {', '.join(sorted(touching)) or 'no contact'}"
-        return Termination(Ending.CONTACT_INCONSISTENT, f"no motion is consistent with the contact forces: {among}")
+        words = f"no motion is consistent with the contact forces: {among}"
+        regularity = self._forces.regularity(instant.mechanics, known)
+        singular = [f"{mode.brief} {value:.4g}" for mode, value in zip(known, regularity, strict=True) if value <= EDGE]
+        if singular:
+            return Termination(Ending.PAINLEVE, f"{words}; regularity is not positive: {', '.join(singular)}")
+        return Termination(Ending.CONTACT_INCONSISTENT, words)
 
-    def _with_others_at_rest(self, candidates: tuple[Mode, ...], z: Array) -> tuple[Mode, ...]:
+    def _with_others_at_rest(self, candidates: tuple[Mode, ...], velocities: Array) -> tuple[Mode, ...]:
         """The candidates, and what contacts can do that come to rest at the same instant as another one."""
-        _, velocities = self._points(z, self._dynamics.p)
-        rests = np.abs(velocities.reshape(-1, 2)[:, 0]) <= AT_REST_TOO * self._speed
         slipping = {name for mode in candidates for name, direction in mode.directions.items() if direction}
-        for name, stops in zip(self._names, rests, strict=True):
+        for name, stops in zip(self._names, np.abs(velocities[:, 0]) <= AT_REST_TOO, strict=True):
             if stops and name in slipping:
                 words = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
                 candidates = tuple(dict.fromkeys(words))
@@ -122,23 +226,26 @@ class ContactSetResolver:
         assert transition.reset is not None
         landing = transition.reset.of
         chosen = self._impact(transition.candidates, landing, z_minus)
-        return chosen if isinstance(chosen, Termination) else (chosen.mode, chosen.state)
+        if isinstance(chosen, Termination):
+            return chosen
+        massless = (landing,) if landing in self._massless else ()
+        z_plus, _ = buffered(self.system.contact_impact(chosen, massless))(z_minus, self._dynamics.p)
+        return chosen, z_plus.copy()
 
     def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
         """The end of a step in ``mode`` and state ``z_minus``: an impact with the feet swapped after it, or none."""
         assert transition.reset is not None
-        if self._system.cycle_end != TOUCHDOWN:
+        if self.system.cycle_end != TOUCHDOWN:
             return impact_record(self._dynamics, mode.contact, z_minus, mode)
         chosen = self._impact(transition.candidates, transition.reset.of, z_minus)
         if isinstance(chosen, Termination):
             return chosen
-        return impact_record(self._dynamics, self._system.walker.swapped(chosen.mode).contact, z_minus, mode)
+        return impact_record(self._dynamics, self.system.walker.swapped(chosen).contact, z_minus, mode)
 
-    def _impact(self, candidates: Iterable[Mode], landing: str, z_minus: Array) -> _Option | Termination:
-        """The only consistent impact; contacts that arrive at the same instant take part."""
-        heights, velocities = (values.copy() for values in self._points(z_minus, self._dynamics.p))
-        before, size = velocities.reshape(-1, 2) / self._speed, self._dynamics.scales.length
-        place = {name: k for k, name in enumerate(self._names)}
+    def _impact(self, candidates: Iterable[Mode], landing: str, z_minus: Array) -> Mode | Termination:
+        """The contacts after the only consistent impact; those that arrive at the same instant take part."""
+        heights, mechanics = self._points(z_minus, self._dynamics.p)[0].copy(), self._forces.mechanics(z_minus)
+        before, size, place = mechanics.velocities, self._dynamics.scales.length, self._place
         massless = landing in self._massless
         if not massless and heights[place[landing]] < -TOUCHING * size:
             depth = -heights[place[landing]]
@@ -152,112 +259,94 @@ class ContactSetResolver:
             if abs(heights[place[name]]) <= TOUCHING * size and before[place[name], 1] < -TOUCHING:
                 touching.add(name)
                 candidates = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
-        options, undetermined = list[_Option](), False
-        for mode in candidates:
-            if massless and landing not in mode.touching:
-                continue
-            key = mode, ((landing,) if massless else ())
-            if key not in self._impacts:
-                self._impacts[key] = Buffers(self._system.contact_impact(*key))
-            z_plus, impulses, velocities, regularity, shares = self._impacts[key](z_minus, self._dynamics.p)
-            impulse, after = impulses.reshape(-1, 2) / self._impulse, velocities.reshape(-1, 2) / self._speed
-            if not regularity[0] > 0 or np.any(shares / self._impulse < -EDGE):
-                continue
-            if all(self._stays(mode, name, impulse[place[name]], after[place[name]], shares.size) for name in touching):
-                if not np.all(np.isfinite(z_plus)):
-                    undetermined = True
-                    continue
-                speeds = z_plus[self._system.n_z // 2 :] / self._acceleration / self._time
-                options.append(_Option(mode, speeds.copy(), z_plus.copy()))
-        chosen = self._one_of(options)
-        if chosen is not None:
-            return chosen
-        if options:
-            names = " and ".join(option.mode.brief for option in options)
+        conceivable = [mode for mode in candidates if not massless or landing in mode.touching]
+        known = [mode for mode in conceivable if not self._forces.is_undetermined(mode)]
+        found = self._forces.impacts(mechanics, known)
+        options = [
+            _Option(mode, mechanics.dq + found.motion[k])
+            for k, mode in enumerate(known)
+            if self._follows(found, k, touching, mechanics.J)
+        ]
+        different = self._different(options)
+        if len(different) == 1 or (different and self._drops):
+            chosen = self._preferred(different).mode
+            regularity = self._forces.regularity(mechanics, (chosen,)).item() if chosen.slips else 1.0
+            if regularity > 0:
+                return chosen
+            words = f"the impulses have no unique solution: regularity is {regularity:.4g} after {chosen.brief}"
+            return Termination(Ending.PAINLEVE, words)
+        if different:
+            names = " and ".join(option.mode.brief for option in different)
             return Termination(Ending.IMPACT_AMBIGUOUS, f"several impacts are consistent: {names}")
-        if undetermined:
+        if len(known) < len(conceivable):
             words = "contacts of different friction slip together, so that the impulses do not determine the impact"
             return Termination(Ending.UNDETERMINED, words)
         return Termination(Ending.IMPACT_INCONSISTENT, f"no impact of {', '.join(sorted(touching))} is consistent")
 
-    def _stays(self, mode: Mode, name: str, impulse: Array, velocity: Array, shares: int) -> bool:
-        """Whether what a contact does after an impact agrees with its impulse and velocity, in natural units."""
-        if name not in mode.touching:
-            return bool(velocity[1] > EDGE)
-        if mode.directions[name]:
-            return bool(impulse[1] > -EDGE and mode.directions[name] * velocity[0] > EDGE)
-        if shares:
-            return True  # margins of the group decide
-        friction = self._dynamics.contact_friction[name]
-        return bool(impulse[1] > -EDGE and abs(impulse[0]) <= friction * impulse[1] * (1 + EDGE) + EDGE)
+    def _follows(self, found: Solutions, k: int, touching: set[str], J: Array) -> bool:
+        """Whether what the contacts do after the k-th impact agrees with their impulses and velocities."""
+        modes, touches = found.modes, np.array([name in touching for name in self._names])
+        slip, closed, shared, sticks = modes.slip[k], modes.closed[k], modes.shared[k], modes.sticks[k]
+        normal, tangential, after = found.normal[k], found.tangential[k], found.contact[k]
+        if not np.all(np.isfinite(found.motion[k])):
+            return False
+        friction = self._forces.friction.static
+        agrees = (
+            np.all(after[touches & ~closed, 1] > EDGE)
+            and np.all(normal[sticks | (slip != 0)] > -EDGE)
+            and np.all((slip * after[:, 0])[slip != 0] > EDGE)
+            and np.all((np.abs(tangential) <= friction * normal * (1 + EDGE) + EDGE)[sticks])
+        )
+        if not agrees or not shared.any():
+            return bool(agrees)
+        return all(value >= -EDGE for value in self._forces.margins(modes.modes[k], tangential, normal, J)[1])
 
-    def _consistent(self, mode: Mode, touching: set[str], t: float, z: Array, segment: int) -> Array | None:
-        """Acceleration in a mode, in natural units, if the mode is consistent; NaN where it is undetermined."""
-        dz, margins, rates, separations = self._decide(mode, t, z, segment)
-        acceleration = dz[self._system.n_z // 2 :] / self._acceleration
-        if not np.all(np.isfinite(acceleration)):
-            return acceleration
-        lifted, massless = [name for name in self._names if name not in mode.touching], self._massless
-        later: tuple[Array, Array, Array, Array] | None = None
-        names = self._system.transitions.margin_names(mode)
+    def _conceivable(self, found: Solutions, touching: set[str]) -> list[int]:
+        """The motions without a force or an acceleration that is clearly of the wrong sign."""
+        modes, friction = found.modes, self._forces.friction
+        lowest = np.where(modes.own, found.normal, 0)
+        lowest = np.minimum(
+            lowest, np.where(modes.sticks, friction.static * found.normal - np.abs(found.tangential), 0)
+        )
+        off = ~modes.closed & ~self._weightless & np.array([name in touching for name in self._names])
+        lowest = np.minimum(lowest, np.where(off, found.contact[:, :, 1], 0))
+        return np.flatnonzero(np.all(lowest > -HOPELESS, axis=1)).tolist()  # neither do NaN pass
 
-        def ahead() -> tuple[Array, Array, Array, Array]:
-            moved = z + LOOK_AHEAD * self._time * dz
-            return self._decide(mode, t + LOOK_AHEAD * self._time, moved, segment) if later is None else later
+    def _holds(self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], held: Mode) -> bool:
+        """Whether the k-th mode is consistent at this instant."""
+        mode = found.modes.modes[k]
+        motion = _Motion(instant, mode, held, found, k)
+        lifted = [name for name in touching if name not in mode.touching]
+        return (
+            not any(motion.slips_back(self._place[name]) for name, slip in mode.directions.items() if slip)
+            and not motion.lacks_force()
+            and all(
+                self._is_pulled(instant, mode.with_states({name: "stick"}), name, held, found)
+                if name in self._massless
+                else motion.separates(self._place[name])
+                for name in lifted
+            )
+        )
 
-        for k, name in enumerate(names):
-            what, margin, rate, bend = kind(name), margins[k], rates[k], 0.0
-            if what not in DECISIVE or (what == "slip_velocity" and margin > EDGE):
-                continue
-            if what == "slip_velocity":
-                margin = min(margin, 0.0)  # at rest to within rounding
-            if bends_decide(margin, rate):
-                later = ahead()
-                bend = (later[2][k] - rate) / LOOK_AHEAD
-            if falls_at_start(name, margin, rate, bend) or (what == "regularity" and margin <= EDGE):
-                return None
-        for k, name in enumerate(lifted):
-            if name not in touching:
-                continue
-            if name in massless:  # it is off where the ground would have to pull at it
-                closed = mode.with_states({name: "stick"})
-                row = self._system.transitions.margin_names(closed).index(f"normal_force.{name}")
-                _, forces, growth, _ = self._decide(closed, t, z, segment)
-                if not falls_at_start("normal_force", forces[row], growth[row]):
-                    return None
-                continue
-            value, growing = separations[k], 0.0
-            if abs(value) <= STEADY:
-                later = ahead()
-                growing = (later[3][k] - value) / LOOK_AHEAD
-            if not (value > STEADY or growing > STEADY):
-                return None
-        return acceleration
+    def _is_pulled(self, instant: ContactInstant, closed: Mode, name: str, held: Mode, found: Solutions) -> bool:
+        """Whether the ground would have to pull at a massless contact in a mode in which it is closed."""
+        modes = found.modes.modes
+        k, found = (modes.index(closed), found) if closed in modes else (0, instant.motions((closed,), held))
+        names, margins = instant.margins(closed, held, found, k)
+        j = names.index(f"normal_force.{name}")
+        if margins[j] > EDGE:
+            return False
+        return bool(falls_at_start("normal_force", margins[j], instant.rates(closed, held, found.motion[k])[j]))
 
-    def _decide(self, mode: Mode, t: float, z: Array, segment: int) -> tuple[Array, Array, Array, Array]:
-        """dz in SI; margins, their rates and normal accelerations of lifted contacts in natural units."""
-        if mode not in self._decisions:
-            self._decisions[mode] = Buffers(self._system.contact_decision(mode))
-        values = self._decisions[mode](t, z, self._dynamics.p, self._system.data(segment))
-        dz, margins, rates, separations = (value.copy() for value in values)
-        units = self._dynamics.margin_units(mode)
-        return dz, margins / units, rates * (self._time / units), separations / self._gravity
-
-    def _one_of(self, options: list[_Option]) -> _Option | None:
-        """The only motion among consistent options, or the one that sticks where friction drops; None otherwise."""
+    def _different(self, options: list[_Option]) -> list[_Option]:
+        """The options that move the walker differently, the first of those that move it alike."""
         different: list[_Option] = []
         for option in options:
             close = ALIKE * (1 + np.abs(option.motion).max())
             if all(np.abs(option.motion - other.motion).max() > close for other in different):
                 different.append(option)
-        if len(different) == 1:
-            return different[0]
-        if different and self._drops:
-            return max(different, key=lambda option: sum(word == "stick" for word in option.mode.contacts.values()))
-        return None
+        return different
 
-
-DECISIVE = ("normal_force", "cone_forward", "cone_backward", "slip_velocity", "regularity")
-"""Kinds of margins that decide about a mode; those of groups begin with one of them."""
-STEADY = 1e-11
-"""A normal acceleration below this, in units of gravity, is zero."""
+    def _preferred(self, different: list[_Option]) -> _Option:
+        """The motion in which the most contacts stick."""
+        return max(different, key=lambda option: sum(word == "stick" for word in option.mode.contacts.values()))

@@ -5,7 +5,8 @@ All quantities are in natural units. Where a margin is at its edge at the start 
     margin + INSTANT rate + INSTANT^2 bend / 2 < 0      the margin has fallen; otherwise it leaves its edge upwards
 
 A dip of no more than EDGE, rate^2 / (2 bend) < EDGE, is not an event. The margin ``painleve`` has fallen at its edge in
-any case, because the equations of motion are singular there.
+any case, because the equations of motion are singular there. A force at its edge that stays there, to within rounding,
+holds: a foot that needs exactly the friction that there is sticks, and one without a force remains on the ground.
 
 Events are located by Newton's method on the motion itself. An integrator's interpolant is not used: it loses three
 digits against the integration steps.
@@ -46,6 +47,9 @@ FALLING = frozenset(name for name, known in PHASE_MARGINS.items() if not known.r
 stops and switches, which may have any name, have just been released."""
 STEEP = 1e-3
 """A rate beyond which the bend of a margin at its edge does not matter: it would have to be a million."""
+STEADY, STRAIGHT = 1e-11, 1e-6
+"""Rate and bend up to which a force at its edge stays there: rounding, and that of a difference over ``LOOK_AHEAD``. If
+it falls nevertheless, it is noticed when it has left its edge."""
 LOOK_AHEAD = 1e-7
 """Time over which a difference of rates gives the bend to a relative accuracy of 1e-8."""
 MAX_NEWTON_STEP = 1e-3
@@ -78,7 +82,8 @@ def falls_at_start(name: str, margin: Any, rate: Any, bend: Any = 0.0) -> Any:
     """Whether a margin is violated from the start of an arc; floats, or arrays of one shape."""
     deep = margin < -EDGE
     soon = margin * deep + INSTANT * (rate + INSTANT / 2 * bend) < 0
-    lasting = deep | (rate * rate > 2 * bend * EDGE)
+    moves = (abs(rate) > STEADY) | (abs(bend) > STRAIGHT) | (kind(name) == "slip_velocity")
+    lasting = deep | (moves & (rate * rate > 2 * bend * EDGE))
     return (margin <= EDGE) & ((soon & lasting) | (name == "painleve")) & (kind(name) in FALLING)
 
 
@@ -130,6 +135,11 @@ def lift(name: str, margin: Any, rate: Any) -> Any:
     """
     armed, dip = is_armed(name, margin), (margin <= EDGE) * (rate < 0) * 2 * EDGE
     return armed * (smallest_lift(name) + dip) - (1 - armed) * EDGE
+
+
+def rests_at_edge(name: str, margin: float, rate: float) -> bool:
+    """Whether a margin that holds at the start of an arc stays at its edge, see ``falls_at_start``."""
+    return abs(margin) <= EDGE and abs(rate) <= STEADY and kind(name) != "slip_velocity" and kind(name) in FALLING
 
 
 def coincides(margin: Any, rate: Any) -> Any:

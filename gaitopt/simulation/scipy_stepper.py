@@ -12,7 +12,7 @@ from gaitopt.model.buffered import Buffers
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.simulation.engine import MAX_ARC_STEPS, NOT_FINITE, Stepper
-from gaitopt.simulation.events import EDGE, INSTANT, Point, first_event, is_armed
+from gaitopt.simulation.events import EDGE, INSTANT, Point, first_event, is_armed, rests_at_edge
 
 RTOL = 1e-12
 """Relative tolerance: a walking step is then right to about 1e-12, in some 25 integration steps."""
@@ -48,10 +48,13 @@ class ScipyStepper(Stepper):
         step, names = self._step(mode, segment), self._natural.system.transitions.margin_names(mode)
         armed = [is_armed(name, margin) for name, margin in zip(names, start.margins, strict=True)]
         before, last = start, (start.time, start.state)
+        rests = [k for k, name in enumerate(names) if rests_at_edge(name, start.margins[k], start.rates[k])]
         try:
-            integration, after = _depart(step, start, armed, limit)
+            integration, after = _depart(step, _lifted(start, rests), armed, limit)
             while True:
-                event = first_event(names, before, after, armed, partial(_integrate, step, before))
+                within = _lifted(before, rests), _lifted(after, rests)
+                motion_at = partial(_lifted_motion, step, before, rests) if rests else partial(_integrate, step, before)
+                event = first_event(names, *within, armed, motion_at)
                 if event is not None:
                     return (*event, "")
                 if integration.finished:
@@ -136,6 +139,18 @@ def _integrate(step: CompiledStep, start: Point, time: float) -> Point:
     while not integration.finished:
         integration.advance()
     return _point(integration)
+
+
+def _lifted(point: Point, rests: list[int]) -> Point:
+    """The point with margins that rest at their edge lifted, so that they fall where they leave it."""
+    if not rests:
+        return point
+    margins = [margin + (k in rests) * 2 * EDGE for k, margin in enumerate(point.margins)]
+    return point._replace(margins=margins)
+
+
+def _lifted_motion(step: CompiledStep, start: Point, rests: list[int], time: float) -> Point:
+    return _lifted(_integrate(step, start, time), rests)
 
 
 def _point(integration: Integration) -> Point:

@@ -13,6 +13,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -149,8 +150,7 @@ class Simulator:
         arcs: list[Arc] = []
         strikes: list[float] = []
         mode: Mode | None = None
-        struck: Mode | None = None
-        following = self._first_mode(z)
+        following, z, struck = self._first_mode(z)
         while isinstance(following, Mode):
             mode = following
             arrival = self.stepper.advance(mode, segment, time, z, self._ends[segment])
@@ -208,15 +208,30 @@ class Simulator:
         z[self.system.n_shape] = 0.0
         return _stopped(z) if not self._several and abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
 
-    def _first_mode(self, z: Array) -> Mode | Termination:
+    def _first_mode(self, z: Array) -> tuple[Mode | Termination, Array, Mode | None]:
+        """The mode just after an impact; of named contacts, also the impact of those that come down onto the ground."""
         if self._several:
-            first: Mode | Termination = self._resolver.first_mode(0.0, z, 0)
-            return first
+            start = self._resolver.start(z)
+            if isinstance(start, Transition):
+                return self._switch(start, 0.0, z, 0, None)
+            return self._continued(start, 0.0, z, 0) if isinstance(start, Mode) else start, z, None
         stick, *slips = self.system.transitions.landed
         if z[-1] == 0:
-            return self._continued(stick, 0.0, z, 0)
+            return self._continued(stick, 0.0, z, 0), z, None
         following = [mode for mode in slips if mode.direction * z[-1] > 0]
-        return following[0] if following else Termination(Ending.PAINLEVE, CANNOT_SLIP)
+        return following[0] if following else Termination(Ending.PAINLEVE, CANNOT_SLIP), z, None
+
+    def check_start(self, state: Array) -> None:
+        """Check that no named contact of a state is below the ground.
+
+        Raises
+        ------
+        ProblemError
+            If one is; the message says which one, and how far.
+        """
+        reason = self._resolver.below_ground(self._after_impact(state)) if self._several else None
+        if reason is not None:
+            raise ProblemError(f"state: {reason}")
 
     def _continued(self, mode: Mode, time: float, z: Array, segment: int) -> Mode | Termination:
         """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues.

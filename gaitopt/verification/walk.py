@@ -118,7 +118,7 @@ def simulate(
     SolveError
         If ``start`` is a failed solve, and ``state`` is not complete.
     ProblemError
-        If a coordinate or rate of the state is not a finite number.
+        If a coordinate or rate of the state is not a finite number, or a contact is below the ground.
     UnknownNameError
         If ``state`` names something that is not a section coordinate of the walker, or the
         engine is unknown or not installed.
@@ -127,6 +127,7 @@ def simulate(
     dynamics = start.dynamics if isinstance(start, Gait) else problem_dynamics(start)
     z = _initial_state(start, dynamics, state or {})
     simulator = Simulator(dynamics, stepper_class(engine, steps=steps))
+    simulator.check_start(z)
     trajectory = simulator.run(z, steps=steps, dense=dense, should_stop=should_stop)
     width = len(dynamics.system.state_names)
     states = states_after_impacts(start) if isinstance(start, Gait) else np.empty(0)

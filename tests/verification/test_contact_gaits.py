@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_problem
+from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_problem, with_point_feet
 from named import named
 
 from gaitopt.api.verbs import attractors, prove
@@ -93,6 +93,14 @@ def test_two_cycles_are_one_map_squared(name: str) -> None:
     one, two = (each.jacobian(each(gait.state[section.indices]).steps) for each in maps)
     assert two == pytest.approx(one @ one, abs=1e-12 * (1 + np.abs(one).max() ** 2))
     assert multiplier_distance(floquet_multipliers(two), floquet_multipliers(one) ** 2) < 1e-10
+
+
+@pytest.mark.parametrize(("name", "model"), [("rabbit-hzd-slip", "stick"), ("rabbit-hzd", "actual")])
+def test_a_law_that_holds_contacts_acts_alike_while_modes_are_compared(name: str, model: str) -> None:
+    """RABBIT with named contacts is RABBIT, also where its foot begins to slip."""
+    gait = solve(with_point_feet(name, model))
+    assert gait.period == pytest.approx(named(name).period, abs=1e-12)
+    assert verify(gait).passed
 
 
 def test_more_friction_changes_nothing_where_all_contacts_stick() -> None:

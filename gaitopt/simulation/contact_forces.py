@@ -1,0 +1,466 @@
+"""Forces and accelerations, or impulses, in every mode that some contacts may have, by dense linear algebra.
+
+    [ M   -G ] [ ddq ]   [ force + E u ]        G = J' of the kept rows, less s mu J_t' of a contact that slips
+    [ J    0 ] [  f  ] = [   - dJ dq   ]
+
+in natural units, for all candidate modes at once. M, the forces and J are evaluated once at a state; nothing is
+compiled for a mode. Coordinates and constraints that a mode does not have are left in as equations x = 0, so that all
+systems have one size. Which constraints depend on others is a fact of the model (``constraint_structure``).
+
+Rates of margins along the motion of a mode follow from the same equations with complex numbers: for small e,
+
+    margin(K + i e K', b + i e b') = margin + i e margin'
+
+with the directional derivatives K', b' of the mechanics.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.arrays import Array
+from gaitopt.model.buffered import Buffers
+from gaitopt.model.contact_set import (
+    DEPENDENT,
+    active_coordinates,
+    constraint_structure,
+    friction_of_shares,
+    share_margins,
+)
+from gaitopt.model.contact_transitions import share_name
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import CONE
+from gaitopt.model.walker import Walker
+
+IMAGINARY = 1e-50
+"""Size of the imaginary parts: their squares are nothing beside the real parts."""
+
+
+class Mechanics(NamedTuple):
+    """A walker at one instant in natural units; complex where it moves, see the module.
+
+    Attributes
+    ----------
+    M : mass matrix, shape (n, n).
+    force : generalised forces besides those of motors, contacts, and springs that act in some modes, shape (n,).
+    E : generalised forces of the motors, shape (n, n_u); torques are in SI.
+    springs : generalised forces of the springs that act in some modes, one column each, shape (n, n_s).
+    J : rows t and n of every contact, shape (2 k, n).
+    convective : dJ/dt dq, shape (2 k,).
+    dq : rates of the coordinates, shape (n,).
+    """
+
+    M: Array
+    force: Array
+    E: Array
+    springs: Array
+    J: Array
+    convective: Array
+    dq: Array
+
+    @property
+    def velocities(self) -> Array:
+        """(v_t, v_n) of every contact, shape (k, 2)."""
+        return (self.J @ self.dq).reshape(-1, 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Friction:
+    """Coefficients of every contact, shape (k,) each; the viscous one in natural units."""
+
+    static: Array
+    kinetic: Array
+    viscous: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidates:
+    """Some modes of a walker as arrays.
+
+    Attributes
+    ----------
+    modes : the m modes.
+    slip : direction of every contact, shape (m, k).
+    closed : whether each contact touches the ground, shape (m, k).
+    shared : whether its force is undetermined, shape (m, k).
+    own : closed and not shared.
+    sticks : own and at rest.
+    rows : 1 where a mode has the constraint of a row of J and keeps it, shape (m, 2 k).
+    moves : 1 where a coordinate moves, shape (m, n).
+    springs : 1 where a spring acts, shape (m, n_s).
+    slides : whether a contact slips in one of them.
+    blank : the matrices of the module without M, J and G, shape (m, n + 2 k, n + 2 k).
+    pairs, kept : 1 for the entries of M, and of J, that a mode has, shape (m, n, n) and (m, 2 k, n).
+    """
+
+    modes: tuple[Mode, ...]
+    slip: Array
+    closed: NDArray[np.bool_]
+    shared: NDArray[np.bool_]
+    own: NDArray[np.bool_]
+    sticks: NDArray[np.bool_]
+    rows: Array
+    moves: Array
+    springs: Array
+    slides: bool
+    blank: Array
+    pairs: Array
+    kept: Array
+
+
+@lru_cache(maxsize=256)
+def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode, ...]) -> Candidates:
+    """Modes as arrays; ``springs`` are the states in which springs act."""
+    names, n = walker.contacts, len(walker.shape) + 2
+    place = {name: k for k, name in enumerate(names)}
+    shape = len(modes), len(names)
+    rows, moves, shared = np.zeros((shape[0], 2 * shape[1])), np.zeros((shape[0], n)), np.zeros(shape, bool)
+    for j, mode in enumerate(modes):
+        structure = constraint_structure(walker, mode)
+        rows[j, [2 * place[name] + row for name, row in (structure.constraints[k] for k in structure.kept)]] = 1
+        moves[j, active_coordinates(walker, mode)] = 1
+        shared[j, [place[name] for name in structure.group]] = True
+    slip = np.array([[mode.directions[name] for name in names] for mode in modes], float).reshape(shape)
+    closed = np.array([[name in mode.touching for name in names] for mode in modes], bool).reshape(shape)
+    blank = np.zeros((len(modes), n + rows.shape[1], n + rows.shape[1]))
+    diagonal = np.arange(blank.shape[1])
+    blank[:, diagonal, diagonal] = 1 - np.concatenate([moves, rows], axis=1)
+    return Candidates(
+        modes=modes,
+        slip=slip,
+        closed=closed,
+        shared=shared,
+        own=closed & ~shared,
+        sticks=closed & ~shared & (slip == 0),
+        rows=rows,
+        moves=moves,
+        springs=np.array([[mode.has(state) for state in springs] for mode in modes], float).reshape(len(modes), -1),
+        slides=bool(slip.any()),
+        blank=blank,
+        pairs=moves[:, :, None] * moves[:, None, :],
+        kept=rows[:, :, None] * moves[:, None, :],
+    )
+
+
+def systems(M: Array, J: Array, modes: Candidates, kinetic: Array) -> Array:
+    """The matrices of all modes, shape (m, n + 2 k, n + 2 k)."""
+    n, K = M.shape[0], modes.blank.astype(M.dtype)
+    K[:, :n, :n] += modes.pairs * M
+    K[:, n:, :n] = G = modes.kept * J
+    if modes.slides:
+        G = G.copy()
+        G[:, 1::2] -= (modes.slip * kinetic)[:, :, None] * modes.kept[:, 1::2] * J[::2]
+    K[:, :n, n:] -= G.swapaxes(1, 2)
+    return K
+
+
+def inverses(K: Array) -> Array:
+    """The inverse of each of some matrices; NaN if it is singular."""
+    try:
+        return np.asarray(np.linalg.inv(K))
+    except np.linalg.LinAlgError:
+        found, regular = np.full(K.shape, np.nan), [bool(np.linalg.det(each)) for each in K]
+        found[regular] = np.linalg.inv(K[regular])
+        return found
+
+
+def solve(K: Array, inverse: Array, modes: Candidates, loads: Array, required: Array) -> tuple[Array, Array]:
+    """Accelerations, shape (m, n, r), and forces of the constraints, (m, 2 k, r).
+
+    Parameters
+    ----------
+    K, inverse : the matrices, see ``systems``, and the inverses of their real parts.
+    modes : the m modes.
+    loads : generalised forces besides those of the contacts, shape (m, n, r).
+    required : tangential and normal acceleration of every contact, besides dJ dq, shape (2 k, r).
+    """
+    n = modes.moves.shape[1]
+    b = np.concatenate([modes.moves[:, :, None] * loads, modes.rows[:, :, None] * required], axis=1)
+    x = inverse @ b
+    x += inverse @ (b - K @ x)  # corrects the rounding of the first step, and its imaginary part
+    return x[:, :n], x[:, n:]
+
+
+def regularity(M: Array, J: Array, modes: Candidates, kinetic: Array) -> Array:
+    """Determinant of the system of every mode relative to that without friction, shape (m,)."""
+    with_friction = np.linalg.slogdet(systems(M, J, modes, kinetic))
+    without = np.linalg.slogdet(systems(M, J, modes, np.zeros_like(kinetic)))
+    return np.asarray(with_friction[0] / without[0] * np.exp(with_friction[1] - without[1]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solutions:
+    """Motions in some modes, or impacts, in natural units.
+
+    Attributes
+    ----------
+    modes : the m modes.
+    motion : accelerations, or changes of the rates by an impact, shape (m, n).
+    tangential, normal : forces or impulses, shape (m, k); of contacts that share theirs, one of many.
+    contact : tangential and normal acceleration of every contact, or its velocity after an impact, shape (m, k, 2).
+    """
+
+    modes: Candidates
+    motion: Array
+    tangential: Array
+    normal: Array
+    contact: Array
+
+
+class ContactForces:
+    """Forces of one walker's contacts at fixed parameters; used by one thread at a time.
+
+    Parameters
+    ----------
+    dynamics : the walker under its control law, at its parameters.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        self.dynamics, system, scales = dynamics, dynamics.system, dynamics.scales
+        self._system, self.walker = system, system.walker
+        names = (*self.walker.shape, "x", "y")
+        lengths = {*self.walker.lengths, "x", "y"}
+        self._unit = np.array([scales.length if name in lengths else 1.0 for name in names])
+        self._time = scales.time
+        self._order = [self.walker.coordinates().index(name) for name in names]
+        n_q = len(names)
+        self._rates = [n_q + k for k in self._order]
+        shapes, u, k = system.mechanics_shapes, self._unit, len(self.walker.contacts)
+        per_force = u / scales.energy
+        sizes = {
+            "M": np.outer(u, u) / (scales.mass * scales.length**2),
+            "force": per_force,
+            "E": np.broadcast_to(per_force[:, None], shapes["E"]),
+            "springs": np.broadcast_to(per_force[:, None], shapes["springs"]),
+            "J": np.broadcast_to(u / scales.length, (2 * k, n_q)),
+            "convective": np.full(2 * k, scales.time**2 / scales.length),
+        }
+        self._scale = np.concatenate([sizes[part].ravel() for part in shapes])
+        ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
+        self._parts = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes.values(), strict=True)]
+        values = [system.contact_coefficients(dynamics.p)[name] for name in self.walker.contacts]
+        static, kinetic, viscous = np.array(values, dtype=float).reshape(-1, 3).T
+        self.friction = Friction(static=static, kinetic=kinetic, viscous=viscous * scales.speed / scales.force)
+        self.springs = system.springs_while
+        self.law_uses = system.law_uses if self.walker.actuators else (False, False)
+        self._mechanics = Buffers(system.mechanics)
+        self._mechanics_rate: Buffers | None = None
+        self._law: tuple[Buffers, Buffers] | None = None
+        self._moved: dict[Mode, bool] = {}
+
+    @property
+    def law_depends_on_holding(self) -> bool:
+        """Whether the torques are those that move the walker while some contacts are held."""
+        return self.law_uses[0]
+
+    def of(self, modes: Sequence[Mode]) -> Candidates:
+        """Modes as arrays."""
+        return candidates(self.walker, self.springs, tuple(modes))
+
+    def is_undetermined(self, mode: Mode) -> bool:
+        """Whether the motion in a mode depends on the shares of forces that are undetermined."""
+        if mode not in self._moved:
+            of = dict(zip(self.walker.contacts, self.friction.kinetic.tolist(), strict=True))
+            self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > DEPENDENT)
+        return self._moved[mode]
+
+    def mechanics(self, z: Array) -> Mechanics:
+        """The walker at a state in SI."""
+        (values,) = self._mechanics(z, self.dynamics.p)
+        return self._mechanics_from(values * self._scale, z[self._rates] * (self._time / self._unit))
+
+    def at(self, t: float, z: Array, segment: int) -> "ContactInstant":
+        """The contacts at one instant, in SI."""
+        return ContactInstant(self, t, z, segment)
+
+    def impacts(self, mechanics: Mechanics, modes: Sequence[Mode]) -> Solutions:
+        """Impacts after which the contacts are in each of some modes."""
+        of, J = self.of(modes), mechanics.J
+        loads = np.zeros((len(of.modes), mechanics.dq.size, 1))
+        K = systems(mechanics.M, J, of, self.friction.kinetic)
+        change, impulses = solve(K, inverses(K), of, loads, -(J @ mechanics.dq)[:, None])
+        normal = impulses[:, 1::2, 0]
+        tangential = np.where(of.slip != 0, -of.slip * self.friction.kinetic * normal, impulses[:, ::2, 0])
+        after = (change[:, :, 0] + mechanics.dq) @ J.T
+        return Solutions(
+            modes=of,
+            motion=change[:, :, 0],
+            tangential=tangential,
+            normal=normal,
+            contact=after.reshape(len(of.modes), -1, 2),
+        )
+
+    def regularity(self, mechanics: Mechanics, modes: Sequence[Mode]) -> Array:
+        """See ``regularity``."""
+        return regularity(mechanics.M, mechanics.J, self.of(modes), self.friction.kinetic)
+
+    def margins(self, mode: Mode, tangential: Array, normal: Array, J: Array) -> tuple[list[str], list[Any]]:
+        """Names and values of the margins of the forces, or impulses, in a mode."""
+        structure, names, static = constraint_structure(self.walker, mode), self.walker.contacts, self.friction.static
+        found, values = list[str](), list[Any]()
+        for k, name in enumerate(names):
+            if name not in mode.touching or name in structure.group:
+                continue
+            found.append(f"normal_force.{name}")
+            values.append(normal[k])
+            if not mode.directions[name]:
+                found += [f"{cone}.{name}" for cone in CONE.values()]
+                values += [static[k] * normal[k] + sign * tangential[k] for sign in (1, -1)]
+        if structure.dropped:
+            place = {name: k for k, name in enumerate(names)}
+            rows = [2 * place[name] + row for name, row in structure.constraints]
+            kept, dropped = [rows[k] for k in structure.kept], [rows[k] for k in structure.dropped]
+            nulls = np.zeros((len(rows), len(dropped)), dtype=J.dtype)
+            nulls[[*structure.dropped], range(len(dropped))] = 1
+            nulls[[*structure.kept]] = -np.linalg.solve(J[kept] @ J[kept].T, J[kept] @ J[dropped].T)
+            forces = {name: (tangential[place[name]], normal[place[name]]) for name in structure.group}
+            shares = share_margins(self.walker, mode, forces, nulls, dict(zip(names, static, strict=True)))
+            found += [share_name(parts) for parts, _ in shares]
+            values += [value for _, value in shares]
+        return found, values
+
+    def _mechanics_from(self, values: Array, dq: Array) -> Mechanics:
+        M, force, E, springs, J, convective = (values[span].reshape(shape) for span, shape in self._parts)
+        return Mechanics(M, force, E, springs, J, convective, dq)
+
+    def _rate(self, z: Array, mode: Mode, ddq: Array) -> Array:
+        """Rate of the state in SI; coordinates that a mode does not have keep their values."""
+        dz = np.empty(z.size)
+        dz[self._order] = z[self._rates] * self.of((mode,)).moves[0]
+        dz[self._rates] = ddq * self._unit / self._time**2
+        return dz
+
+    def _moving(self, z: Array, dz: Array, mechanics: Mechanics, ddq: Array) -> Mechanics:
+        """The walker with the rates along a motion as imaginary parts."""
+        if self._mechanics_rate is None:
+            self._mechanics_rate = Buffers(self._system.mechanics_rate)
+        (rates,) = self._mechanics_rate(z, dz, self.dynamics.p)
+        moving = self._mechanics_from(rates * (self._scale * self._time), ddq)
+        M, force, E, springs, J, convective, dq = (
+            value + 1j * IMAGINARY * rate for value, rate in zip(mechanics, moving, strict=True)
+        )
+        return Mechanics(M, force, E, springs, J, convective, dq)
+
+    def torques(self, t: float, z: Array, segment: int, held: Array, actual: Array, dz: Array | None) -> Array:
+        """Torques [N m] from the accelerations that the law may use; complex along the motion dz/dt.
+
+        Parameters
+        ----------
+        held, actual : shape accelerations without torques, and by each torque, in natural units, shape (n_s, 1 + n_u).
+        """
+        if self._law is None:
+            self._law = Buffers(self._system.law_torques), Buffers(self._system.law_torques_rate)
+        unit, p, data = self._unit[: len(self.walker.shape), None] / self._time**2, self.dynamics.p, self._system.data
+        h, a = ((values * unit).ravel(order="F") for values in (held, actual))
+        torques = self._law[0](t, z, h.real, a.real, p, data(segment))[0].copy()
+        if dz is None:
+            return torques
+        rates = np.concatenate([dz, h.imag / IMAGINARY / self._time, a.imag / IMAGINARY / self._time])
+        (rate,) = self._law[1](t, z, h.real, a.real, rates, p, data(segment))
+        return np.asarray(torques + 1j * IMAGINARY * self._time * rate)
+
+
+class ContactInstant:
+    """The contacts at one instant; use ``ContactForces.at``.
+
+    Attributes
+    ----------
+    mechanics : the walker.
+    velocities : (v_t, v_n) of every contact, shape (k, 2).
+    """
+
+    def __init__(self, forces: ContactForces, t: float, z: Array, segment: int) -> None:
+        self._forces, self._t, self._z, self._segment = forces, t, z, segment
+        self.mechanics = forces.mechanics(z)
+        self.velocities = self.mechanics.velocities
+        self._inverses: dict[Mode, Array] = {}
+        self._margins: dict[tuple[Mode, Mode], tuple[list[str], list[Any]]] = {}
+        self._rates: dict[tuple[Mode, Mode], list[float]] = {}
+
+    def motions(self, modes: Sequence[Mode], held: Mode) -> Solutions:
+        """Motions in some modes; a control law that holds contacts holds those of ``held``."""
+        return self._motions(self.mechanics, self._forces.of(modes), held, None)
+
+    def margins(self, mode: Mode, held: Mode, found: Solutions, k: int) -> tuple[list[str], list[Any]]:
+        """See ``ContactForces.margins``, for the k-th of some motions, that in ``mode``."""
+        if (mode, held) not in self._margins:
+            values = self._forces.margins(mode, found.tangential[k], found.normal[k], self.mechanics.J)
+            self._margins[mode, held] = values
+        return self._margins[mode, held]
+
+    def rates(self, mode: Mode, held: Mode, ddq: Array) -> list[float]:
+        """Rates of the margins of a mode along its motion with the accelerations ``ddq``, shape (n,)."""
+        if (mode, held) not in self._rates:
+            forces = self._forces
+            dz = forces._rate(self._z, mode, ddq)
+            moving = forces._moving(self._z, dz, self.mechanics, ddq)
+            found = self._motions(moving, forces.of((mode,)), held, dz)
+            _, values = forces.margins(mode, found.tangential[0], found.normal[0], moving.J)
+            self._rates[mode, held] = [float(np.imag(value)) / IMAGINARY for value in values]
+        return self._rates[mode, held]
+
+    def after(self, duration: float, mode: Mode, ddq: Array) -> "ContactInstant":
+        """The contacts after a short time in natural units, to first order."""
+        forces, time = self._forces, duration * self._forces._time
+        z = self._z + time * forces._rate(self._z, mode, ddq)
+        return ContactInstant(forces, self._t + time, z, self._segment)
+
+    def _motions(self, mechanics: Mechanics, modes: Candidates, held: Mode, dz: Array | None) -> Solutions:
+        """Motions in some modes; with complex mechanics along the motion dz/dt."""
+        forces, friction, J = self._forces, self._forces.friction, mechanics.J
+        loads = mechanics.force + modes.springs @ mechanics.springs.T
+        drag, (holds, responds) = None, forces.law_uses
+        if modes.slides and friction.viscous.any():
+            drag = -(modes.slip != 0) * friction.viscous * mechanics.velocities[:, 0]
+            loads = loads + drag @ J[::2]
+        driven, n_shape = mechanics.E.shape[1] > 0, len(forces.walker.shape)
+        free = np.zeros((n_shape, 1 + mechanics.E.shape[1]))
+        if holds:
+            one = forces.of((held,))
+            load = mechanics.force + one.springs @ mechanics.springs.T
+            free = self._accelerations(mechanics, one, load)[0][0, :n_shape]
+        if responds:
+            ddq, lambdas = self._accelerations(mechanics, modes, loads)
+            each = [forces.torques(self._t, self._z, self._segment, free, a[:n_shape], dz) for a in ddq]
+            weights = np.array([[1, *torque] for torque in each])[:, :, None]
+            motion, lambdas = (ddq @ weights)[:, :, 0], (lambdas @ weights)[:, :, 0]
+        else:
+            if driven:
+                torque = forces.torques(self._t, self._z, self._segment, free, np.zeros_like(free.real), dz)
+                loads = loads + mechanics.E @ torque
+            K, inverse = self._systems(mechanics, modes)
+            ddq, lambdas = solve(K, inverse, modes, loads[:, :, None], -mechanics.convective[:, None])
+            motion, lambdas = ddq[:, :, 0], lambdas[:, :, 0]
+        normal, tangential = lambdas[:, 1::2], lambdas[:, ::2]
+        if modes.slides:
+            tangential = np.where(modes.slip != 0, -modes.slip * friction.kinetic * normal, tangential)
+        if drag is not None:
+            tangential = tangential + drag
+        accelerations = motion @ J.T + mechanics.convective
+        return Solutions(
+            modes=modes,
+            motion=motion,
+            tangential=tangential,
+            normal=normal,
+            contact=accelerations.reshape(len(motion), -1, 2),
+        )
+
+    def _accelerations(self, mechanics: Mechanics, modes: Candidates, loads: Array) -> tuple[Array, Array]:
+        """Accelerations and forces of the constraints without torques, and by each torque, in columns."""
+        columns = np.concatenate([loads[:, :, None], np.tile(mechanics.E, (len(loads), 1, 1))], axis=2)
+        required = np.zeros((mechanics.convective.size, columns.shape[2]), dtype=columns.dtype)
+        required[:, 0] = -mechanics.convective
+        return solve(*self._systems(mechanics, modes), modes, columns, required)
+
+    def _systems(self, mechanics: Mechanics, modes: Candidates) -> tuple[Array, Array]:
+        """The matrices of some modes, and the inverses of their real parts, which are kept."""
+        K = systems(mechanics.M, mechanics.J, modes, self._forces.friction.kinetic)
+        if any(mode not in self._inverses for mode in modes.modes):
+            self._inverses |= dict(zip(modes.modes, inverses(K.real), strict=True))
+        return K, np.array([self._inverses[mode] for mode in modes.modes])
