@@ -33,6 +33,7 @@ from gaitopt.gait.gait import Status as Status
 from gaitopt.gait.trajectory import Trajectory as Trajectory
 from gaitopt.model.checks import check_walker as check_walker
 from gaitopt.model.control import Control as Control
+from gaitopt.model.control import Fixed as Fixed
 from gaitopt.model.control import Instant as Instant
 from gaitopt.model.cycle import Cycle as Cycle
 from gaitopt.model.cycle import ModeSequence as ModeSequence

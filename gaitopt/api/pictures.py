@@ -29,7 +29,7 @@ from gaitopt.show.style import STILL, drawing_into, encoded
 from gaitopt.show.style import save as save_figure
 from gaitopt.show.tables import printed
 from gaitopt.solver.program import NonlinearProgram
-from gaitopt.store.files import clear_leftovers, make_folder, write_whole
+from gaitopt.store.files import check_file, check_writable, clear_leftovers, make_folder, write_whole
 from gaitopt.store.run import MANIFEST_FILE, Run
 from gaitopt.verification.walk import Walk
 
@@ -115,6 +115,7 @@ def save_figures(
     place, unwritten = Path(folder), [word for word in formats if word not in (*STILL, PAGE, *MOVIES)]
     if unwritten:
         raise UnknownNameError(f"format {unwritten[0]}: choose from {', '.join((*STILL, PAGE, *MOVIES))}")
+    check_writable(place)
     still, moving_formats = [f for f in formats if f in STILL], [f for f in formats if f not in STILL] or [PAGE]
     if isinstance(result, Figure):
         (name,) = what
@@ -222,6 +223,7 @@ def write_page(page: Page, path: Path) -> Path:
     extension = path.suffix.lower().removeprefix(".")
     if extension not in endings:
         raise UnknownNameError(f"{path}: the {page.title} is written as {', '.join(f'.{e}' for e in endings)}")
+    check_file(path)
     content = page.text.encode() if page.movie is None or extension == PAGE else page.movie(extension)
     with adding(path.parent) as written:
         write_whole(path, content)

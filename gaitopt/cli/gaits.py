@@ -128,7 +128,7 @@ def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     model, needed = gait.problem.walker.model, problem.walker.model
     if model != needed:
         raise ProblemError(f"--start {start}: a gait of {model}, but {problem.name} has {needed}")
-    return problem.with_guess(gait.to_record(), gait.dynamics.parameters)
+    return problem.with_guess(gait)
 
 
 def simulate(

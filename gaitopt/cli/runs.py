@@ -1,5 +1,6 @@
 """The argument RUN: a run folder, or a problem whose gait is taken from the store or solved now."""
 
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,6 +30,7 @@ def load(problem: str, changes: list[str] | None, terminal: Terminal | None = No
     stated = load_problem(problem)
     changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if terminal is not None:
+        terminal.typed.setdefault(stated.name, [problem, *(word for text in changes or () for word in ("--set", text))])
         for remark in changed.remarks:
             terminal.say(f"warning: {remark}")
     return changed
@@ -132,7 +134,8 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
             print_gait(console, record, gait.problem)
             return
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
-        console.print(f"`gaitopt explain {gait.problem.name}` says more")
+        words = terminal.typed.get(gait.problem.name, [gait.problem.name])
+        console.print(f"`gaitopt explain {shlex.join(words)}` says more", soft_wrap=True)
 
     folder = folder if gait.converged else None
     record = {**gait.to_record(), "run": None if folder is None else str(folder), **(more or {})}

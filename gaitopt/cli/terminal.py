@@ -81,10 +81,14 @@ def _width(stream: TextIO) -> int | None:
 
 
 class Terminal:
-    """Output of one command: results on stdout, as tables or with --json as JSON; narration and progress on stderr."""
+    """Output of one command: results on stdout, as tables or with --json as JSON; narration and progress on stderr.
+
+    ``typed`` has the arguments by which a problem was named, with its ``--set`` options, by the problem's name.
+    """
 
     def __init__(self, *, json: bool, quiet: bool) -> None:
         self.json, self._quiet = json, quiet
+        self.typed: dict[str, list[str]] = {}
 
     @cached_property
     def narration(self) -> "Console":

@@ -173,7 +173,6 @@ def plot(
             raise typer.BadParameter(f"--what methods and animation show one gait, not {len(gaits)}")
         place = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
-    check_writable(place)
     for drawn in figures:
         terminal.print_paths(save_figures(drawn, place, what or (), formats or (Format.SVG, Format.PNG)))
     return 0

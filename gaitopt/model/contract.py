@@ -284,7 +284,7 @@ def check_clock(law: Control) -> None:
         except Exception:  # noqa: BLE001 - a law that computes with symbols in place of numbers may raise anything
             same = False
         if not same:
-            words = "depends on a parameter, which may vary: annotate that one as Annotated[float, Fixed]"
+            words = "depends on a parameter, which may vary: annotate that one as Annotated[float, gaitopt.Fixed]"
             raise ProblemError(f"{name}: {key} {words}")
 
 

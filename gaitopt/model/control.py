@@ -34,9 +34,10 @@ OF_MOTOR = {"N m": TORQUE, "N": replace(TORQUE, unit="force")}
 
 
 class Fixed:
-    """Annotation of a number that is structure rather than a parameter: ``Annotated[Positive, Fixed]``.
+    """Annotation of a number that is structure rather than a parameter: ``Annotated[Positive, gaitopt.Fixed]``.
 
-    A number on which ``breakpoints``, ``horizon`` or ``data`` depend has to be fixed.
+    A number on which ``breakpoints``, ``horizon``, ``period`` or ``data`` depend has to be fixed. It keeps its value:
+    it cannot be freed, continued or swept, and ``now.p`` has it as a number rather than a symbol.
     """
 
 
@@ -49,7 +50,8 @@ class Instant:
     t : SX - time since the last impact, or with named contacts since the start of the cycle [s].
     q, dq : coordinates and rates by name: the shape, x and y [rad, m, rad/s, m/s]. On the ground y = dy = 0.
     s, ds : phase variables of the walker and their rates by name; every shape coordinate is one too.
-    p : parameters of the law by name; those of a mapping by key, ``p.limits.hip``, and of a list as a column.
+    p : fields of the law by name: parameters as symbols, those of a mapping by key, ``p.limits.hip``, and of a list as
+        a column; all others, such as those annotated with ``Fixed``, by their values.
     r : SX, shape (n_r,) - segment data.
     robot : equations of motion of the walker: M, B, G, E, W_swing, mechanism, ``parameters`` by name.
     """
@@ -243,6 +245,8 @@ def _is_mapping(info: FieldInfo) -> bool:
 def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
     """Symbols of a law's parameters as nested namespaces; a level whose keys are numbers is a column.
 
+    The other fields have their values, which are structure.
+
     Parameters
     ----------
     symbols : SX - in the order of ``law.parameters``.
@@ -253,13 +257,19 @@ def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
             return vertcat(*entries.values())
         return SimpleNamespace(**{key: nested(v) if isinstance(v, Mapping) else v for key, v in entries.items()})
 
-    tree: dict[str, Any] = {name: {} for name, value in law if isinstance(value, Mapping | Target)}
+    fields = type(law).model_fields
+    tree: dict[str, Any] = {
+        name: {}
+        for name, value in law
+        if isinstance(value, Target) or (isinstance(value, Mapping) and is_parameter(fields.get(name)))
+    }
     for k, key in enumerate(law.parameters):
         level, parts = tree, key.split(".")
         for part in parts[:-1]:
             level = level.setdefault(part, {})
         level[parts[-1]] = symbols[k]
-    return SimpleNamespace(**{name: nested(v) if isinstance(v, Mapping) else v for name, v in tree.items()})
+    known = {name: nested(v) if isinstance(v, Mapping) else v for name, v in tree.items()}
+    return SimpleNamespace(**{name: value for name, value in law if name not in known}, **known)
 
 
 @lru_cache(maxsize=64)

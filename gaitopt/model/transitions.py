@@ -11,7 +11,7 @@ same way a witness function stands beside its reset in Drake's compass gait (``e
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
@@ -114,7 +114,7 @@ class Transition:
         return self.reset is not None and self.reset.ends_step
 
 
-NO_SLIP = "until touchdown sticking needs less friction than is available, so that no slip begins"
+NO_SLIP = "sticking never needs more friction than is available, so that no slip begins"
 
 PUSH_SLIPS = "the foot that pushes off slips: its push is {value:.4g} N s outside of the friction cone"
 PUSH = ("push_cone_forward", "push_cone_backward", "push_landing")
@@ -298,7 +298,11 @@ def named(what: str, name: str) -> str:
 
 def margin(name: str) -> Margin:
     """Unit and words of a margin; names that are not in ``MARGINS`` belong to stops and switches."""
-    return MARGINS.get(kind(name), STOP)
+    facts, contact = MARGINS.get(kind(name), STOP), name.partition(".")[2]
+    if not contact or "the contact" not in facts.lost:
+        return facts
+    lost, absent = (words.replace("the contact", f"the contact {contact}") for words in (facts.lost, facts.absent))
+    return replace(facts, lost=lost, absent=absent)
 
 
 def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:

@@ -10,7 +10,7 @@ from contextvars import ContextVar
 from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import check_class
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import (
@@ -57,6 +58,18 @@ FOLLOWED_FROM = "followed_from"
 _NONE = Known(walkers={}, controls={})
 _PASSED = ContextVar("passed", default=_NONE)
 """Classes with which records are restored besides the registered ones, see ``passing``."""
+
+
+@runtime_checkable
+class Recorded(Protocol):
+    """A gait, as ``with_guess`` and ``with_gait`` read it."""
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """Its system at its parameters."""
+
+    def to_record(self) -> dict[str, Any]:
+        """Its record."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -145,44 +158,71 @@ class Problem(ProblemStatement):
         )
         return replace(changed, place=ChangedPlace.of(self.place, place), file=None if same else file)
 
-    def with_guess(self, gait: Mapping[str, Any], parameters: Mapping[str, float] | None = None) -> "Problem":
+    def with_guess(
+        self, gait: "Recorded | Mapping[str, Any]", parameters: Mapping[str, float] | None = None
+    ) -> "Problem":
         """The problem with a known gait as its first guess; the modes stay those of the problem.
 
         Durations are taken where the phases are the same, and the slip velocity where the impact is.
 
         Parameters
         ----------
-        gait : record of a gait of the same walker model, see ``Gait.to_record``.
+        gait : a gait of the same walker model, or its record, see ``Gait.to_record``.
         parameters : of that gait by dotted key, control points of a curve as ``control.reference.JOINT.K``; they are
-            the guesses of free numbers and curves. Those of the record if left out.
+            the guesses of free numbers and curves. Those of the gait or of the record if left out.
 
         Raises
         ------
         ProblemError
-            As ``replace``.
+            As ``replace``; or if the gait is a failed solve, or of another walker.
         """
-        values = gait.get("parameters", {}) if parameters is None else parameters
-        same_impact = Mode.from_record(gait["impact"]) == self.cycle.impact
+        record, known = self._record_of(gait)
+        values = known if parameters is None else parameters
+        same_impact = Mode.from_record(record["impact"]) == self.cycle.impact
         names = self._guessed_names(self.cycle)
-        state = {name: gait["state"][name] for name in names if same_impact or name != "dx"}
-        same_phases = [Mode.from_record(phase) for phase in gait["phases"]] == list(self.cycle.phases)
+        state = {name: record["state"][name] for name in names if same_impact or name != "dx"}
+        same_phases = [Mode.from_record(phase) for phase in record["phases"]] == list(self.cycle.phases)
         changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
         if same_phases:
-            changes["gait.guess.durations"] = [phase["duration"] for phase in gait["phases"]]
+            changes["gait.guess.durations"] = [phase["duration"] for phase in record["phases"]]
         changes |= self.control.guesses(values, type(self.walker))
         return self.replace(changes | self.free_guesses(values))
 
-    def with_gait(self, gait: Mapping[str, Any]) -> "Problem":
-        """The problem with the modes of a known gait and its motion as the guess; raises as ``replace``.
+    def with_gait(self, gait: "Recorded | Mapping[str, Any]") -> "Problem":
+        """The problem with the modes of a known gait and its motion as the guess; raises as ``with_guess``.
 
         Parameters
         ----------
-        gait : record of a gait, or of a candidate: its steps or phases and impact, ``state`` and ``parameters``.
+        gait : a gait; or the record of one, or of a candidate: its steps or phases and impact, ``state`` and
+            ``parameters``.
         """
-        cycle = Cycle.from_record(gait)
-        phases = [phase for step in gait.get("steps", (gait,)) for phase in step["phases"]]
+        record, values = self._record_of(gait)
+        cycle = Cycle.from_record(record)
+        phases = [phase for step in record.get("steps", (record,)) for phase in step["phases"]]
         durations = [phase["duration"] for phase in phases]
-        return self.with_modes(cycle, gait["state"], durations, gait.get("parameters", {}))
+        return self.with_modes(cycle, record["state"], durations, values)
+
+    def _record_of(self, gait: "Recorded | Mapping[str, Any]") -> tuple[Mapping[str, Any], Mapping[str, float]]:
+        """The record of a known gait, and its parameters by dotted key.
+
+        Raises
+        ------
+        ProblemError
+            If it is a failed solve, or lacks a coordinate of the walker.
+        """
+        if isinstance(gait, Mapping):
+            return gait, gait.get("parameters", {})
+        if not isinstance(gait, Recorded):
+            raise ProblemError(f"expected a gait or its record, not a {type(gait).__name__}")
+        record = gait.to_record()
+        name, state = record["problem"], record["state"]
+        if not state:
+            raise ProblemError(f"{name} is {record['status']}: it has no motion from which {self.name} could start")
+        missing = [entry for entry in self.walker.state_names() if entry not in state]
+        if missing:
+            words = f"it is a gait of another walker than the {self.walker.model} of {self.name}"
+            raise ProblemError(f"{name} has no {missing[0]}: {words}")
+        return record, gait.dynamics.parameters
 
     def with_modes(
         self,

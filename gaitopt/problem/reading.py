@@ -763,8 +763,15 @@ class _StatementReader:
         equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
         if not unknowns and (objective or constraints):
             path: Key = ("objective",) if objective else ("constraints",)
-            remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
-            self._fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}")
+            words = "too few unknowns: the gait has no free parameter to choose"
+            if self._model and self._model.contacts:
+                reason = f"a design of the {self._model.model}, which has several contacts, is not possible"
+                self._fault(path, f"{words}, and {reason}: leave it out")
+            elif isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
+                self._fault(path, f"{words}, and a design cannot have several steps: leave it out")
+            else:
+                remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
+                self._fault(path, f"{words}; {remedy}")
         elif len(equalities) > unknowns:
             given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {unknowns} free parameters"
             self._fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range")

@@ -9,7 +9,8 @@ has as many rows as x; with some, it is the smoothed problem of ``gaitopt.design
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from pickle import PicklingError
+from typing import Any, Self
 
 import numpy as np
 from casadi import DM, MX, Function, mtimes, sum1, vec
@@ -84,6 +85,16 @@ class NonlinearProgram(Plotted, Program, ABC):
     def _gait(self, problem: Problem, point: Array, p: Array) -> Gait:
         """The gait of a problem at a point."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        words = "a nonlinear program holds expressions of CasADi, which no other process can read"
+        raise PicklingError(f"{words}: send its problem, nlp.problem, and call gaitopt.nlp there")
+
+    def __copy__(self) -> Self:
+        return self  # it never changes
+
+    def __deepcopy__(self, memo: object) -> Self:
+        return self
+
     def __repr__(self) -> str:
         n, m = self.x.numel(), self.g.numel()
         return f"<NonlinearProgram {self.problem.name}: {n} unknowns, {m} constraints, {self.n_nodes} nodes>"
@@ -153,14 +164,32 @@ class NonlinearProgram(Plotted, Program, ABC):
         Raises
         ------
         ValueError
-            If ``w`` or ``p`` have another size.
+            If ``w`` or ``p`` have another size or are no numbers, or ``p`` is not finite.
         """
-        values = self.p0 if p is None else np.array(p, dtype=float).ravel()
+        values = self.p0 if p is None else _numbers(p, "p")
         if values.size != self.p0.size:
             raise ValueError(f"p has {values.size} entries instead of {self.p0.size}; p_labels names them")
+        if not np.isfinite(values).all():
+            k = int(np.flatnonzero(~np.isfinite(values))[0])
+            raise ValueError(f"p: {self.p_labels[k]} is {values[k]}, which is not a finite number")
         moved = zip(self.p_labels, values.tolist(), self.p0.tolist(), strict=True)
         changed = {key: new for key, new, old in moved if new != old and key not in self.free}
-        return self._gait(self.problem.replace(changed) if changed else self.problem, self._checked(w), values)
+        problem, point = self.problem.replace(changed) if changed else self.problem, self._checked(w)
+        unknown = np.flatnonzero(~np.isfinite(point))
+        if unknown.size:
+            label = self.x_labels[unknown[0]]
+            words = f"the point is not finite: {label.name} is {point[unknown[0]]}"
+            words += "" if label.node is None else f" at node {label.node}"
+            words += f", and {unknown.size - 1} more" if unknown.size > 1 else ""
+            return Gait(
+                problem=problem,
+                dynamics=Dynamics(self.system, values),
+                status=Status.NOT_CONVERGED,
+                message=words,
+                solver={"method": EXTERNAL},
+                causes=(Cause(what="point", words=words),),
+            )
+        return self._gait(problem, point, values)
 
     def _missed(self, point: Array, p: Array) -> Cause | None:
         """The bound of a constraint or of a freed parameter that is missed most; None if all are met."""
@@ -185,10 +214,18 @@ class NonlinearProgram(Plotted, Program, ABC):
         return Function("constraints", [self.x, self.p], [self.g])
 
     def _checked(self, w: Any) -> Array:
-        point = np.array(w, dtype=float).ravel()
+        point = _numbers(w, "a point")
         if point.size != self.x0.size:
             raise ValueError(f"a point has {self.x0.size} entries, not {point.size}; x_labels names them")
         return point
+
+
+def _numbers(values: Any, what: str) -> Array:
+    """Values of a user as an array, shape (n,)."""
+    try:
+        return np.array(values, dtype=float).ravel()
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{what} is an array of numbers, not {type(values).__name__}: {error}") from error
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -26,6 +26,8 @@ from gaitopt.store.formats import FileSum, json_text, parse_object, parsed, reas
 ATTEMPTS = 3
 """To make a folder whose parents another process may be removing."""
 TEMPORARY_SUFFIX = ".tmp"
+MOST_LISTED = 12
+"""Names of other files in an error message."""
 TEMPORARY_NAME = re.compile(r"\..+\.(?P<pid>\d+)-[0-9a-f]{16}\.tmp")
 """Name of the temporary file of a process; those of killed processes are leftovers."""
 NO_LINK = os.O_NOFOLLOW | os.O_CLOEXEC if os.name == "posix" else os.O_BINARY  # type: ignore[attr-defined]
@@ -40,7 +42,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
     StorageError
         If the disk is full or the folder cannot be written; what was there before is unchanged.
     """
-    temporary = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
+    temporary = _temporary(path)
     try:
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK, 0o666)
         try:
@@ -52,11 +54,17 @@ def write_whole(path: Path, content: str | bytes) -> None:
         sync_folder(path.parent)
     except (OSError, ValueError) as error:
         names = sorted(other.name for other in path.parent.glob("[!.]*")) if path.parent.is_dir() else []
-        others = f"kept whole in {path.parent}: {', '.join(names)}" if names else "nothing was written"
+        listed = [*names[:MOST_LISTED], *([f"{len(names) - MOST_LISTED:,} more"] if len(names) > MOST_LISTED else [])]
+        others = f"kept whole in {path.parent}: {', '.join(listed)}" if names else "nothing was written"
         raise StorageError(f"cannot write {path}: {reason(error)}; {others}") from error
     finally:
         with suppress(OSError, ValueError):  # a disk that refused the file may refuse this too
             temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    """A new name beside a file, for its content until it is complete."""
+    return path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
 
 
 def write_all(descriptor: int, content: bytes) -> None:
@@ -134,6 +142,26 @@ def sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def check_file(path: Path) -> None:
+    """Refuse a file that cannot be written, before anything is computed for it; folders above it may be missing.
+
+    Raises
+    ------
+    StorageError
+        If it is a folder, its name is impossible, or as ``check_writable``.
+    """
+    if path.is_dir():
+        words = f"it is a folder; name a file, such as {path / 'walk'}{path.suffix or '.html'}"
+        raise StorageError(f"cannot write {path}: {words}").concerning("output")
+    try:
+        _temporary(path).lstat()
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as error:  # too long, or with a null character
+        raise StorageError(f"cannot write {path}: {reason(error)}; choose another name").concerning("output") from error
+    check_writable(path)
 
 
 def check_writable(path: Path) -> None:

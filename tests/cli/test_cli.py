@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from gaitopt import Verification, cli
+from gaitopt import Verification, cli, load_problem
 from gaitopt.api import progress as cli_progress
 from gaitopt.api import verbs
 from gaitopt.search import solve as solving
@@ -345,3 +345,24 @@ def test_a_narrow_terminal_loses_no_words(run, monkeypatch):
 def test_help_imports_nothing_slow(module):
     program = f"import sys; from gaitopt.cli.main import main; main(['--help']); sys.exit({module!r} in sys.modules)"
     subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_the_hint_repeats_path_and_overrides_as_typed(run):
+    Path("mine.yaml").write_text(load_problem(PROBLEM).text.replace(f"name: {PROBLEM}", "name: my-own"))
+    changes = ("--set", "friction=0.5", "--set", "walker.slope=13 deg")
+    code, out, _ = run("solve", "mine.yaml", *changes, "--quiet")
+    assert code == 4
+    assert "`gaitopt explain mine.yaml --set friction=0.5 --set 'walker.slope=13 deg'` says more" in out
+
+
+@pytest.mark.parametrize(
+    ("problem", "words"),
+    [("inchworm", "a design of the inchworm, which has several contacts, is not possible: leave it out"),
+     ("compass-unequal", "a design cannot have several steps: leave it out"),
+     (PROBLEM, "free a parameter of walker, friction or control")],
+)  # fmt: skip
+def test_an_objective_without_unknowns_has_a_remedy_that_works(run, problem, words):
+    code, _, err = run("validate", problem, "--set", "objective=speed")
+    assert code == 3
+    assert words in err
+    assert ("free a parameter" in err) == (problem == PROBLEM)

@@ -77,6 +77,25 @@ def test_limits_saturate_smoothly(size: float) -> None:
     assert abs(u[1]) < 1.5
 
 
+def test_fixed_numbers_and_other_structure_are_values_among_the_parameters() -> None:
+    class Timed(Regulator):
+        type = "timed"
+        delay: Annotated[float, go.Fixed] = 0.25
+        order: tuple[float, ...] = (1.0, 2.0)
+        weights: Annotated[dict[str, float], go.Fixed] = {"a": 3.0}  # noqa: RUF012
+
+        def torques(self, now: Instant) -> dict[str, SX]:
+            assert (now.p.delay, now.p.order, now.p.weights) == (0.25, (1.0, 2.0), {"a": 3.0})
+            return {"hip": now.p.delay * now.p.kp}
+
+    law = Timed()
+    assert "delay" not in law.parameters
+    assert law.structure != Timed(delay=0.5).structure
+    system = HybridSystem(CompassBiped, law)
+    (u,) = numbers(system.torques(Mode.STICK)(0, STATE, [*CASES["compass_biped"].p, *law.parameters.values()], []))
+    assert list(u) == [0.0, 0.5]
+
+
 class Linearising(Control):
     """Cancels the motion of theta1 - theta2 and asks for an acceleration of it."""
 

@@ -5,7 +5,7 @@ import re
 import pytest
 from named import named
 
-from gaitopt import Cycle, load_problem, parse_problem
+from gaitopt import Cycle, load_problem, parse_problem, solve
 from gaitopt.errors import ProblemError
 from gaitopt.problem.problem import restore_problem
 from gaitopt.problem.statement import OpenSequence
@@ -91,3 +91,22 @@ def test_a_known_gait_gives_guess_and_modes():
     assert unknown.with_gait(record).cycle == problem.cycle
     twice = Cycle(problem.cycle.steps * 2)
     assert unknown.with_modes(twice, record["state"]).cycle == twice
+
+
+def test_a_gait_may_stand_for_its_record():
+    gait, design = named("compass-passive-a"), load_problem("compass-passive-a")
+    free = design.replace({"walker.slope": {"free": [0.01, 0.03], "guess": 0.02}, "objective": "speed"})
+    assert design.with_guess(gait) == design.with_guess(gait.to_record())
+    assert free.with_guess(gait).free["walker.slope"].guess == gait.dynamics.parameters["walker.slope"]
+    assert design.with_gait(gait) == design.with_gait(gait.to_record())
+
+
+def test_what_is_no_gait_of_the_walker_is_no_guess():
+    problem = load_problem("compass-passive-a")
+    with pytest.raises(ProblemError, match="rimless-wheel-stick has no theta1: it is a gait of another walker than"):
+        problem.with_guess(named("rimless-wheel-stick"))
+    failed = solve(load_problem("rimless-wheel-stick").replace({"friction": 0.5}).from_guess(), progress=False)
+    with pytest.raises(ProblemError, match="rimless-wheel-stick is infeasible: it has no motion from which"):
+        problem.with_guess(failed)
+    with pytest.raises(ProblemError, match="expected a gait or its record, not a float"):
+        problem.with_guess(1.0)

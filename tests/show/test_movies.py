@@ -11,7 +11,7 @@ from PIL import Image, ImageSequence
 
 import gaitopt as go
 from gaitopt.cli.main import main
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import StorageError, UnknownNameError
 from gaitopt.show import movie
 from gaitopt.show.catalogue import figures_of
 from gaitopt.show.movie import RATE
@@ -91,6 +91,26 @@ def test_a_figure_is_drawn_into_given_axes_and_nowhere_else(what):
         assert figure.axes == [first, second]
     finally:
         plt.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("folder.gif", "it is a folder; name a file, such as .*folder.gif/walk.gif"),
+        ("x" * 240 + ".gif", "File name too long; choose another name"),
+        ("a\0b.gif", "choose another name"),
+        ("file/d.gif", "file is not writable; choose another place|Not a directory"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_a_movie_is_drawn(tmp_path, monkeypatch, name, words):
+    (tmp_path / "folder.gif").mkdir()
+    (tmp_path / "file").write_text("")
+    for number in range(30):
+        (tmp_path / "folder.gif" / str(number)).touch()
+    monkeypatch.setattr(movie, "_frames", None)
+    with pytest.raises(StorageError, match=words) as caught:
+        named(WHEEL).animate().save(tmp_path / name)
+    assert "29" not in str(caught.value)
 
 
 def test_a_walk_is_drawn_as_six_outlined_postures_that_stand_on_the_ground():

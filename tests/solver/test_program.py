@@ -1,5 +1,8 @@
 """The nonlinear program as its users have it: labels, bounds, derivatives, quantities, solvers of CasADi, gaits."""
 
+import copy
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -262,3 +265,26 @@ def test_a_switch_that_passes_a_breakpoint_of_the_control_is_refused_with_the_re
     assert "state gait.guess.durations: [0.02044, 0.649]" in words
     again = go.nlp(problem.replace({"gait.guess.durations": [0.02044, 0.649]}))
     assert again.gait(solved(again)[0]).converged
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_point_that_is_not_finite_is_named(value):
+    nlp = go.nlp("compass-passive-a")
+    point = nlp.x0.copy()
+    point[[7, 9]] = value
+    gait = nlp.gait(point)
+    assert gait.status is go.Status.NOT_CONVERGED
+    assert gait.message == f"the point is not finite: theta2 is {value} at node 1, and 1 more"
+    parameters = nlp.p0.copy()
+    parameters[0] = value
+    with pytest.raises(ValueError, match=r"p: walker\.leg_length is .*, which is not a finite number"):
+        nlp.gait(nlp.x0, parameters)
+    with pytest.raises(ValueError, match="a point is an array of numbers, not str"):
+        nlp.gait("x0")
+
+
+def test_a_program_is_not_pickled_and_says_what_is():
+    nlp = go.nlp("rimless-wheel-stick")
+    with pytest.raises(pickle.PicklingError, match=r"send its problem, nlp\.problem, and call gaitopt\.nlp there"):
+        pickle.dumps(nlp)
+    assert copy.deepcopy(nlp) is copy.copy(nlp) is nlp
