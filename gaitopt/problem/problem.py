@@ -68,7 +68,7 @@ class Recorded(Protocol):
     def dynamics(self) -> Dynamics:
         """Its system at its parameters."""
 
-    def to_record(self) -> dict[str, Any]:
+    def to_record(self) -> Any:
         """Its record."""
 
 
