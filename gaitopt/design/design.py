@@ -24,7 +24,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
-from gaitopt.solver.diagnosis import rejection_reason
+from gaitopt.solver.diagnosis import rejection_reason, status_without_gait
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.program import ShootingProgram
 from gaitopt.solver.rollout import guessed_motion, retraced, rolled_again
@@ -133,7 +133,7 @@ class _Design:
     def _optimum(self, start: Solution, iterations: int) -> Gait:
         """The optimum of the exact problem, by a cautious search if the swift one fails."""
         gait = self._exact(start, iterations)
-        if gait.status is not Status.NOT_CONVERGED:
+        if gait.status in (Status.CONVERGED, Status.INTERRUPTED):
             return gait
         return self._exact(start, int(gait.solver.get("iterations", iterations)), cautious=True)
 
@@ -146,7 +146,7 @@ class _Design:
             if start is None:
                 lost = rejection_reason(refined)
                 message = describe_causes(lost) or "the gait is not found on a finer mesh"
-                return self._failed(Status.NOT_CONVERGED, message, {}, lost)
+                return self._failed(status_without_gait(lost), message, {}, lost)
             freed, levels = np.split(start.u, [len(self._free)])
             sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
             optimum = optimise(
@@ -163,7 +163,7 @@ class _Design:
         causes = rejection_reason(refined)
         if causes or optimum.shortcoming:
             message = describe_causes(causes) or str(optimum.shortcoming)
-            return self._failed(Status.NOT_CONVERGED, message, solver, causes)
+            return self._failed(status_without_gait(causes), message, solver, causes)
         gait = assemble_gait(self._problem, refined, message="", solver=solver)
         return replace(gait, message=_message(gait))
 

@@ -183,24 +183,30 @@ def derivative(c: Array) -> Array:
     return np.asarray(_differentiation(c.size) @ c)
 
 
-def lowest_after_rise(times: Sequence[Array], values: Sequence[Array]) -> tuple[float, float]:
+def lowest_after_rise(
+    times: Sequence[Array], values: Sequence[Array], level: float | None = None
+) -> tuple[float, float]:
     """Value and time of the lowest interior minimum of a margin after it has risen; below zero it falls early.
 
     Parameters
     ----------
     times : of each arc of a step, at its Chebyshev points [s].
     values : of the margin there, in natural units.
+    level : above which it has risen, by default a part of its largest value. With a level, a margin that starts at zero
+        and rises at once has risen, however short the rise.
 
     Returns
     -------
     lowest, time : infinity and the end of the step where there is no such minimum.
     """
     lowest, at, risen = np.inf, float(times[-1][-1]), False
-    level = CLEAR * max(float(margin.max()) for margin in values)
+    rises_at_once = level is not None
+    level = CLEAR * max(float(margin.max()) for margin in values) if level is None else level
     for arc, margin in zip(times, values, strict=True):
         if arc[-1] - arc[0] < SHORT_ARC * abs(times[-1][-1]):
             continue
         c = coefficients(margin)
+        risen = risen or (rises_at_once and bool(margin[0] > -level and _slope(margin.size)[0] @ margin > level))
         for s in minima(margin):
             value = float(evaluate(c, s))
             if value < lowest and (risen or (margin[points(margin.size) < s] > level).any()):

@@ -454,6 +454,11 @@ class HybridSystem:
         return {"impacts": horzcat(*columns), "approach": self._symbols.approach}
 
     @compiled("zp")
+    def approach(self) -> dict[str, SX]:
+        """(z, p) -> normal velocity with which the swing foot lands [m/s]."""
+        return {"approach": self._symbols.approach}
+
+    @compiled("zp")
     def impact_jacobian(self, mode: Mode) -> dict[str, SX]:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
         return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}

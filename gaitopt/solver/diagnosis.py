@@ -1,7 +1,8 @@
 """Why a motion is not a gait: the condition that is violated most, its phase, its time and its amount.
 
-``rejection_reason`` checks a solution of the equations: its integration error, every margin at the nodes, and the
-events between them. ``missing_event`` and ``largest_residual`` explain a search without a solution.
+``rejection_reason`` checks a solution of the equations: its integration error, every margin at the nodes, and all
+along the motion that the walker is upright, no margin is negative, no event happens early and the swing foot lands from
+above. ``missing_event`` and ``largest_residual`` explain a search without a solution.
 """
 
 from collections.abc import Iterator
@@ -13,8 +14,8 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.display import told_apart
 from gaitopt.gait import curves
 from gaitopt.gait.curves import lowest_after_rise
-from gaitopt.gait.gait import Cause
-from gaitopt.model.buffered import buffered_map
+from gaitopt.gait.gait import Cause, Status
+from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import PUSH, contact_of, kind, margin, named
@@ -29,6 +30,11 @@ SAMPLES = 33
 """Points of an arc at which an early event is sought."""
 AIRBORNE = 1e-9
 """A guard closer to zero than this is zero up to rounding: the foot is on the ground."""
+SLACK = 1e-8
+"""A margin between the nodes above minus this is positive up to the error of its interpolation. Verification allows the
+friction coefficient the same excess."""
+NUMERICAL = ("search", "equations", "integration", "breakpoint", "reference", "motion", "event", "periodicity")
+"""Causes that say where a search ended. All others say why a periodic motion is impossible."""
 NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
 """The margin that is the normal force of a friction cone; a push has none, because its contact cannot be lost."""
 RUNAWAY = 1e3
@@ -64,8 +70,14 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     violated = violations(refined)
     if violated:
         return tuple(violated)
-    cause = _early_event(refined) or _law_ends(refined) or _turning_phase(refined)
+    cause = _impossible_motion(refined) or _lands_from_below(refined) or _law_ends(refined) or _turning_phase(refined)
     return () if cause is None else (cause,)
+
+
+def status_without_gait(causes: tuple[Cause, ...]) -> Status:
+    """Status of a solve that ended where these causes exclude a gait: infeasible where its motion is impossible."""
+    impossible = causes and all(cause.what not in NUMERICAL for cause in causes)
+    return Status.INFEASIBLE if impossible else Status.NOT_CONVERGED
 
 
 def violations(at: Solution) -> list[Cause]:
@@ -131,15 +143,23 @@ def largest_residual(at: Solution) -> Cause:
     return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
 
 
-def _early_event(at: Solution) -> Cause | None:
-    """An event that happens too early: the swing foot lands or a stop locks; None if there is none.
+def _impossible_motion(at: Solution) -> Cause | None:
+    """The first instant at which a margin is negative between the nodes, or an event happens too early; None if none.
 
-    Scuffing in mid-swing is ignored: it precedes the last rise of the margin.
+    The walker must be upright throughout. A margin that rises before it falls, such as that of a touchdown, may be
+    negative until it rises for the first time: scuffing in mid-swing is ignored.
     """
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
     per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    period = float(at.durations.sum())
+    causes = list[Cause]()
     # phase, times and values on each arc of a step, by the name of each margin that rises before it falls
     rising: list[dict[str, list[tuple[int, Array, Array]]]] = [{} for _ in cycle.steps]
+
+    def cause(name: str, phase: int, time: float) -> Cause:
+        words = f"{margin(name).lost}, about {time:.4f} s after the impact"
+        return Cause(what=name, words=words, phase=phase, step=cycle.step_of(phase), time=time)
+
     for index, arc in enumerate(equations.mesh.arcs):
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
         dynamics = per_phase[arc.phase]
@@ -147,17 +167,45 @@ def _early_event(at: Solution) -> Cause | None:
         for name, column in zip(table.margin_names(arc.mode), values.T, strict=True):
             if margin(name).rises:
                 rising[cycle.step_of(arc.phase)].setdefault(name, []).append((arc.phase, times, column))
-    for step, margins in enumerate(rising):
+            elif times[-1] - times[0] > curves.SHORT_ARC * period:
+                place, excess = curves.maximum(-column)
+                if excess > SLACK:
+                    below = curves.points(SAMPLES)[column < -SLACK].min(initial=place)
+                    roots = curves.roots(column) if column[0] > -SLACK else np.array([-1.0])
+                    since = max(roots[roots < below], default=-1.0)
+                    causes.append(cause(name, arc.phase, float(times[0] + (since + 1) / 2 * (times[-1] - times[0]))))
+    for margins in rising:
         for name, arcs in margins.items():
-            lowest, end = lowest_after_rise([times for _, times, _ in arcs], [values for _, _, values in arcs])
+            lowest, end = lowest_after_rise([times for _, times, _ in arcs], [values for _, _, values in arcs], AIRBORNE)
             if lowest < -AIRBORNE:
                 phase = next(phase for phase, times, _ in arcs if end <= times[-1])
                 roots = np.concatenate(
                     [times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]) for _, times, values in arcs]
                 )
-                time = float(max(roots[roots < end], default=end))
-                words = f"{margin(name).lost}, about {time:.4f} s after the impact"
-                return Cause(what=name, words=words, phase=phase, step=step, time=time)
+                causes.append(cause(name, phase, float(max(roots[roots < end], default=end))))
+    return min(causes, key=lambda cause: (cause.step, cause.time), default=None)
+
+
+def _lands_from_below(at: Solution) -> Cause | None:
+    """A step at whose end the swing foot moves away from the ground; None if there is none.
+
+    The guard of touchdown vanishes where two legs have opposite angles. The foot then comes down in a step forward, and
+    comes up through the ground in a step backward. Named contacts land where their height falls to zero.
+    """
+    equations, cycle = at.equations, at.equations.mesh.cycle
+    if equations.system.walker.contacts:
+        return None
+    per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    for step, after in enumerate((*cycle.first_phases[1:], len(cycle.phases))):
+        index = max(k for k, arc in enumerate(equations.mesh.arcs) if arc.phase == after - 1)
+        times, states = equations.sample(at.w, at.p, index, SAMPLES)
+        approach = buffered(equations.system.approach())(states[-1], per_phase[after - 1].p)[0].item()
+        if not approach < 0:
+            words = f"the swing foot touches the ground from below, {times[-1]:.4f} s after the impact"
+            return Cause(
+                what="landing", words=f"{words}: its normal velocity is {approach:.4g} m/s", phase=after - 1, step=step,
+                time=float(times[-1]), needed=0.0, available=approach,
+            )  # fmt: skip
     return None
 
 

@@ -32,7 +32,7 @@ from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import search_record, solution_of, solved_gait
-from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, vanishing_phase
+from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, status_without_gait, vanishing_phase
 from gaitopt.solver.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
 from gaitopt.solver.program import feasibility, solved
 from gaitopt.solver.rollout import rolled_again
@@ -254,7 +254,7 @@ class Family:
                 if end.converged:
                     refined = refine(polish(end))
                     causes = rejection_reason(refined)
-                    status, message = (Status.NOT_CONVERGED, describe_causes(causes)) if causes else (status, message)
+                    status, message = (status_without_gait(causes), describe_causes(causes)) if causes else (status, message)
             solver = search_record(method, iterations, began)
             if status is not Status.CONVERGED and self.gait.system.control.breakpoints:  # a switch may meet one
                 return follow(self.gait, problem, should_stop=self._should_stop)

@@ -25,7 +25,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import solved_gait
-from gaitopt.solver.diagnosis import largest_residual, rejection_reason
+from gaitopt.solver.diagnosis import largest_residual, rejection_reason, status_without_gait
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, Program
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.shooting import Label, MultipleShooting
@@ -158,8 +158,9 @@ class NonlinearProgram(Plotted, Program, ABC):
 
         Returns
         -------
-        gait : to be verified by ``gaitopt.verify``; its status is ``not_converged`` if the point is not a gait, and its
-            message says which condition does not hold.
+        gait : to be verified by ``gaitopt.verify``. Its status is ``not_converged`` if the point does not solve the
+            program, ``infeasible`` if its motion violates a margin or is impossible otherwise; its message says which
+            condition does not hold, and when.
 
         Raises
         ------
@@ -350,16 +351,22 @@ def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, floa
     refined = refine(polish(solution))
     causes = rejection_reason(refined)
     if causes:
-        return failed_gait(problem, solution, causes, solver)
+        return failed_gait(problem, solution, causes, solver, status_without_gait(causes))
     return solved_gait(problem, refined, message=solution.words, solver=solver)
 
 
-def failed_gait(problem: Problem, at: Solution, causes: tuple[Cause, ...], solver: Mapping[str, float | str]) -> Gait:
+def failed_gait(
+    problem: Problem,
+    at: Solution,
+    causes: tuple[Cause, ...],
+    solver: Mapping[str, float | str],
+    status: Status = Status.NOT_CONVERGED,
+) -> Gait:
     """The attempt that ended where there is no gait."""
     return Gait(
         problem=problem,
         dynamics=Dynamics(at.equations.system, at.p),
-        status=Status.NOT_CONVERGED,
+        status=status,
         message=describe_causes(causes),
         solver=solver,
         causes=causes,
