@@ -176,11 +176,12 @@ def _impossible_motion(at: Solution) -> Cause | None:
                     causes.append(cause(name, arc.phase, float(times[0] + (since + 1) / 2 * (times[-1] - times[0]))))
     for margins in rising:
         for name, arcs in margins.items():
-            lowest, end = lowest_after_rise([times for _, times, _ in arcs], [values for _, _, values in arcs], AIRBORNE)
+            along = [arc_times for _, arc_times, _ in arcs], [column for _, _, column in arcs]
+            lowest, end = lowest_after_rise(*along, AIRBORNE)
             if lowest < -AIRBORNE:
-                phase = next(phase for phase, times, _ in arcs if end <= times[-1])
+                phase = next(phase for phase, arc_times, _ in arcs if end <= arc_times[-1])
                 roots = np.concatenate(
-                    [times[0] + (curves.roots(values) + 1) / 2 * (times[-1] - times[0]) for _, times, values in arcs]
+                    [t[0] + (curves.roots(column) + 1) / 2 * (t[-1] - t[0]) for _, t, column in arcs]
                 )
                 causes.append(cause(name, phase, float(max(roots[roots < end], default=end))))
     return min(causes, key=lambda cause: (cause.step, cause.time), default=None)

@@ -254,7 +254,8 @@ class Family:
                 if end.converged:
                     refined = refine(polish(end))
                     causes = rejection_reason(refined)
-                    status, message = (status_without_gait(causes), describe_causes(causes)) if causes else (status, message)
+                    if causes:
+                        status, message = status_without_gait(causes), describe_causes(causes)
             solver = search_record(method, iterations, began)
             if status is not Status.CONVERGED and self.gait.system.control.breakpoints:  # a switch may meet one
                 return follow(self.gait, problem, should_stop=self._should_stop)

@@ -1,4 +1,4 @@
-"""Periodic solutions of the equations whose motion no walker makes: they are infeasible, with the cause and its time."""
+"""Periodic solutions of the equations that no walker can move through: infeasible, with the cause and its time."""
 
 import casadi as ca
 import numpy as np
