@@ -42,6 +42,7 @@ RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units: about thirty times the rounding of a step.
 
 One more chord then reaches rounding, also where the equations are so flat that a prediction already satisfies them.
+Stiff torques have a larger rounding, in proportion to their gains: see ``SOLVED``.
 """
 PRECISION = 1e-11
 """Largest Newton step that may remain at a solution, in natural units: two digits below what the simulator confirms.
@@ -64,7 +65,8 @@ CONTRACTION = 0.5
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 SOLVED = 1e-10
-"""Violation of an equality in natural units below which stored unknowns are a gait; a point has 1e-13 or less."""
+"""Violation of an equality in natural units below which stored unknowns are a gait, and from which a full Newton step
+that does not reduce it has met rounding; a point has 1e-13 or less, unless its torques are stiff."""
 LENGTH_TOLERANCE = 1e-13
 """In arclength; the parameter is then accurate to more than ten digits of its range."""
 
@@ -384,18 +386,20 @@ class Curve:
         chord : bordered Jacobian for the first steps; None for that at ``predicted``.
         forward : ndarray, shape of y - direction of the tangent, if the parameter must stay exactly as predicted.
         """
-        w, last, is_fixed = predicted, np.inf, forward is not None
+        w, last, is_fixed, full = predicted, np.inf, forward is not None, False
         try:
             for iterations in range(ITERATIONS + 1):
                 residual = self.equations.violation(w, self.p)
                 offset = float(normal @ (self.coordinates(w) - self.coordinates(predicted)))
                 size = max(float(np.abs(residual / self._units.equalities).max()), abs(offset))
-                if size > SLOW * last:
+                slow = size > SLOW * last
+                solved = size < RESIDUAL or (full and slow and size < SOLVED)
+                if slow:
                     chord = None
-                solved = size < RESIDUAL
                 if not solved:
                     if iterations == ITERATIONS or not np.isfinite(size):
                         return None
+                    full = chord is None
                     chord = chord or self._bordered(Solution(self.equations, w, self.p), normal)
                 if chord is not None:  # also at a solution, where one more chord leads to rounding
                     w = w - chord.solve(np.append(residual, offset))

@@ -49,8 +49,8 @@ SAFETY = 4.0
 MISPLACED = 1e-9
 """Violation in natural units of the margin that a jump of the torques should carry through zero."""
 MAX_REFINEMENTS = 4
-MAX_INTERVALS = 2000
-"""If a step needs more, its motion is singular."""
+MAX_INTERVALS = 10_000
+"""If a cycle needs more, its motion is singular."""
 LARGEST_WEIGHTS = 100.0
 """Largest sum of the absolute weights of an extrapolation; a larger one amplifies rounding too much."""
 
@@ -173,6 +173,23 @@ class Solution:
             return errors
 
     @property
+    def caused_errors(self) -> Array:
+        """The largest error, divided among the arcs in proportion to the defects of halved intervals; shape (n_arcs,).
+
+        The largest share is the error itself: defects that add up may all be those of one arc.
+        """
+        mesh, n_z = self.equations.mesh, self.equations.system.n_z
+        defects = np.abs(self.halving / self.units.equalities[: self.halving.size]).reshape(-1, n_z).max(axis=1)
+        sums = np.array([defects[at].sum() for at in mesh.arc_intervals])
+        return np.asarray(self.errors.max() * sums / (sums.max() or 1.0))
+
+    @cached_property
+    def halving(self) -> Array:
+        """Change of the defects if every interval is integrated in two halves, shape (n_z intervals,)."""
+        halved = self.equations.halved_defects(self.w, self.p)
+        return np.asarray(self.residual[: halved.size] - halved)
+
+    @property
     def accurate(self) -> bool:
         """Whether the errors are small enough for a gait."""
         return bool(self.errors.max() < LARGEST_ERROR)
@@ -242,7 +259,7 @@ def polish(solution: Solution) -> Solution:
 
 @overflow_allowed()
 def refine(solution: Solution) -> Solution:
-    """Divide phases with too large an error more finely, until the errors are below the tolerance or at rounding.
+    """Divide the arcs that cause too large an error more finely, until it is below the tolerance or at rounding.
 
     Free parameters are fixed.
     """
@@ -250,12 +267,12 @@ def refine(solution: Solution) -> Solution:
     for _ in range(MAX_REFINEMENTS):
         if current.errors.max() < ERROR_TOLERANCE:
             break
-        growth = np.maximum((SAFETY * current.errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
+        growth = np.maximum((SAFETY * current.caused_errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
         mesh = current.equations.mesh
-        if mesh.intervals * growth.max() > MAX_INTERVALS:
+        counts = np.ceil(growth * [arc.intervals for arc in mesh.arcs])
+        if not counts.sum() <= MAX_INTERVALS:  # or not a number
             break
-        counts = [int(np.ceil(arc.intervals * growth[arc.phase])) for arc in mesh.arcs]
-        refined = polish(_resampled(current, counts))
+        refined = polish(_resampled(current, counts.astype(int).tolist()))
         if not refined.errors.max() < current.errors.max():
             break
         current = refined
@@ -276,10 +293,9 @@ def integration_error(at: Solution) -> tuple[Array, Array]:
     nodes : ndarray, shape (n_z, K + 1) - change of the node states.
     durations : ndarray, shape (n_phases,) - change of the durations [s].
     """
-    equations = at.equations
-    halved, right = equations.halved_defects(at.w, at.p), np.zeros(at.residual.size)
-    right[: halved.size] = at.residual[: halved.size] - halved
-    nodes, durations, _ = equations.unpack(at.scaled.solve(right))
+    right = np.zeros(at.residual.size)
+    right[: at.halving.size] = at.halving
+    nodes, durations, _ = at.equations.unpack(at.scaled.solve(right))
     return nodes, durations
 
 

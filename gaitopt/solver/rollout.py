@@ -10,6 +10,7 @@ within the time of a step; if touchdown does not happen, it ends after the time 
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 from casadi import Function
@@ -25,9 +26,9 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
-from gaitopt.solver.interval import shooting_step
+from gaitopt.solver.interval import ORDER, shooting_step
 from gaitopt.solver.mesh import Mesh, mesh_of, nearest
-from gaitopt.solver.newton import Solution
+from gaitopt.solver.newton import MAX_INTERVALS, Solution
 from gaitopt.solver.shooting import transcribe
 
 RTOL, ATOL = 1e-8, 1e-10
@@ -38,9 +39,13 @@ WIDTH = 64
 """Points at which margins are evaluated in one call; the function of another number would have to be built first."""
 ARMED = 1e-12
 """In natural units; a margin that is zero up to rounding is not yet positive."""
-RUNAWAY = 1e3
-"""A violation beyond this, in natural units, shows that the intervals are too long for a stiff motion. Two in each of
-the steps that the adaptive integration takes are short enough."""
+STABLE_STEP = 5.0
+"""Largest product of an interval and the fastest mode of the linearised flow: up to 5.9 the explicit step damps every
+mode that the flow damps. Beyond, it magnifies stiff modes from interval to interval."""
+FIRST_ERROR = 1e-5
+"""Largest error of one interval of a first mesh in natural units, so that a guess next to a gait starts next to it."""
+MOST_MESHES = 6
+"""Meshes that are tried for one motion: one that a stable step needs, and those that the measured errors need."""
 FIRST_STEP = 2.5e-5
 """First step of the integrator in natural units; each step is at most ten times the previous one."""
 FIRST_STEP_FROM_REST = 2.5e-7
@@ -49,13 +54,15 @@ ROOT = 1e-12
 """Tolerance of the end of a phase in natural units of time."""
 LONGEST_STEP = 50.0
 """In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
-MOST_STEPS = 3000
-"""Integrator steps in one phase: the longest phase takes some hundreds."""
+MOST_STEPS = 20_000
+"""Integrator steps in one phase: the longest phase takes some hundreds, one under a stiff control some thousands."""
 JUMP = 1e-9
 """Least jump of a margin at a breakpoint, in natural units, that ends a phase; torques that only have a kink jump by
 rounding."""
 NEAR_BREAKPOINT = 0.05
 """Part of a cycle within which a phase of a given duration may end at a breakpoint instead."""
+ROUNDING = 1e-12
+"""Of times, relative."""
 SHORTEST_PHASE = 0.05
 """Part of a step that a phase without a known end gets if no time is left for it."""
 
@@ -125,6 +132,8 @@ class Rollout:
     def on_mesh(self, free: tuple[str, ...] = (), intervals: Sequence[int] = ()) -> Solution:
         """The motion on a mesh of shooting intervals: equations, unknowns and parameters with which a search starts.
 
+        The intervals are short enough for a stable step and a small error, both measured along the motion.
+
         Parameters
         ----------
         free : dotted keys of the parameters that are unknowns.
@@ -133,11 +142,35 @@ class Rollout:
         mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints)
         mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
         first = self._sampled(mesh, free)
-        if first.size < RUNAWAY:
-            return first
-        steps = (self.motions[arc.phase].times.size for arc in mesh.arcs)
-        finer = mesh.refined([max(arc.intervals, 2 * n) for arc, n in zip(mesh.arcs, steps, strict=True)])
-        return self._sampled(finer, free)
+        for _ in range(MOST_MESHES):
+            counts = self._needed_intervals(first)
+            if counts == [arc.intervals for arc in mesh.arcs] or sum(counts) > MAX_INTERVALS:
+                break
+            mesh = mesh.refined(counts)
+            first = self._sampled(mesh, free)
+        return first
+
+    def _needed_intervals(self, at: Solution) -> list[int]:
+        """Intervals of every arc that a stable step needs; if it is stable already, those that its error needs.
+
+        The error of a step is its distance from the motion, on which it starts.
+        """
+        equations, counts = at.equations, list[int]()
+        mesh, n_z = equations.mesh, equations.system.n_z
+        (starts, lengths), nodes = mesh.interval_times(at.durations), equations.unpack(at.w).nodes.T
+        stiffness = equations.fastest_modes(at.w, at.p) * lengths / STABLE_STEP
+        stepped = nodes[mesh.start_nodes + 1] - at.residual[: mesh.intervals * n_z].reshape(-1, n_z)
+        places = zip(mesh.arcs, mesh.arc_intervals, strict=True)
+        moved = np.hstack([self(arc.phase, (starts + lengths)[here]) for arc, here in places]).T
+        errors = (np.abs(stepped - moved) / self.dynamics.state_units).max(axis=1)
+        for arc, here in zip(mesh.arcs, mesh.arc_intervals, strict=True):
+            known = (starts + lengths)[here] <= self.motions[arc.phase].end * (1 + ROUNDING)  # not after a fall
+            unstable, error = (values[here][known & np.isfinite(values[here])] for values in (stiffness, errors))
+            growth = float(unstable.max(initial=0.0))
+            if growth <= 1:
+                growth = (float(error.max(initial=0.0)) / FIRST_ERROR) ** (1 / (ORDER + 1))
+            counts.append(max(arc.intervals, ceil(arc.intervals * growth)))
+        return counts
 
     def _sampled(self, mesh: Mesh, free: tuple[str, ...]) -> Solution:
         """The motion at the nodes of a mesh."""

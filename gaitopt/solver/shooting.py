@@ -511,15 +511,9 @@ class MultipleShooting:
 
     def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
         """Values of the equalities, and their derivative in all unknowns; shape (n, n_w)."""
-        n_z, n, n_free = self.system.n_z, self.mesh.intervals, len(self.free)
-        stages = np.empty((N_STAGES, n, n_z, n_z + 2 + n_free))
-        starts, lengths = np.empty((n, n_z)), np.empty(n)
-        arcs = list(zip(self.mesh.arcs, self.mesh.arc_intervals, strict=True))
-        for (_, at), derivatives, inputs in zip(arcs, self._stages, self._step_starts(w, p), strict=True):
-            stages[:, at] = stages_of(derivatives(*inputs)[0], n_z)
-            starts[at], lengths[at] = inputs[0], inputs[2]
-        ends, step = differentiated_steps(starts, stages, lengths)
-        for arc, at in arcs:
+        n_z, n = self.system.n_z, self.mesh.intervals
+        ends, step = differentiated_steps(*self._differentiated(w, p))
+        for arc, at in zip(self.mesh.arcs, self.mesh.arc_intervals, strict=True):
             if arc.mode.fixes_x:
                 ends[at, -1], step[at, -1] = 0.0, 0.0
         step = -step  # a defect is the node minus the end of the step
@@ -531,6 +525,28 @@ class MultipleShooting:
         entries = [np.ones(n * n_z), step[:, :, :n_z].ravel(), by_tail.ravel(), joined_by]
         matrix = SparseMatrix(pattern=pattern, data=np.concatenate(entries)[order])
         return np.concatenate([self._defects(w, ends), joined]), matrix
+
+    def fastest_modes(self, w: Array, p: Array) -> Array:
+        """Spectral radius of the derivative of the flow by the state where each interval starts, (intervals,) [1/s].
+
+        Infinite where the derivative is not finite.
+        """
+        by_state = self._differentiated(w, p)[1][0, :, :, 1 : 1 + self.system.n_z]
+        finite = np.isfinite(by_state).all(axis=(1, 2))
+        radii = np.full(finite.size, np.inf)
+        radii[finite] = np.abs(np.linalg.eigvals(by_state[finite])).max(axis=1, initial=0.0)
+        return radii
+
+    def _differentiated(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
+        """Start, stages with their derivatives, and length of every interval, as ``differentiated_steps`` needs."""
+        n_z, n, n_free = self.system.n_z, self.mesh.intervals, len(self.free)
+        stages = np.empty((N_STAGES, n, n_z, n_z + 2 + n_free))
+        starts, lengths = np.empty((n, n_z)), np.empty(n)
+        arcs = zip(self.mesh.arc_intervals, self._stages, self._step_starts(w, p), strict=True)
+        for at, derivatives, inputs in arcs:
+            stages[:, at] = stages_of(derivatives(*inputs)[0], n_z)
+            starts[at], lengths[at] = inputs[0], inputs[2]
+        return starts, stages, lengths
 
     @cached_property
     def _stages(self) -> list[BufferedMap]:
