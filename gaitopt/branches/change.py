@@ -15,6 +15,7 @@ The proposals are local edits of the sequence, the most plausible first:
 Each proposal is rolled out from the gait at the event, a short way past it in the parameter, where its new phase is
 short. It is accepted if Newton's method converges next to the event, all its monitors are positive, and the simulator,
 which does not know the sequence, confirms it. A family may also turn back at an event, so that both sides are tried.
+If no proposal holds, the simulator's return map is solved for its own fixed point past the event.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -36,13 +37,16 @@ from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, contact_of, kind, margin
 from gaitopt.model.walker import Walker
 from gaitopt.simulation.simulator import Simulator
-from gaitopt.solver.rollout import roll_out
+from gaitopt.solver.rollout import FINE_ERROR, FIRST_ERROR, roll_out
+from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.verify import confirm
 
 EDGE = 0.02
 """An event within this part of a phase from one of its ends counts as at that end."""
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is tried, relative to the span of the parameter."""
+SIMULATED = (1e-4, 1e-2)
+"""Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
 SHOWN = 3
@@ -281,6 +285,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     point, curve = event.point, event.point.curve
     ahead = np.sign(point.tangent[-1]) or 1.0
     candidates = successors(point.gait.system.transitions, curve.cycle, _active(point, key))
+    jumps = key.kind == BREAKPOINT
     if key.phase is None:
         reason = margin(key.kind).lost
     else:
@@ -297,8 +302,15 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
                 successor = _attempt(point, cycle, offset)
                 if successor is None or successor.curve.cycle == curve.cycle:
                     continue
-                if _is_continuous(point, successor, offset, jumps=key.kind == BREAKPOINT):
+                if _is_continuous(point, successor, offset, jumps=jumps):
                     return successor, reason, FIRST_STEPS * distance
+    for distance in SIMULATED:
+        offset = ahead * distance * curve.metric.span
+        successor = simulated_gait(point, offset)
+        if successor is None or successor.curve.cycle == curve.cycle:
+            continue
+        if _is_continuous(point, successor, offset, jumps=jumps):
+            return successor, reason, FIRST_STEPS * distance
     dynamics = point.gait.dynamics
     if dynamics.stick_comes_first and candidates:
         jump = "static friction is above kinetic friction"
@@ -306,7 +318,33 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         reason = f"{reason}, and the return map jumps: {jump}"
     tried = " or ".join(map(str, candidates[:SHOWN])) or "none"
     more = f" and {len(candidates) - SHOWN} others" if len(candidates) > SHOWN else ""
-    return None, f"{reason}; no other mode sequence continues the family (tried {tried}{more})", 0.0
+    words = f"no other mode sequence continues the family (tried {tried}{more}, and the return map of the simulator)"
+    return None, f"{reason}; {words}", 0.0
+
+
+@overflow_allowed()
+def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
+    """The gait next to ``point``, with the parameter ``offset`` away, at a fixed point of the simulator's return map.
+
+    The simulator finds the modes, also where several change at once. The gait is solved on a mesh as fine as the guess.
+    """
+    curve, gait = point.curve, point.gait
+    try:
+        curve.problem.replace({curve.parameter: point.value + offset})
+    except ProblemError:  # beyond the range that the problem allows
+        return None
+    dynamics = Dynamics(gait.system, curve.p).at({curve.parameter: point.value + offset})
+    state, section = _start_states(point, curve.cycle, offset, dynamics)[0], gait.system.section(curve.cycle)
+    return_map = ReturnMap(Simulator(dynamics), section, len(curve.cycle.steps), state)
+    steps = return_map.damped_fixed_point(state[section.indices], curve.metric.state[section.indices])
+    if steps is None:
+        return None
+    starts = np.array([step.arcs[0].states[0] for step in steps])
+    try:
+        cycle = Cycle(tuple(step.sequence for step in steps))
+    except ValueError:  # its cycle does not close
+        return None
+    return _attempt(point, cycle, offset, starts)
 
 
 def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint | None:
@@ -395,11 +433,16 @@ def _active(point: CurvePoint, located: MonitorKey | None = None) -> list[tuple[
 
 
 @overflow_allowed()
-def _attempt(point: CurvePoint, cycle: Cycle, offset: float) -> CurvePoint | None:
-    """The gait with other modes where the parameter is ``offset`` past the event; None if it does not hold there."""
+def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None = None) -> CurvePoint | None:
+    """The gait with other modes where the parameter is ``offset`` past the event; None if it does not hold there.
+
+    Parameters
+    ----------
+    known : states at the starts of its steps, shape (k, n_z); predicted along the old branch if left out.
+    """
     curve, system = point.curve, point.gait.system
     dynamics = Dynamics(system, curve.p).at({curve.parameter: point.value + offset})
-    states = _start_states(point, cycle, offset, dynamics)
+    states = _start_states(point, cycle, offset, dynamics) if known is None else known
     try:
         problem = curve.problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
     except ProblemError:  # the state contradicts the impact
@@ -409,7 +452,8 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float) -> CurvePoint | Non
     period *= len(cycle.steps) / len(curve.cycle.steps)
     if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
         return None
-    successor, w = curve_through(problem, curve.parameter, curve.metric, rolled)
+    error = FIRST_ERROR if known is None else FINE_ERROR
+    successor, w = curve_through(problem, curve.parameter, curve.metric, rolled, error=error)
     forward = np.zeros(w.size)  # away from the event, in the entries that both curves have
     forward[: system.n_z] = states[0] - point.gait.state
     forward[-1] = offset

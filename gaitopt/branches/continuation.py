@@ -3,7 +3,7 @@
 Every step predicts the next gait along the curve, corrects it by Newton's method, and compares monitors and test
 functions at both ends. Where one of them changes sign, its zero is located and becomes a special point. Where a mode
 sequence ends, the continuation goes on with the next one that the physics allows. Where Newton's method fails for every
-step length, IPOPT looks for a gait a little further on.
+step length, also on a finer mesh, IPOPT and then the simulator look for a gait a little further on.
 """
 
 import time
@@ -20,6 +20,7 @@ from gaitopt.branches.change import (
     find_change,
     located_on_successor,
     named_contact,
+    simulated_gait,
     transition_at,
 )
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point, resumed_point
@@ -53,7 +54,7 @@ BESIDE = 1e-3
 """Arclength from a branch point at which tangents are taken: far enough for rounding, near enough for curvature to be
 negligible."""
 RESCUES = (1e-4, 1e-3, 1e-2)
-"""Distances from the last point at which IPOPT is tried, relative to the span of the parameter."""
+"""Distances from the last point at which IPOPT and the simulator are tried, relative to the span of the parameter."""
 VANISHED = 1e-4
 """A gait with a shorter stride vanishes together with its step. Where only a mode sequence ends, strides are long."""
 NEARLY_GONE = 1e-4
@@ -261,12 +262,16 @@ class Continuation:
     def _advance(self) -> Iterator[BranchPoint | SpecialPoint]:
         """One step along the family: its special points, and the point at its end."""
         here, step = self.point, self._step()
+        if step is None and (finer := here.bisected()) is not None:
+            self.point, self.length = finer, FIRST_LENGTH
+            step = self._step()
+            here = here if step is None else finer
         if step is None:
             rescued = _rescued(here)
             if rescued is None:
-                reason, radius = (
-                    "neither Newton's method nor IPOPT finds the next gait",
-                    here.gait.spectral_radius or 0.0,
+                self.point, radius = here, here.gait.spectral_radius or 0.0
+                reason = (
+                    "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
                 )
                 if radius > SENSITIVE:
                     reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
@@ -474,7 +479,7 @@ def _vanishing_slip(zeros: Sequence[tuple[Location, MonitorKey]]) -> tuple[Locat
 
 
 def _rescued(point: CurvePoint) -> CurvePoint | None:
-    """A gait with the same modes past a point at which Newton's method fails, if IPOPT finds one close by."""
+    """A gait with the same modes past a point at which Newton's method fails, if IPOPT or the simulator finds one."""
     curve, system = point.curve, point.gait.system
     ahead = float(np.sign(point.tangent[-1])) or 1.0
     for distance in RESCUES:
@@ -491,7 +496,8 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
         rescued = further.start(w, further.ahead(ahead))
         if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
             return rescued
-    return None
+    simulated = (simulated_gait(point, ahead * distance * curve.metric.span) for distance in RESCUES)
+    return next((found for found in simulated if found is not None and found.curve.cycle == curve.cycle), None)
 
 
 def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[PointRecord]) -> CurvePoint:

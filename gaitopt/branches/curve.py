@@ -32,7 +32,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.mesh import Mesh, MeshArc
 from gaitopt.solver.newton import Solution, extrapolation, halved, refine
-from gaitopt.solver.rollout import Rollout, retraced, rolled_again
+from gaitopt.solver.rollout import FIRST_ERROR, Rollout, retraced, rolled_again
 from gaitopt.solver.shooting import MultipleShooting, transcribe
 from gaitopt.solver.solve import free_parameters
 from gaitopt.solver.sparse import ScaledMatrix
@@ -481,15 +481,22 @@ class _LostError(Exception):
 
 
 def curve_through(
-    problem: Problem, parameter: str, metric: Metric, rolled: Rollout, intervals: Sequence[int] = ()
+    problem: Problem,
+    parameter: str,
+    metric: Metric,
+    rolled: Rollout,
+    intervals: Sequence[int] = (),
+    *,
+    error: float = FIRST_ERROR,
 ) -> tuple[Curve, Array]:
     """A curve on a mesh for a rolled out motion, and the unknowns w of that motion.
 
     Parameters
     ----------
     intervals : of every arc, used if there are as many arcs.
+    error : largest error of one interval in natural units.
     """
-    start = rolled.on_mesh((parameter,), intervals)
+    start = rolled.on_mesh((parameter,), intervals, error=error)
     return Curve(problem, parameter, start.equations, start.p, metric), start.w
 
 

@@ -44,6 +44,9 @@ STABLE_STEP = 5.0
 mode that the flow damps. Beyond, it magnifies stiff modes from interval to interval."""
 FIRST_ERROR = 1e-5
 """Largest error of one interval of a first mesh in natural units, so that a guess next to a gait starts next to it."""
+FINE_ERROR = 1e-9
+"""The same of a finer mesh, where the first one may have moved a guess off its gait: the motion itself has no more
+digits."""
 MOST_MESHES = 6
 """Meshes that are tried for one motion: one that a stable step needs, and those that the measured errors need."""
 FIRST_STEP = 2.5e-5
@@ -129,7 +132,9 @@ class Rollout:
         return motion(np.minimum(times, motion.end))
 
     @overflow_allowed()
-    def on_mesh(self, free: tuple[str, ...] = (), intervals: Sequence[int] = ()) -> Solution:
+    def on_mesh(
+        self, free: tuple[str, ...] = (), intervals: Sequence[int] = (), *, error: float = FIRST_ERROR
+    ) -> Solution:
         """The motion on a mesh of shooting intervals: equations, unknowns and parameters with which a search starts.
 
         The intervals are short enough for a stable step and a small error, both measured along the motion.
@@ -138,19 +143,20 @@ class Rollout:
         ----------
         free : dotted keys of the parameters that are unknowns.
         intervals : of every arc, used if there are as many arcs.
+        error : largest error of one interval in natural units.
         """
         mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints)
         mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
         first = self._sampled(mesh, free)
         for _ in range(MOST_MESHES):
-            counts = self._needed_intervals(first)
+            counts = self._needed_intervals(first, error)
             if counts == [arc.intervals for arc in mesh.arcs] or sum(counts) > MAX_INTERVALS:
                 break
             mesh = mesh.refined(counts)
             first = self._sampled(mesh, free)
         return first
 
-    def _needed_intervals(self, at: Solution) -> list[int]:
+    def _needed_intervals(self, at: Solution, allowed: float) -> list[int]:
         """Intervals of every arc that a stable step needs; if it is stable already, those that its error needs.
 
         The error of a step is its distance from the motion, on which it starts.
@@ -168,7 +174,7 @@ class Rollout:
             unstable, error = (values[here][known & np.isfinite(values[here])] for values in (stiffness, errors))
             growth = float(unstable.max(initial=0.0))
             if growth <= 1:
-                growth = (float(error.max(initial=0.0)) / FIRST_ERROR) ** (1 / (ORDER + 1))
+                growth = (float(error.max(initial=0.0)) / allowed) ** (1 / (ORDER + 1))
             counts.append(max(arc.intervals, ceil(arc.intervals * growth)))
         return counts
 

@@ -9,7 +9,7 @@ check           every margin at the nodes, and no event between them            
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
@@ -26,10 +26,12 @@ from gaitopt.solver.collocation import first_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
-from gaitopt.solver.rollout import Rollout, guessed_motion, roll_out, rolled_again, transit_time
+from gaitopt.solver.rollout import FINE_ERROR, Rollout, guessed_motion, roll_out, rolled_again, transit_time
 
 MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
+PERIODIC = 1e-6
+"""Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 FARTHER = "the methods auto and ipopt search farther"
 """Remedy where Newton's method alone finds nothing."""
@@ -68,26 +70,13 @@ def solve_gait(
         cause = Cause(what="energy", words=NO_ENERGY)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INFEASIBLE, message=NO_ENERGY, causes=(cause,))
 
-    def failed(by: Method, status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
-        solver = search_record(by, iterations, began)
-        return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
-
     if problem.guess.first is not None and method is not Method.NEWTON:
         return _first_gait(problem, dynamics, began, progress, should_stop)
     guess = guessed_motion(problem, dynamics)
-    if method is not Method.IPOPT and guess.endless is None:
-        _, near = _search(guess, partial(solve_nearby, progress=progress, should_stop=should_stop))
-        if near.status is Status.INTERRUPTED:
-            return failed(Method.NEWTON, near.status, near.words, near.iterations)
-        if near.converged:
-            gait = checked_gait(problem, near, search_record(Method.NEWTON, near.iterations, began))
-            if gait.converged or method is Method.NEWTON:
-                return gait
-        elif method is Method.NEWTON:
-            return failed(Method.NEWTON, near.status, f"{near.words}; {FARTHER}", near.iterations)
-    elif guess.endless is not None and method is Method.NEWTON:
-        cause = _missing_event(guess, guess.endless)
-        return failed(Method.NEWTON, Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
+    if method is not Method.IPOPT:
+        gait = _newton_gait(problem, guess, began, progress, should_stop)
+        if gait.converged or gait.status is Status.INTERRUPTED or method is Method.NEWTON:
+            return gait
 
     def ipopt(start: Solution) -> Solution:
         end = solved(feasibility(problem, start), progress=progress, should_stop=should_stop)
@@ -98,18 +87,50 @@ def solve_gait(
         leaves = periodic.converged and not periodic.in_order
         return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
-    start, solution = _search(guess, ipopt)
+    start, solution = _search(guess.on_mesh(), ipopt)
     if solution.status in FAILURES and problem.guess.durations is None:  # the events of the guess may come too late
         state = guess.motions[0].states[0]
         shortened = np.array(guess.durations) * transit_time(dynamics, cycle, state) / guess.period
-        start_again, retried = _search(roll_out(dynamics, cycle, state, shortened), ipopt)
+        start_again, retried = _search(roll_out(dynamics, cycle, state, shortened).on_mesh(), ipopt)
         if retried.status not in FAILURES:
             start, solution = start_again, retried
     if solution.converged:
         return checked_gait(problem, solution, search_record(Method.IPOPT, solution.iterations, began))
     causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
     words = f"{solution.words}: {describe_causes(causes)}" if causes else solution.words
-    return failed(Method.IPOPT, solution.status, words, solution.iterations, causes)
+    return Gait(
+        problem=problem,
+        dynamics=dynamics,
+        status=solution.status,
+        message=words,
+        solver=search_record(Method.IPOPT, solution.iterations, began),
+        causes=causes,
+    )
+
+
+def _newton_gait(problem: Problem, guess: Rollout, began: float, progress: Valued, should_stop: Stop) -> Gait:
+    """The gait that Newton's method finds next to a guess, or the first failed attempt."""
+
+    def failed(status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
+        solver, dynamics = search_record(Method.NEWTON, iterations, began), guess.dynamics
+        return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
+
+    failure: Gait | None = None
+    for start in _nearby_starts(problem, guess):
+        _, near = _search(start, partial(solve_nearby, progress=progress, should_stop=should_stop))
+        if near.status is Status.INTERRUPTED:
+            return failed(near.status, near.words, near.iterations)
+        gait = failed(near.status, f"{near.words}; {FARTHER}", near.iterations)
+        if near.converged:
+            gait = checked_gait(problem, near, search_record(Method.NEWTON, near.iterations, began))
+            if gait.converged:
+                return gait
+        failure = failure or gait
+    if failure is None:
+        assert guess.endless is not None
+        cause = _missing_event(guess, guess.endless)
+        failure = failed(Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
+    return failure
 
 
 def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Valued, should_stop: Stop) -> Gait:
@@ -122,9 +143,25 @@ def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Va
     return Gait(problem=problem, dynamics=dynamics, status=end.status, message=words, solver=solver, causes=causes)
 
 
-def _search(guess: Rollout, method: Callable[[Solution], Solution]) -> tuple[Solution, Solution]:
+def _nearby_starts(problem: Problem, guess: Rollout) -> Iterator[Solution]:
+    """Where Newton's method starts: at the guess, and at the walk from its state on a finer mesh if that is periodic.
+
+    The walk ends its phases at their events, whatever durations the problem states.
+    """
+    if guess.endless is None:
+        yield guess.on_mesh()
+    walk = guess
+    if problem.guess.durations is not None:
+        walk = roll_out(guess.dynamics, problem.cycle, guess.motions[0].states[0])
+    if walk.endless is None:
+        at = walk.on_mesh(error=FINE_ERROR)
+        resets = (at.residual / at.units.equalities)[-at.equations.system.n_z * len(walk.cycle.resets) :]
+        if np.abs(resets).max() < PERIODIC:
+            yield at
+
+
+def _search(start: Solution, method: Callable[[Solution], Solution]) -> tuple[Solution, Solution]:
     """Start and end of a search; it begins again on a new mesh while a switch passes a breakpoint of the control."""
-    start = guess.on_mesh()
     for _ in range(MAX_REORDERS):
         end = method(start)
         if not end.converged or end.in_order:

@@ -1,0 +1,193 @@
+"""Gaits under stiff control laws: every one that the simulator confirms is solved, verified and continued.
+
+The gains kp and kd of a law are multiplied by g and the root of g, so that its damping stays. The simulator alone follows
+the fixed point of its return map to the larger gains, by adaptive steps.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt import Cycle, Gait, Problem
+from gaitopt.gait.gait import Method
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.solver.mesh import mesh_of
+from gaitopt.solver.rollout import guessed_motion
+from gaitopt.solver.solve import solve_gait
+from gaitopt.systems import build_system, problem_dynamics
+from gaitopt.verification.return_map import ReturnMap
+from gaitopt.verification.verify import confirm
+
+LARGEST_PRODUCT = 5.9
+"""Up to which the step of order 8 damps all that the flow damps: the half disc of its stability."""
+FACTOR = 10**0.25
+"""Of g from one simulated gait to the next."""
+
+
+def stiffer(gait: Gait, g: float) -> dict[str, float]:
+    """The gains of a gait's law times g and the root of g."""
+    powers = {"kp": 1.0, "kd": 0.5}
+    gains = {key: key.rpartition(".")[2] for key in gait.problem.parameters if key.startswith("control.")}
+    known = gait.dynamics.parameters
+    return {key: float(known[key]) * g ** powers[name] for key, name in gains.items() if name in powers}
+
+
+@cache
+def simulated(name: str, g: float) -> Problem:
+    """The problem with gains of ``stiffer``, whose guess is the fixed point of the simulator's return map."""
+    gait = named(name)
+    section, state = gait.system.section(gait.problem.cycle), gait.state
+    steps, gain = gait.steps, 1.0
+    while gain < g:
+        gain = min(gain * FACTOR, g)
+        simulator = Simulator(gait.dynamics.at(stiffer(gait, gain)))
+        return_map = ReturnMap(simulator, section, len(gait.steps), state)
+        xi = state[section.indices]
+        walked = return_map.damped_fixed_point(xi, np.maximum(np.abs(xi), return_map.unit / 10))
+        assert walked is not None, f"the simulator finds no gait with g = {gain:g}"
+        point = return_map.fixed_point(walked[0].arcs[0].states[0][section.indices])
+        assert point.residual < 1e-10
+        steps, state = point.cycle.steps, point.cycle.steps[0].arcs[0].states[0]
+    guess = dict(zip(gait.system.state_names, state, strict=True))
+    durations = [duration for step in steps for _, duration in step.phases]
+    problem = gait.problem.replace(stiffer(gait, g))
+    return replace(problem.with_modes(Cycle(tuple(step.sequence for step in steps)), guess, durations), file=None)
+
+
+def largest_product(problem: Problem, *, first: bool) -> float:
+    """The largest product of an interval and the fastest mode, on the first mesh or on one by lengths alone."""
+    dynamics = problem_dynamics(problem)
+    guess = guessed_motion(problem, dynamics)
+    at = guess.on_mesh()
+    if not first:
+        at = guess._sampled(mesh_of(guess.cycle, guess.durations, dynamics.system.control.breakpoints), ())
+    lengths = at.equations.mesh.interval_times(at.durations)[1]
+    return float((at.equations.fastest_modes(at.w, at.p) * lengths).max())
+
+
+def test_first_mesh_of_a_stiff_law_takes_stable_steps():
+    problem = simulated("compass-pd-impact-slip", 1000.0)
+    assert largest_product(problem, first=True) < LARGEST_PRODUCT
+    assert largest_product(problem, first=False) > 2 * LARGEST_PRODUCT
+
+
+def test_first_mesh_of_a_passive_walker_is_that_of_its_lengths():
+    problem = go.load_problem("compass-passive-a")
+    guess = guessed_motion(problem, problem_dynamics(problem))
+    assert guess.on_mesh().equations.mesh == mesh_of(guess.cycle, guess.durations, ())
+
+
+def test_fastest_mode_is_that_of_the_linearised_law():
+    """Outputs of a linearising law obey y'' + kd y' + kp y = 0, here with a double root of 1000 1/s."""
+    problem = go.load_problem("compass-virtual-constraint").replace(
+        {"control.gains.kp": 1e6, "control.gains.kd": 2e3}
+    )
+    at = guessed_motion(problem, problem_dynamics(problem)).on_mesh()
+    assert at.equations.fastest_modes(at.w, at.p) == pytest.approx(1000, rel=0.02)
+
+
+@pytest.mark.parametrize("g", [10.0, 100.0, pytest.param(1000.0, marks=pytest.mark.slow)])
+def test_pd_law_with_any_gains_is_solved_from_its_fixed_point(g):
+    problem = simulated("compass-pd-impact-slip", g)
+    gait = solve_gait(problem, build_system(problem), method=Method.NEWTON)
+    assert gait.converged, gait.message
+    assert go.verify(gait).passed
+
+
+def test_periodic_state_is_a_start_whatever_durations_are_stated():
+    gait = named("compass-passive-a")
+    problem = gait.problem.with_modes(
+        gait.problem.cycle, dict(zip(gait.system.state_names, gait.state, strict=True)), [0.3, 0.1, 0.2]
+    )
+    found = solve_gait(problem, gait.system, method=Method.NEWTON)
+    assert found.converged, found.message
+    assert found.state == pytest.approx(gait.state, abs=1e-10)
+
+
+def test_state_that_is_not_periodic_is_no_such_start():
+    gait = named("compass-passive-a")
+    state = gait.state + 1e-4 * gait.dynamics.state_units * np.array([1, 1, 0, 1, 1, 0])
+    problem = gait.problem.with_modes(
+        gait.problem.cycle, dict(zip(gait.system.state_names, state, strict=True)), [0.3, 0.1, 0.2]
+    )
+    assert not solve_gait(problem, gait.system, method=Method.NEWTON).converged
+
+
+def test_gait_on_a_virtual_constraint_does_not_depend_on_its_gains():
+    gait = named("compass-virtual-constraint")
+    stiff = go.solve(gait.problem.replace({"control.gains.kp": 4e4, "control.gains.kd": 4e2}))
+    assert stiff.converged, stiff.message
+    assert stiff.state == pytest.approx(gait.state, abs=1e-9)
+    assert confirm(stiff).passed
+
+
+@pytest.mark.slow
+def test_virtual_constraint_with_a_rate_of_a_thousand_per_second_is_solved():
+    gait = named("compass-virtual-constraint")
+    stiff = go.solve(gait.problem.replace({"control.gains.kp": 1e6, "control.gains.kd": 2e3}))
+    assert stiff.converged, stiff.message
+    assert stiff.state == pytest.approx(gait.state, abs=1e-9)
+    assert go.verify(stiff).passed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "g"),
+    [
+        *((name, g) for name in ("compass-virtual-constraint", "compass-virtual-constraint-slip") for g in (30.0, 1e3)),
+        *(("rabbit-hzd", g) for g in (30.0, 1e3)),
+        ("compass-pd-impact-slip", 1e3),
+        ("rabbit-hzd-slip", 30.0),  # the simulator finds none above 37
+        ("compass-table", 10.0),  # none above 11.7
+        ("torso-upright", 1.9),  # none above 1.98
+        *(("rabbit-tracked", g) for g in (3.0, 30.0)),
+    ],
+)
+def test_gait_that_the_simulator_confirms_is_solved_verified_and_continued(name, g):
+    problem = simulated(name, g)
+    gait = solve_gait(problem, build_system(problem))
+    assert gait.converged, gait.message
+    check = go.verify(gait)
+    assert check.passed, [claim.words for claim in check.claims if not claim.passed]
+    friction = gait.problem.friction
+    family = go.continuation(gait, "friction", to=1.02 * friction, max_points=4, verify_every=1)
+    assert family.points[-1].value > friction
+    assert not [special for special in family.specials if special.type == "end" and "bound" in special.reason]
+    assert all(point.gait.verification["passed"] for point in family.points)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gains", [{"control.kp": 800.0, "control.kd": 80.0}, {"control.kp": 1500.0}])
+def test_stiff_rabbit_is_solved_from_the_fixed_point_that_the_simulator_finds(gains):
+    gait = named("rabbit-tracked")
+    section, xi = gait.system.section(gait.problem.cycle), gait.state[gait.system.section(gait.problem.cycle).indices]
+    dynamics = gait.dynamics.at(gains)
+    return_map = ReturnMap(Simulator(dynamics), section, 1, gait.state)
+    point = return_map.fixed_point(xi)
+    assert point.residual < 1e-11
+    state = dict(zip(gait.system.state_names, point.cycle.steps[0].arcs[0].states[0], strict=True))
+    problem = replace(gait.problem.replace(gains).with_modes(gait.problem.cycle, state), file=None)
+    solved = solve_gait(problem, gait.system, method=Method.NEWTON)
+    assert solved.converged, solved.message
+    assert go.verify(solved).passed
+
+
+@pytest.mark.slow
+def test_family_of_tracked_rabbit_goes_on_where_its_foot_begins_to_slip():
+    gait = named("rabbit-tracked")
+    family = go.continuation(gait, "friction", to=0.5499)
+    (change,) = family.special("mode_change")
+    assert change.value == pytest.approx(gait.scalar("required_friction"), abs=1e-9)
+    assert family.specials[-1].bound
+    point = next(point for point in family.points if point.value < 0.5569)
+    dynamics = Dynamics(gait.system, point.gait.p)
+    section = gait.system.section(gait.problem.cycle)
+    fixed = ReturnMap(Simulator(dynamics), section, 1, gait.state).fixed_point(gait.state[section.indices])
+    modes = [mode for mode, _ in fixed.cycle.steps[0].phases]
+    assert [*map(str, modes)] == ["stick", "slip_backward", "stick"]
+    assert fixed.xi == pytest.approx(point.gait.state[section.indices], abs=1e-8)
