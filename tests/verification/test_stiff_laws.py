@@ -1,7 +1,7 @@
 """Gaits under stiff control laws: every one that the simulator confirms is solved, verified and continued.
 
-The gains kp and kd of a law are multiplied by g and the root of g, so that its damping stays. The simulator alone follows
-the fixed point of its return map to the larger gains, by adaptive steps.
+The gains kp and kd of a law are multiplied by g and the root of g, so that its damping stays. The simulator alone
+follows the fixed point of its return map to the larger gains, by adaptive steps.
 """
 
 from dataclasses import replace
@@ -84,9 +84,7 @@ def test_first_mesh_of_a_passive_walker_is_that_of_its_lengths():
 
 def test_fastest_mode_is_that_of_the_linearised_law():
     """Outputs of a linearising law obey y'' + kd y' + kp y = 0, here with a double root of 1000 1/s."""
-    problem = go.load_problem("compass-virtual-constraint").replace(
-        {"control.gains.kp": 1e6, "control.gains.kd": 2e3}
-    )
+    problem = go.load_problem("compass-virtual-constraint").replace({"control.gains.kp": 1e6, "control.gains.kd": 2e3})
     at = guessed_motion(problem, problem_dynamics(problem)).on_mesh()
     assert at.equations.fastest_modes(at.w, at.p) == pytest.approx(1000, rel=0.02)
 
