@@ -32,13 +32,14 @@ from gaitopt.model.contact_transitions import AT_REST
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import Ending, Transition
+from gaitopt.model.transitions import CONE, Ending, Transition
 from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
 from gaitopt.simulation.contact_resolver import Termination
 from gaitopt.simulation.events import EDGE, LOOK_AHEAD, STEADY, bends_decide, falls_at_start
 
 ALIKE = 1e-9
 """Motions are the same if their accelerations, or velocities, differ by less, in natural units."""
+SLIPS = {str(mode) for mode in CONE}
 AT_REST_TOO = 1e-11
 """A slip velocity below this, in natural units, is zero where another contact has just come to rest."""
 TOUCHING = 1e-9
@@ -214,9 +215,9 @@ class ContactSetResolver:
 
     def _with_others_at_rest(self, candidates: tuple[Mode, ...], velocities: Array) -> tuple[Mode, ...]:
         """The candidates, and what contacts can do that come to rest at the same instant as another one."""
-        slipping = {name for mode in candidates for name, direction in mode.directions.items() if direction}
-        for name, stops in zip(self._names, np.abs(velocities[:, 0]) <= AT_REST_TOO, strict=True):
-            if stops and name in slipping:
+        for name in (name for k, name in enumerate(self._names) if abs(velocities[k, 0]) <= AT_REST_TOO):
+            known = {mode.contacts[name] for mode in candidates}
+            if known & SLIPS and not known >= {*AT_REST}:
                 words = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
                 candidates = tuple(dict.fromkeys(words))
         return candidates
