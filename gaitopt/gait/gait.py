@@ -23,6 +23,7 @@ from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import contact_record, control_record, observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
+from gaitopt.gait.shares import undetermined_forces
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
 from gaitopt.model.cycle import Cycle
@@ -160,13 +161,14 @@ def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
 def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
     """Rows under ``trajectory_header``; time continues over the steps, x is measured from the stance foot of each step.
 
-    Both ends of an arc have a row, so that a time that occurs twice separates two arcs.
+    Both ends of an arc have a row, so that a time that occurs twice separates two arcs. Undetermined forces are NaN.
     """
     began = 0.0
     for step in steps:
         for arc in step.arcs:
-            observed = observe(arc)
+            observed, header = observe(arc), trajectory_header(arc.dynamics.system)
             numbers = np.hstack([arc.states, observed.force, observed.torque])
+            numbers[:, [header.index(name) - 2 for name in undetermined_forces(arc)]] = np.nan
             for t, row in zip(arc.times, numbers, strict=True):
                 yield (began + float(t), str(arc.mode), *map(float, row))
         began += step.period

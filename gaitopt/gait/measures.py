@@ -11,6 +11,7 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
+from gaitopt.gait.shares import share_bounds
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.contact_set import undetermined
@@ -188,7 +189,8 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
 def contact_record(steps: Sequence[Step]) -> dict[str, Any]:
     """Scalars of every named contact along complete steps, and the contacts whose forces are undetermined somewhere.
 
-    A contact whose share of a force is undetermined has no scalars of forces. Empty where contacts have no names.
+    A contact whose share of a force is undetermined has no scalars of forces; between which bounds each of its forces
+    lies stands beside them [N]. Empty where contacts have no names.
     """
     walker = steps[0].arcs[0].dynamics.system.walker if steps else None
     if walker is None or not walker.contacts:
@@ -214,7 +216,10 @@ def contact_record(steps: Sequence[Step]) -> dict[str, Any]:
                 row["required_friction"] = max(_peak(friction_ratio(contact.force)), row["required_friction"] or 0.0)
     for name in shared:
         values[name] |= {"required_friction": None, "min_normal_force": None}
-    return {"contacts": values, **({"undetermined": [*shared]} if shared else {})}
+    if not shared:
+        return {"contacts": values}
+    bounds = share_bounds(arc for step in steps for arc in step.arcs)
+    return {"contacts": values, "undetermined": [*shared], "undetermined_bounds": bounds}
 
 
 def measure_scales(scales: Scales) -> dict[str, float]:

@@ -233,6 +233,7 @@ class ContactsRecord(TypedDict):
 
     contacts: NotRequired[dict[Word, ContactRecord]]
     undetermined: NotRequired[list[Word]]
+    undetermined_bounds: NotRequired[dict[Word, Annotated[list[Number], Len(2, 2)]]]
 
 
 class ZeroDynamicsRecord(TypedDict):

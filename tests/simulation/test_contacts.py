@@ -1,5 +1,7 @@
 """Motions of walkers with several contacts: closed forms, identities, named endings."""
 
+import csv
+import io
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise, product
@@ -9,11 +11,12 @@ import pytest
 from casadi import cos, sin, vertcat
 from contact_walkers import CRAWLER, SPRING_MASS, ContactCase, Frame, dynamics_of, frame, heel_toe
 from named import named
+from scipy.optimize import linprog
 from scipy.special import ellipk, ellipkinc
 
 from gaitopt.errors import ProblemError
 from gaitopt.gait import curves
-from gaitopt.gait.gait import trajectory_header
+from gaitopt.gait.gait import trajectory_header, trajectory_rows
 from gaitopt.gait.measures import contact_record, measure, observe
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
@@ -28,6 +31,7 @@ from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator, stepper_class
+from gaitopt.store.formats import Table, csv_text
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import simulate
 
@@ -265,6 +269,53 @@ def test_shares_of_forces_and_motions_that_are_undetermined_are_named() -> None:
     outcome = Simulator(dynamics_of(doubled, {"left": 0.2, "left_too": 0.4, "right": 0.2})).step(slides)
     assert outcome.ending == Ending.UNDETERMINED
     assert "contacts of different friction slip together" in outcome.message
+
+
+@pytest.mark.parametrize(("slope", "mu"), [(0.1, 0.5), (0.3, 0.35), (-0.2, 1.5), (0.1, np.tan(0.1))])
+def test_undetermined_forces_have_bounds_in_place_of_values(slope: float, mu: float) -> None:
+    """A frame at rest: the normal forces follow from moments, and both tangential ones hold the weight's part."""
+    half, height = 0.3, 0.5
+    start = np.array([0.0, height, 0.0, 0.0, 0.0, 0.0])
+    step = Simulator(frame(half, height, slope=slope).dynamics(mu)).step(start, dense=True).step
+    along, down = 9.81 * np.sin(slope), 9.81 * np.cos(slope)
+    normal = {name: (down + side * along * height / half) / 2 for name, side in (("left", -1), ("right", 1))}
+    record = contact_record([step])
+    assert record["undetermined"] == ["left", "right"]
+    assert {*record["undetermined_bounds"]} == {"f_t.left", "f_t.right"}
+    for name, other in (("left", "right"), ("right", "left")):
+        low = max(-mu * normal[name], -along - mu * normal[other])
+        high = min(mu * normal[name], -along + mu * normal[other])
+        assert record["undetermined_bounds"][f"f_t.{name}"] == pytest.approx([low, high], rel=1e-7, abs=1e-7)
+    header = trajectory_header(step.arcs[0].dynamics.system)
+    for row in trajectory_rows([step]):
+        cells = dict(zip(header, row, strict=True))
+        assert np.isnan([cells["f_t.left"], cells["f_t.right"]]).all()
+        assert [cells["f_n.left"], cells["f_n.right"]] == pytest.approx([*normal.values()], rel=1e-12)
+    first = next(csv.DictReader(io.StringIO(csv_text(Table(header=header, rows=trajectory_rows([step]))))))
+    assert [first[f"f_t.{name}"] for name in normal] == ["", ""]
+
+
+def test_bounds_of_three_shared_contacts_are_those_of_linear_programming() -> None:
+    """Two contacts in one place and a third: two shares, one of them of the normal forces."""
+    doubled = Doubled(**dict(frame(0.3, 0.5, slope=0.2).walker))
+    friction = {"left": 0.6, "left_too": 0.3, "right": 0.5}
+    start = np.array([0.0, 0.5, 0.0, 0.0, 0.0, 0.0])
+    step = Simulator(dynamics_of(doubled, friction)).step(start, dense=True).step
+    # unknown f_t, f_n of the three; moments about the centre of mass, forces along and across the slope
+    arms = {"left": -0.3, "left_too": -0.3, "right": 0.3}
+    balance = np.array([[1, 0] * 3, [0, 1] * 3, [v for arm in arms.values() for v in (-0.5, -arm)]])
+    load = np.array([-9.81 * np.sin(0.2), 9.81 * np.cos(0.2), 0.0])
+    cones = np.zeros((6, 6))
+    for k, mu in enumerate(friction.values()):
+        cones[2 * k, 2 * k : 2 * k + 2], cones[2 * k + 1, 2 * k : 2 * k + 2] = [1, -mu], [-1, -mu]
+    bounds = contact_record([step])["undetermined_bounds"]
+    names = [f"{force}.{name}" for name in arms for force in ("f_t", "f_n")]
+    assert {*bounds} == {name for name in names if name != "f_n.right"}
+    for name, (low, high) in bounds.items():
+        for sign, expected in ((1, low), (-1, high)):
+            cost = sign * np.eye(6)[names.index(name)]
+            found = linprog(cost, A_ub=cones, b_ub=np.zeros(6), A_eq=balance, b_eq=load, bounds=(None, None))
+            assert sign * found.fun == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("friction", [(0.2, 0.4), (0.4, 0.2)])

@@ -1,0 +1,110 @@
+"""Contact forces that the equations of motion leave open: which ones, and between which bounds they lie.
+
+Contacts with dependent constraints share their forces in any way
+
+    lambda = lambda_0 + N a,      N' J = 0
+
+that friction allows: f_n > 0 and |f_t| <= mu f_n of every contact. These inequalities bound a polytope in the shares a,
+and the least and largest value of a force are at its corners.
+"""
+
+from collections.abc import Iterable, Iterator
+from itertools import combinations
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.gait.trajectory import Arc
+from gaitopt.model.buffered import buffered_map
+from gaitopt.model.contact_set import DEPENDENT, constraint_structure
+
+FEASIBLE = 1e-9
+"""Part of the largest force by which a corner may violate an inequality: rounding."""
+
+
+def undetermined_forces(arc: Arc) -> tuple[str, ...]:
+    """Names of the forces along an arc that are undetermined, as in ``trajectory_header``: ``f_t.left``."""
+    walker, mode = arc.dynamics.system.walker, arc.mode
+    if not walker.contacts:
+        return ()
+    structure, found = constraint_structure(walker, mode), dict[str, None]()
+    for (name, row), shares in zip(structure.constraints, structure.nulls, strict=True):
+        if np.abs(shares).max(initial=0.0) > DEPENDENT:
+            slides = row == 1 and mode.directions[name]  # friction follows the normal force
+            found |= dict.fromkeys((f"f_t.{name}", f"f_n.{name}") if slides else (f"f_{'tn'[row]}.{name}",))
+    return tuple(found)
+
+
+def share_bounds(arcs: Iterable[Arc]) -> dict[str, list[float]]:
+    """Least and largest value [N] that each undetermined force can have anywhere along some arcs, by its name."""
+    bounds: dict[str, list[float]] = {}
+    for arc in arcs:
+        for name, values in _possible_forces(arc):
+            if not np.isnan(values).all():
+                low, high = bounds.get(name, [np.inf, -np.inf])
+                bounds[name] = [min(low, float(np.nanmin(values))), max(high, float(np.nanmax(values)))]
+    return bounds
+
+
+def _possible_forces(arc: Arc) -> Iterator[tuple[str, Array]]:
+    """Each undetermined force at the corners of the polytope at all times, shape (m, corners); NaN outside of it."""
+    names = undetermined_forces(arc)
+    if not names:
+        return
+    system, mode, p = arc.dynamics.system, arc.mode, arc.dynamics.p
+    walker, m = system.walker, arc.times.size
+    structure, place = constraint_structure(walker, mode), {name: k for k, name in enumerate(walker.contacts)}
+    nulls = _null_spaces(arc)  # (m, n, d)
+    force = buffered_map(system.observation(mode), m)(arc.times[:, None], arc.states, p, system.data(arc.segment))[0]
+    index = {constraint: k for k, constraint in enumerate(structure.constraints)}
+
+    def family(name: str, row: int) -> tuple[Array, Array]:
+        """A force at all times, and its derivative by the shares."""
+        if row == 0 and mode.directions[name]:
+            _, kinetic, _ = system.contact_coefficients(p)[name]
+            return force[:, 2 * place[name]], -mode.directions[name] * float(kinetic) * nulls[:, index[name, 1]]
+        return force[:, 2 * place[name] + row], nulls[:, index[name, row]]
+
+    offsets, slopes = list[Array](), list[Array]()
+    for name in structure.group:
+        (f_n, by_n), mu = family(name, 1), arc.dynamics.contact_friction[name]
+        if mode.directions[name]:
+            offsets.append(f_n)
+            slopes.append(by_n)
+        else:
+            f_t, by_t = family(name, 0)
+            offsets += [mu * f_n + f_t, mu * f_n - f_t]
+            slopes += [mu * by_n + by_t, mu * by_n - by_t]
+    g, A = np.stack(offsets, axis=1), np.stack(slopes, axis=1)  # g + A a >= 0
+    d, tolerance = nulls.shape[2], FEASIBLE * np.abs(force).max()
+    corners = list[Array]()
+    for chosen in combinations(range(g.shape[1]), d):
+        chosen_rows = [*chosen]
+        regular = np.abs(np.linalg.det(A[:, chosen_rows])) > FEASIBLE
+        a = np.full((m, d), np.nan)
+        a[regular] = np.linalg.solve(A[regular][:, chosen_rows], -g[regular][:, chosen_rows, None])[:, :, 0]
+        inside = np.all(g + (A @ a[:, :, None])[:, :, 0] >= -tolerance, axis=1)
+        corners.append(np.where(inside[:, None], a, np.nan))
+    for name in names:
+        kind, _, contact = name.partition(".")
+        value, slope = family(contact, "tn".index(kind[-1]))
+        yield name, np.stack([value + np.sum(slope * a, axis=1) for a in corners], axis=1)
+
+
+def _null_spaces(arc: Arc) -> Array:
+    """N at all times of an arc, shape (m, n, d); its entries belong to the constraints of the mode."""
+    system, mode = arc.dynamics.system, arc.mode
+    structure, shapes = constraint_structure(system.walker, mode), system.mechanics_shapes
+    place = {name: 2 * k for k, name in enumerate(system.walker.contacts)}
+    parts, start = [*shapes], 0
+    for part in parts[: parts.index("J")]:
+        start += int(np.prod(shapes[part]))
+    (values,) = buffered_map(system.mechanics, arc.times.size)(arc.states, arc.dynamics.p)
+    J = values[:, start : start + int(np.prod(shapes["J"]))].reshape(-1, *shapes["J"])
+    J = J[:, [place[name] + row for name, row in structure.constraints]]
+    kept, dropped = J[:, [*structure.kept]], J[:, [*structure.dropped]]
+    nulls = np.zeros((arc.times.size, len(structure.constraints), len(structure.dropped)))
+    nulls[:, [*structure.dropped], range(len(structure.dropped))] = 1
+    turned = kept.swapaxes(1, 2)
+    nulls[:, [*structure.kept]] = -np.linalg.solve(kept @ turned, kept @ dropped.swapaxes(1, 2))
+    return nulls
