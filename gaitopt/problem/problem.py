@@ -55,6 +55,8 @@ RESOLVED_FILE = "resolved.json"
 """File of a stored run with the resolved problem."""
 FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem: the file's values of the parameters that were changed."""
+GUESSED = "gait.guess.state."
+"""What precedes the name of a coordinate of the guess in a dotted key."""
 _NONE = Known(walkers={}, controls={})
 _PASSED = ContextVar("passed", default=_NONE)
 """Classes with which records are restored besides the registered ones, see ``passing``."""
@@ -110,7 +112,8 @@ class Problem(ProblemStatement):
     def followed_from(self) -> "Problem | None":
         """The file's problem, if this one differs only in values of continuous parameters; otherwise None.
 
-        The gait of this problem is then the gait of the file, followed from the file's values to these.
+        The gait of this problem is then the gait of the file, followed from the file's values to these. The posture of
+        a guess with several contacts follows from its section coordinates and the parameters, so that it may differ.
         """
         if self.file is None or self.is_open or self.is_design or self.origin is not None:
             return None
@@ -118,6 +121,9 @@ class Problem(ProblemStatement):
             return None
         before, after = self.file.parameters, self.parameters
         changed = changed_values(problem_data(self.file), problem_data(self))
+        if self.section is not None:
+            following = {f"{GUESSED}{name}" for name in self.walker.state_names() if name not in self.section.names}
+            changed = [key for key in changed if key not in following]
         continuous = [key for key in changed if type(before.get(key)) is type(after.get(key)) is float]
         return self.file if changed and len(continuous) == len(changed) else None
 

@@ -66,3 +66,31 @@ def test_explain_names_the_contact_that_needs_more_friction_and_where_it_has_eno
     assert [mode.brief for mode in why.instead[0].cycle.phases] == ["heel slip_forward", "heel stick", "toe stick"]
     (friction,) = [nearest for nearest in why.nearest if nearest.parameter == "friction"]
     assert friction.value == pytest.approx(0.27483760771, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "period", "radius"),
+    [
+        ({"walker.toe": 0.1}, 0.801939, 1.99354),
+        ({"walker.toe": 0.2, "walker.heel": 0.06}, 0.900628, 2.07138),
+    ],
+)
+def test_a_gait_follows_the_contacts_of_its_walker_when_they_move(changed, period: float, radius: float) -> None:
+    """The posture of the guess follows from its section and the places of heel and toe: it is no change of its own."""
+    problem = contact_problem("heel-toe").replace(changed)
+    gait = solve(problem)
+    assert "followed from the gait of the problem's file" in gait.message
+    assert gait.period == pytest.approx(period, abs=1e-6)
+    assert gait.spectral_radius == pytest.approx(radius, abs=1e-5)
+    assert verify(gait).passed
+    assert explain(problem).exists
+    moved = problem.replace({"gait.guess.state.dtheta1": 1.2})
+    assert moved.followed_from is None
+
+
+@pytest.mark.slow
+def test_a_search_finds_the_gait_to_which_the_family_leads() -> None:
+    problem = contact_problem("heel-toe").replace({"walker.toe": 0.2, "walker.heel": 0.06})
+    gait, plan = solve(problem), SearchPlan(problem=problem.replace({"gait.phases": "auto"}))
+    found = search(plan, ResumableJobs(workers=Workers(count=1)))
+    assert [other.multipliers for other in found] == [pytest.approx(gait.multipliers, abs=1e-8)]
