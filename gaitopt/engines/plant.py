@@ -275,6 +275,7 @@ def _refuse(gait: Gait) -> None:
         "switches": bool(walker.switches),
         "a push-off": walker.pushes,
         "massless feet": walker.massless_feet,
+        "motors that push from outside": bool(walker.external),
         "a control law whose clock does not restart": not gait.system.control.restarts,
     }
     present = [part for part, there in parts.items() if there]

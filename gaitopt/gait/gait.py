@@ -27,6 +27,7 @@ from gaitopt.gait.shares import undetermined_forces
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.declaration import actuator_units
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -176,7 +177,8 @@ def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
 
 def _units(system: HybridSystem) -> dict[str, str]:
     states = {name: state_unit(name) for name in system.state_names}
-    return {name: unit_of(name, system) for name in trajectory_header(system)} | states
+    columns = {name: unit_of(name, system) for name in trajectory_header(system)}
+    return {**columns, **states, **actuator_units(system.walker)}
 
 
 REPEATED = 1e-6

@@ -33,8 +33,10 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 """Names of coordinates, actuators, stops and switches, which occur in keys, columns and compiled functions."""
 NAME_WORDS = "a name of ASCII letters and digits, with single underscores between them"
 FOOT_COORDINATES = ("x", "y")
+COLUMNS = ("t", "mode", "f_t", "f_n")
+"""Columns of the table of a motion, besides those of coordinates, rates and actuators."""
 RESERVED = (
-    "mode",
+    *COLUMNS,
     "contact",
     "impact",
     "model",
@@ -64,7 +66,8 @@ OVERRIDABLE = ("mechanism", "links", "after_impact", "rates_after_impact", "land
 """Methods that a class may define."""
 ATTRIBUTES = tuple(Walker.__annotations__)
 LISTS = (
-    "shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "tracked",
+    "shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "external",
+    "tracked",
     "phases", "contacts", "massless_contacts", "landing_contacts",
     "sections",
 )  # fmt: skip
@@ -189,7 +192,10 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         phases={
             name: read.scalar(f"Mechanism.phases[{name!r}]", phase, "shape") for name, phase in stated.phases.items()
         },
-        motors=tuple(read.scalar(f"Mechanism.motors[{k}]", angle, "shape") for k, angle in enumerate(stated.motors)),
+        motors=tuple(
+            _checked_motor(walker, read, f"Mechanism.motors[{k}]", name, angle)
+            for k, (name, angle) in enumerate(zip(walker.actuators, stated.motors, strict=True))
+        ),
         potential=read.scalar("Mechanism.potential", stated.potential, "shape"),
         potential_while={
             state: read.scalar(f"Mechanism.potential_while[{state!r}]", energy, "shape")
@@ -282,14 +288,15 @@ def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
     units = {name: words_and_unit(field.description or "")[1] for name, field in walker.model_fields.items()}
     metres = {*walker.lengths, *FOOT_COORDINATES, *(name for name, unit in units.items() if unit == "m")}
     lengths, symbols = vertcat(*(symbol for name, symbol in (q | p).items() if name in metres)), {**q, **p}
-    slopes = horzcat(*(jacobian(vertcat(*motors), q[name]) for name in walker.shape))
-    growths = [jacobian(slopes[:, k], lengths) @ lengths for k in range(len(walker.shape))]
+    slopes = horzcat(*(jacobian(vertcat(*motors), q[name]) for name in q))
+    growths = [jacobian(slopes[:, k], lengths) @ lengths for k in range(len(q))]
     place = np.random.default_rng(0).uniform(0.4, 0.6, len(symbols))
     values = Function("slopes", [vertcat(*symbols.values())], [slopes, horzcat(*growths)])(place)
     slope, growth = (np.asarray(value) for value in values)
     acts_on = np.abs(slope).argmax(axis=1)  # the coordinate with the largest derivative
     rows = zip(walker.actuators, slope, growth, acts_on.tolist(), strict=True)
-    powers = {name: (d[k] / e[k] if e[k] else 0.0) + (walker.shape[k] in metres) for name, e, d, k in rows}
+    coordinates = (*q,)
+    powers = {name: (d[k] / e[k] if e[k] else 0.0) + (coordinates[k] in metres) for name, e, d, k in rows}
     return {name: "N" if round(power) == 1 else "N m" for name, power in powers.items()}
 
 
@@ -426,9 +433,15 @@ class Reader:
         self.shape, self.height = _symbols(entries.values()), _symbols([foot["y"]] if "y" in foot else [])
         along = _symbols([foot["x"]] if "x" in foot else [])
         everything = vertcat(self.shape, self.height, along)
+        self.along = along
         self._forbidden = {
             "all": ("", SX(0, 1)),
             "height": ("the coordinates and parameters, but not of x", along),
+            "motor": (
+                "the shape coordinates and parameters; name the actuator in external if it pushes the walker from "
+                "outside, along x or y",
+                vertcat(self.height, along),
+            ),
             "shape": ("the shape coordinates and parameters, but not of x and y", vertcat(self.height, along)),
             "parameters": ("the parameters alone", everything),
         }
@@ -491,6 +504,17 @@ def _checked_switch(
 
     checked(SimpleNamespace(**{rate: SX.sym(rate) for rate in (*walker.shape, *FOOT_COORDINATES)}))
     return checked
+
+
+def _checked_motor(walker: type[Walker], read: Reader, what: str, name: str, angle: Any) -> SX:
+    """What a motor acts on; the force of one that acts from outside does not depend on the place along the ground."""
+    if name not in walker.external:
+        return read.scalar(what, angle, "motor")
+    place = read.scalar(what, angle, "all")
+    if depends_on(jacobian(place, vertcat(read.shape, read.height, read.along)), read.along):
+        words = "must depend on x with a constant factor: the place on the ground makes no difference to the motion"
+        raise ProblemError(f"{walker.__name__}: {what} {words}")
+    return place
 
 
 def _checked_contact(walker: type[Walker], read: Reader, name: str, contact: Contact) -> Contact:
@@ -616,6 +640,10 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     names = (*walker.shape, *FOOT_COORDINATES, *(f"d{name}" for name in (*walker.shape, *FOOT_COORDINATES)))
     if _doubles(names):
         yield f"{_doubles(names)} would be both a coordinate and the rate of another one: rename it in shape"
+    columns = {*walker.shape} & {*COLUMNS}
+    if columns:
+        yield f"shape names {', '.join(sorted(columns))}, which is another column of the table of a motion: rename it"
+    yield from _motor_faults(walker, names)
     for part in ("section", "section_rates", "posture", "lengths", "tracked"):
         named = _section_of(walker) if part == "section" else getattr(walker, part)
         foreign = {*(named or ())} - {*walker.shape, *(walker.actuators if part == "tracked" else ())}
@@ -624,8 +652,6 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     if {*walker.open_in_impact} - {*walker.stops}:
         unknown = ", ".join(sorted({*walker.open_in_impact} - {*walker.stops}))
         yield f"open_in_impact names {unknown}, which is not a stop"
-    if walker.tracked and len(walker.tracked) != len(walker.actuators):
-        yield f"tracked has {len(walker.tracked)} entries, but actuators has {len(walker.actuators)}"
     if "clock" in walker.phases:
         yield "phases names clock, which means the time since the impact: rename it"
     taken = {*walker.phases} & {*names}
@@ -640,6 +666,17 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     taken = {*devices, *walker.actuators} & {*RESERVED}
     if taken:
         yield f"{', '.join(sorted(taken))} has another meaning in problem files: rename the stop, switch or actuator"
+
+
+def _motor_faults(walker: type[Walker], names: tuple[str, ...]) -> Iterator[str]:
+    """Messages about names of motors; ``names`` are those of coordinates and rates."""
+    both, foreign = {*walker.actuators} & {*names}, {*walker.external} - {*walker.actuators}
+    if both:
+        yield f"actuators names {', '.join(sorted(both))}, which is a coordinate or a rate: rename one"
+    if foreign:
+        yield f"external names {', '.join(sorted(foreign))}, which is not an actuator"
+    if walker.tracked and len(walker.tracked) != len(walker.actuators):
+        yield f"tracked has {len(walker.tracked)} entries, but actuators has {len(walker.actuators)}"
 
 
 def _field_fault(name: str, field: FieldInfo) -> str | None:

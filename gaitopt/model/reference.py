@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise
-from math import comb, isfinite, pi, radians
+from math import comb, inf, isfinite, pi, radians
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -366,6 +366,9 @@ def _over_clock(
     return now.r[0] * inside + now.r[1] * after, SX(1)
 
 
+OVERSHOOT, CURVE_POINTS = 10, 65
+"""Largest size of a control point, relative to that of the angle, which its curve reaches only in part; and number of
+points at which the size of a curve is taken."""
 LARGEST_POINT = 1000
 PointValue = Annotated[
     float,
@@ -420,6 +423,21 @@ def _guessed(point: float | FreePoint, value: float | None) -> object:
     return {"free": list(point.free), "guess": guess}
 
 
+def _largest_angle(name: str, walker: "WalkerType") -> float:
+    """Largest size of a shape coordinate, or of the difference of two, on which a motor acts; of others no limit."""
+    if name in {*walker.shape} - {*walker.lengths}:
+        return walker.largest_angle
+    return 2 * walker.largest_angle if name in walker.actuators and not walker.lengths else inf
+
+
+def _largest_value(points: Sequence[float]) -> float:
+    """Largest size of a Bezier curve, by de Casteljau's algorithm."""
+    s, rows = np.linspace(0, 1, CURVE_POINTS), np.tile(np.array(points)[:, None], CURVE_POINTS)
+    while len(rows) > 1:
+        rows = (1 - s) * rows[:-1] + s * rows[1:]
+    return float(np.abs(rows).max())
+
+
 def point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
     """Bounds and guess of an unknown that contradict each other."""
     if not isinstance(point, FreePoint):
@@ -466,12 +484,24 @@ class BezierReference(BaseModel, Target):
         }
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Curves with fewer than two points, and free points whose bounds and guess contradict each other."""
+        """Curves with fewer than two points, angles that no walker reaches, and bounds that contradict a guess."""
         for name, points in self.bezier.items():
             if len(points) < 2:
                 yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
+                continue
+            largest = _largest_angle(name, walker)
+            words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
             for k, point in enumerate(points):
-                yield from ((("bezier", name, k, *path), words) for path, words in point_faults(point))
+                yield from ((("bezier", name, k, *path), text) for path, text in point_faults(point))
+                values = point.free if isinstance(point, FreePoint) else (point,)
+                beyond = [value for value in values if abs(value) > OVERSHOOT * largest]
+                if beyond:
+                    limit = f"control points are at most {OVERSHOOT * largest:g} in size"
+                    yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
+                    return
+            reached = _largest_value([_value(point) for point in points])
+            if reached > largest:
+                yield ("bezier", name), f"reaches {reached:g} rad, which is impossible: {words}"
 
     @property
     def names(self) -> tuple[str, ...]:

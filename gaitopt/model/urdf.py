@@ -25,7 +25,7 @@ from pydantic import Field
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import FOOT_COORDINATES, NAME, NAME_WORDS, RESERVED, state_tree
+from gaitopt.model.declaration import COLUMNS, FOOT_COORDINATES, NAME, NAME_WORDS, RESERVED, state_tree
 from gaitopt.model.links import SAME, Link, Tree
 from gaitopt.model.units import Inertia, Positive, Slope, parse_number
 from gaitopt.model.walker import Mechanism, Walker
@@ -380,6 +380,8 @@ class _Reader:
                 self.refuse(link, f"moves, and its name is a coordinate, which must have {NAME_WORDS}: rename it")
             if body.name in taken:
                 self.refuse(link, "moves, and has the name of a coordinate of the foot, or of a link's rate: rename it")
+            if body.name in COLUMNS:
+                self.refuse(link, "moves, and has the name of another column of the table of a motion: rename it")
             if body.joint is not None and body.joint.attributes["name"] in RESERVED:
                 self.refuse(body.joint, "has a name with another meaning in problem files: rename it")
             if body.joint is not None and not NAME.fullmatch(body.joint.attributes["name"]):

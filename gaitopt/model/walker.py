@@ -96,7 +96,8 @@ class Mechanism:
     switches : margins of the switches by name, dimensionless, positive while off; functions of the rates, which are
         given by name (``dq.theta``).
     phases : phase variables by name, functions of the shape and the parameters alone.
-    motors : tuple of SX - the angle on which each actuator acts, in the order of ``Walker.actuators`` [rad].
+    motors : tuple of SX - the angle or length on which each actuator acts, in the order of ``Walker.actuators`` [rad or
+        m]; for those of ``Walker.external`` the place along their direction of what they push [m].
     potential : SX - potential energy besides gravity, of springs for instance [J].
     potential_while : potential energy that acts only in a state: ``contact`` (the foot is on the ground), or that of a
         stop or switch, such as ``thrust on`` [J].
@@ -203,6 +204,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     lengths : the shape coordinates that are lengths [m] rather than angles [rad].
     pushes : whether the walker pushes off with its stance foot just before the swing foot lands.
     actuators : names of the actuators.
+    external : the actuators that push the walker from outside of it, such as a tow, a belt or the wind. Only what they
+        act on may depend on x and y, and on x with a constant factor: the place on the ground makes no difference.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law; may be left out.
     phases : names of the phase variables, functions of the shape that grow along a step; each shape coordinate is one
         under its own name.
@@ -231,6 +234,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     lengths: ClassVar[tuple[str, ...]] = ()
     pushes: ClassVar[bool] = False
     actuators: ClassVar[tuple[str, ...]] = ()
+    external: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
     phases: ClassVar[tuple[str, ...]] = ()
     largest_angle: ClassVar[float] = math.pi

@@ -207,8 +207,11 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
         shortest, longest = _limits(field, "min_length"), _limits(field, "max_length")
-        needed = f"at least {shortest[0]:g}" if not longest else f"at most {longest[0]:g}"
-        needed = f"{shortest[0]:g}" if shortest == longest else needed
+        if shortest == longest:  # or there are none, as of a tuple with an entry for each place
+            exact = shortest[0] if shortest else limits.get("max_length", limits.get("min_length"))
+            needed = f"{exact:g}"
+        else:
+            needed = f"at most {longest[0]:g}" if longest else f"at least {shortest[0]:g}"
         return f"has {limits['actual_length']} entries, must have {needed}{meaning}"
     if kind == "value_error":
         return f"{limits['error']}{'' if isinstance(value, Mapping) else f'; not {shown(value)}'}"

@@ -258,13 +258,14 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
 
 
 def least_friction(problem: ProblemStatement) -> float:
-    """The friction tan(slope) that every steady gait needs; zero where drag also acts on the foot, or numbers are free.
+    """The friction tan(slope) that every steady gait needs; zero where drag or motors act along the ground too.
 
-    Over a period the ground balances the weight, and nowhere is its tangential force larger than friction allows.
+    It is also zero where numbers are free. Over a period the ground balances the weight, and nowhere is its tangential
+    force larger than friction allows.
     """
     gravity = _geometry_at_guess(problem)[2]
     drag = any(value for key, value in problem.parameters.items() if key.endswith(".viscous"))
-    return 0.0 if problem.free or drag else abs(float(gravity[0] / gravity[1]))
+    return 0.0 if problem.free or drag or problem.walker.external else abs(float(gravity[0] / gravity[1]))
 
 
 def lacks_energy(problem: ProblemStatement) -> bool:

@@ -328,7 +328,7 @@ def unit_of(key: str, of: Driven | None = None) -> str:
         unit, acting = SCALARS[key].unit, {*motors.values()}
     elif key in motors or parts[0] in COLUMN_UNITS:
         return motors.get(key) or COLUMN_UNITS[parts[0]]
-    elif parts[0] == "control":
+    elif parts[0] == "control" and len(parts) > 1:
         motor = next((name for name in parts if name in motors), "")
         unit = "" if of is None else "N m" if parts[1] == motor else of.control.unit(key.partition(".")[2])
         acting = {motors[motor]} if motor else {*motors.values()} if unit != "rad" else set()

@@ -248,6 +248,8 @@ BY_HAND: dict[str, tuple[type[Walker], dict[str, Any] | type[Walker], str]] = {
     "pushes without push": (CompassBiped, {"pushes": True}, "pushes is True, but Mechanism.push is missing"),
     "push without pushes": (PushOffCompass, {"pushes": False}, "pushes is False, but Mechanism.push is given"),
     "massless feet": (CompassBiped, {"massless_feet": True}, "has massless feet, but does not define how they land"),
+    "column as shape": (CompassBiped, {"shape": ("t", "theta2")}, "shape names t, which is another column"),
+    "actuator as shape": (CompassBiped, {"actuators": ("theta1", "hip")}, "actuators names theta1, which is a coord"),
     "foot as shape": (CompassBiped, {"shape": ("theta1", "x")}, "shape names x or y"),
     "rate as shape": (CompassBiped, {"shape": ("theta", "dtheta"), "section": ("theta",)}, "dtheta would be both"),
     "no shape": (CompassBiped, {"shape": (), "section": ()}, "shape is empty"),

@@ -534,3 +534,22 @@ def test_below_the_friction_that_sticking_needs_the_foot_slips_until_the_walker_
     assert branch.points[-1].value == pytest.approx(0.15907, abs=1e-5)
     assert all(gait.constraints.delta_squared is None for gait in slipping)
     assert go.verify(slipping[20]).passed
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([1000.0, -1000.0, 1000.0], r"bezier.theta2\[0\]: 1000 is impossible: control points are at most 15.708"),
+        ([{"free": [-40, 0.1], "guess": 0.0}, 0.1], r"bezier.theta2\[0\]: -40 is impossible: control points are at"),
+        ([0.0, 4.0, 4.0, 0.0, 4.0], r"bezier.theta2: reaches 4 rad, which is impossible: angles of compass_biped are"),
+    ],
+)
+def test_curves_beyond_every_posture_are_impossible(points, words):
+    with pytest.raises(ProblemError, match=words):
+        go.load_problem(NAME).replace({"control.reference": {"bezier": {"theta2": points}}})
+
+
+def test_control_points_may_lie_beyond_what_their_curve_reaches():
+    points = [-0.1, 4.0, -6.0, 4.0, 0.1]  # the curve stays between -0.8 and 1.5
+    problem = go.load_problem(NAME).replace({"control.reference": {"bezier": {"theta2": points}}})
+    assert problem.control.parameters["reference.theta2.2"] == -6.0

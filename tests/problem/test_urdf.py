@@ -255,6 +255,9 @@ INERTIA = '<inertia ixx="1.33" ixy="0" ixz="0" iyy="1.33" iyz="0" izz="1.33"/>'
         ),
         ("swing_thigh", "x", "link x: moves, and has the name of a coordinate of the foot, or of a link's rate"),
         ("swing_thigh", "dtorso", "link dtorso: moves, and has the name of a coordinate of the foot, or of a link's r"),
+        ("swing_thigh", "t", "link t: moves, and has the name of another column of the table of a motion: rename it"),
+        ("swing_thigh", "mode", "link mode: moves, and has the name of another column of the table of a motion"),
+        ("swing_knee", "f_n", "joint f_n: has a name with another meaning in problem files: rename it"),
         ("swing_knee", "mode", "joint mode: has a name with another meaning in problem files: rename it"),
         ("swing_knee", "swing.knee", r"joint swing.knee: moves, and its name is a motor's, which must have a name"),
     ],
@@ -386,3 +389,21 @@ def test_a_task_that_a_robot_cannot_have_is_refused_in_a_sentence(
         go.parse_problem(TASK.replace(old, new), problem_file)
     assert words in str(refusal.value)
     assert len(str(refusal.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("feet", ["[stance_foot, swing_foot, torso]", "[stance_foot, 3, torso]"])
+def test_more_than_two_feet_are_one_sentence(problem_file: Path, feet: str) -> None:
+    text = problem_file.read_text().replace("[stance_foot, swing_foot]", feet)
+    with pytest.raises(ProblemError, match=r"walker.feet: has 3 entries, must have 2 \(links whose origins are"):
+        go.parse_problem(text, problem_file)
+
+
+@pytest.mark.parametrize("name", ["control", "friction", "speed", "work"])
+def test_a_link_with_the_name_of_a_key_or_a_scalar_has_its_column_and_unit(tmp_path: Path, name: str) -> None:
+    pytest.importorskip("pandas")
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "rabbit.urdf").write_text(TEXT.replace('"torso"', f'"{name}"'))
+    problem = go.parse_problem(PROBLEM.replace("torso", name), tmp_path / "rabbit.yaml")
+    frame = go.simulate(problem, steps=1).to_frame()
+    assert frame.attrs["units"][name] == "rad"
+    assert len({*frame.columns}) == len(frame.columns)
