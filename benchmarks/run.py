@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cold
 import commands
+import contacts
 import design
 import family
 import growth
@@ -49,6 +50,7 @@ def main() -> None:
         "reuse": reuse.rows,
         "family": family.rows,
         "kinds": kinds.rows,
+        "contacts": contacts.rows,
         "methods": methods.rows,
         "growth": growth.rows,
         "rabbit": rabbit.rows,
