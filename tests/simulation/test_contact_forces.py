@@ -1,0 +1,92 @@
+"""Forces of contacts by dense linear algebra, against the compiled equations of each mode."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from contact_problems import contact_gait, with_point_feet
+from contact_walkers import Frame, dynamics_of
+
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.search.solve import solve
+from gaitopt.simulation.contact_forces import Candidates, ContactForces, candidates, inverses, regularity, systems
+from gaitopt.simulation.contact_forces import solve as solve_systems
+
+CASES = {  # a gait, and modes of its contacts at its first state
+    "heel-toe-slip": [{"heel": "slip_forward"}, {"heel": "stick", "toe": "stick"}, {"toe": "slip_backward"}, {}],
+    "slip-walk": [{"front": "stick", "back": "stick"}, {"back": "stick"}, {}],
+    "crawler": [{"rear": "stick", "front": "slip_forward"}, {"rear": "slip_backward", "front": "slip_backward"}],
+    "inchworm": [{"rear": "stick", "front": "slip_forward"}, {"rear": "stick"}, {"front": "slip_backward"}],
+}
+
+
+def compare(dynamics: Dynamics, mode: Mode, t: float, z: np.ndarray) -> None:
+    """Rates of the state, margins of the forces and their rates along the motion, in natural units."""
+    system, forces = dynamics.system, ContactForces(dynamics)
+    held = mode.with_states(dict.fromkeys(mode.touching, "stick"))
+    instant = forces.at(t, z, 0)
+    found = instant.motions([mode], held)
+    dz = np.asarray(system.flow(mode)(t, z, dynamics.p, system.data(0))).ravel() / dynamics.state_units
+    n, order = len(dz) // 2, [system.state_names.index(name) for name in (*system.walker.shape, "x", "y")]
+    expected = dz[n:][order] * dynamics.scales.time
+    size = 1 + np.abs(expected).max()
+    assert found.motion[0] == pytest.approx(expected, rel=1e-10, abs=1e-11 * size)
+    names = system.transitions.margin_names(mode)
+    units = dynamics.margin_units(mode)
+    values, rates = (np.asarray(v).ravel() / units for v in system.events(mode)(t, z, dynamics.p, system.data(0)))
+    known, margins = instant.margins(mode, held, found, 0)
+    assert {*known} == {name for name in names if name.startswith(("normal_force", "cone"))}
+    places = [names.index(name) for name in known]
+    assert margins == pytest.approx(values[places], rel=1e-10, abs=1e-11 * size)
+    along = np.array(instant.rates(mode, held, found.motion[0]))
+    assert along == pytest.approx(rates[places] * dynamics.scales.time, rel=1e-8, abs=1e-9 * size)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_forces_and_their_rates_are_those_of_the_compiled_equations(name: str) -> None:
+    gait = contact_gait(name)
+    for words in CASES[name]:
+        mode = Mode.of_contacts(dict.fromkeys(gait.system.walker.contacts, "off") | words)
+        compare(gait.dynamics, mode, 0.02, gait.state)
+
+
+@pytest.mark.parametrize(("name", "model"), [("rabbit-hzd-slip", "stick"), ("rabbit-hzd", "actual")])
+def test_torques_that_depend_on_accelerations_are_those_of_the_compiled_equations(name: str, model: str) -> None:
+    gait = solve(with_point_feet(name, model))
+    for words in ({"foot": "stick", "other": "off"}, {"foot": "slip_forward", "other": "off"}):
+        compare(gait.dynamics, Mode.of_contacts(words), 0.0, gait.arcs[0].states[2])
+
+
+def test_the_enumeration_is_a_function_of_masses_and_jacobians_alone() -> None:
+    """A frame by hand: sliding on both feet, its normal forces follow from moments."""
+    half, height, mu = 0.3, 0.5, 0.25
+    M = np.diag([1 / 12, 1.0, 1.0])  # angle, x, y
+    J = np.array([[-height, 1, 0], [half, 0, 1], [-height, 1, 0], [-half, 0, 1]])
+    modes = slides(both=True)
+    K = systems(M, J, modes, np.array([mu, mu]))
+    load = np.array([0, 0, -1.0])[None, :, None]
+    ddq, forces = solve_systems(K, inverses(K), modes, load, np.zeros((4, 1)))
+    assert ddq[0, :, 0] == pytest.approx([0, -mu, 0], abs=1e-14)
+    assert forces[0, 1::2, 0] == pytest.approx([(1 - mu * height / half) / 2, (1 + mu * height / half) / 2])
+    # sliding on the front foot alone: J M^-1 G relative to J M^-1 J'
+    front = slides(both=False)
+    ratio = (1 + 12 * half * (half - 3 * height)) / (1 + 12 * half**2)
+    assert regularity(M, J, front, np.array([3.0, 3.0])) == pytest.approx([ratio])
+
+
+def slides(*, both: bool) -> Candidates:
+    """A frame that slides forward on both feet, or on the right one."""
+    left = "slip_forward" if both else "off"
+    return candidates(Frame, (), (Mode.of_contacts({"left": left, "right": "slip_forward"}),))
+
+
+def test_a_state_is_decided_alike_to_the_last_bit_whatever_was_decided_before() -> None:
+    dynamics = dynamics_of(Frame(half=0.3, height=0.5, mass=1, inertia=0.1, gravity=9.81, slope=0.2), 0.3)
+    words = product(("stick", "slip_forward", "slip_backward", "off"), repeat=2)
+    modes = [Mode.of_contacts({"left": left, "right": right}) for left, right in words]
+    states = np.random.default_rng(0).normal(size=(5, 6))
+    used = ContactForces(dynamics)
+    first = [used.at(0.0, z, 0).motions(modes, modes[0]).motion for z in states]
+    again = [ContactForces(dynamics).at(0.0, z, 0).motions(modes, modes[0]).motion for z in states[::-1]]
+    assert np.array_equal(first, again[::-1], equal_nan=True)
