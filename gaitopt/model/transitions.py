@@ -10,6 +10,7 @@ simulator from forces and impulses, the NLP by following a cycle, a branch by tr
 same way a witness function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -114,6 +115,8 @@ class Transition:
         return self.reset is not None and self.reset.ends_step
 
 
+FOOT_WORDS = r"\bthe (?:stance foot|slipping foot|foot|contact)\b(?! that)"
+"""Words for the contact of a margin, which its name replaces."""
 NO_SLIP = "sticking never needs more friction than is available, so that no slip begins"
 
 PUSH_SLIPS = "the foot that pushes off slips: its push is {value:.4g} N s outside of the friction cone"
@@ -161,7 +164,7 @@ PHASE_MARGINS: Mapping[str, Margin] = {
         unit="speed",
         violated="slip velocity is {value:.4g} m/s in the direction of the mode, must not be negative",
         lost="the foot comes to rest",
-        absent="the foot does not come to rest before touchdown",
+        absent="the foot does not come to rest",
     ),
     "painleve": Margin(
         unit="mass",
@@ -296,12 +299,13 @@ def named(what: str, name: str) -> str:
     return f"{what}.{contact}" if contact else what
 
 
+@lru_cache(maxsize=256)
 def margin(name: str) -> Margin:
-    """Unit and words of a margin; names that are not in ``MARGINS`` belong to stops and switches."""
+    """Unit and words of a margin, which name its contact; those that ``MARGINS`` lacks are of stops and switches."""
     facts, contact = MARGINS.get(kind(name), STOP), name.partition(".")[2]
-    if not contact or "the contact" not in facts.lost:
+    if not contact:
         return facts
-    lost, absent = (words.replace("the contact", f"the contact {contact}") for words in (facts.lost, facts.absent))
+    lost, absent = (re.sub(FOOT_WORDS, f"the contact {contact}", words) for words in (facts.lost, facts.absent))
     return replace(facts, lost=lost, absent=absent)
 
 

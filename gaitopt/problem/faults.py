@@ -8,7 +8,7 @@ terrain) the message names the walker that has them, or says that the model excl
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from string import digits
@@ -138,11 +138,38 @@ def read_section(model: type[Model], data: object, path: Key, faults: list[Fault
     if not isinstance(data, Mapping):
         faults.append(Fault(path, f"{shown(data)} is not a mapping; keys: {', '.join(model.model_fields)}"))
         return None
+    converted = [Fault((*path, *keys), words) for keys, words in _converted_numbers(model, data)]
     try:
-        return model.model_validate(dict(data))
+        section = model.model_validate(dict(data))
     except ValidationError as error:
-        faults += [Fault((*path, *item["loc"]), _message(item, model)) for item in error.errors()]
+        found = [Fault((*path, *item["loc"]), _message(item, model)) for item in error.errors()]
+        known = {fault.path for fault in found}
+        faults += [*found, *(fault for fault in converted if fault.path not in known)]
         return None
+    faults += converted
+    return None if converted else section
+
+
+def _converted_numbers(model: type[BaseModel], data: Mapping[str, Any]) -> Iterator[tuple[Key, str]]:
+    """Texts and truth values that pydantic would convert to the numbers of a field: keys, and a message for each.
+
+    Fields of gaitopt's own classes are strict; those of other packages often are not, and Python reads 1_0 as a number.
+    """
+    for name, field in model.model_fields.items():
+        value, notes = data.get(name), field.metadata
+        kind: Any = field.annotation
+        entries: list[tuple[Key, Any]] = [((name,), value)]
+        if isinstance(value, Mapping):
+            kind = (get_args(kind) or (None,))[-1]
+            kind, *notes = get_args(kind) if get_origin(kind) is Annotated else (kind,)
+            entries = [((name, str(key)), entry) for key, entry in value.items()]
+        words = {float: _REQUIREMENTS["float_type"], int: _REQUIREMENTS["int_type"]}.get(kind)
+        if words is None or any(hasattr(note, "func") for note in notes):  # a validator reads texts
+            continue
+        meaning = field.description or ""
+        for keys, entry in entries:
+            if isinstance(entry, str | bool):
+                yield keys, f"{shown(entry)} {words}" + (f" ({meaning})" if meaning else "")
 
 
 def dotted(path: Key) -> str:
@@ -264,7 +291,9 @@ def _limits(field: FieldInfo | None, name: str) -> list[float]:
 _LIMITS = {"greater_than_equal": "ge", "less_than_equal": "le"}
 _REQUIREMENTS: Mapping[str, Any] = {
     "float_type": "is not a number",
+    "float_parsing": "is not a number",
     "int_type": "is not an integer",
+    "int_parsing": "is not an integer",
     "string_type": "is not a text",
     "list_type": "is not a list",
     "tuple_type": "is not a list",

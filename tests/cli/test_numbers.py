@@ -64,3 +64,34 @@ def test_a_file_takes_decimal_digits_only(digits):
     text = go.load_problem(WHEEL).text
     with pytest.raises(ProblemError, match=rf"friction: '?{digits}'? is not a number"):
         go.parse_problem(text.replace("friction: 1.0", f"friction: {digits}"))
+
+
+class Loose(go.Control):
+    """A law whose numbers are plain types of Python, which pydantic converts from texts."""
+
+    type = "loose"
+
+    gain: float = 1.0
+    count: int = 1
+    gains: dict[str, float] = {}  # noqa: RUF012 - pydantic copies it
+
+    def torques(self, now):
+        return {"hip": now.p.gain * now.q.theta2}
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("gain: 1_0", "control.gain: '1_0' is not a number"),
+        ("gain: '2'", "control.gain: '2' is not a number"),
+        ("gain: true", "control.gain: true is not a number"),
+        ("count: 1_0", "control.count: '1_0' is not an integer"),
+        ("gains: {a: 1_0}", "control.gains.a: '1_0' is not a number"),
+        ("count: 1_0, gain: x", "control.count: '1_0' is not an integer"),
+    ],
+)
+def test_numbers_of_a_law_of_ones_own_are_no_texts(keys, words):
+    text = go.load_problem("compass-passive-a").text
+    with pytest.raises(ProblemError) as caught:
+        go.parse_problem(f"{text}control: {{type: loose, {keys}}}\n", controls=[Loose])
+    assert words in str(caught.value)

@@ -8,7 +8,7 @@ from gaitopt.model.control import NoControl
 from gaitopt.model.friction import STATIC_KINETIC
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import FOOT, Ending, transitions
+from gaitopt.model.transitions import FOOT, MARGINS, Ending, margin, transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.slip_runner import SlipRunner
@@ -147,3 +147,14 @@ def test_a_timed_phase_ends_with_the_transition_of_the_breakpoint():
     table, cycle = transitions(CompassBiped), Cycle.of_one_step((Mode.STICK, Mode.SLIP_BACKWARD), Mode.STICK)
     assert [table.ending(cycle, phase).guard for phase in (0, 1)] == ["cone_backward", "touchdown"]
     assert [table.ending(cycle.with_timed((0,)), phase).guard for phase in (0, 1)] == ["breakpoint", "touchdown"]
+
+
+def test_words_about_a_contact_name_it() -> None:
+    assert margin("gap.left").lost == "the contact left touches the ground"
+    assert margin("gap.left").absent == "the contact left does not come down"
+    assert margin("gap").lost == "the contact touches the ground"
+    assert margin("cone_forward.left").lost.endswith("the contact left slips forward")
+    assert margin("normal_force.left").lost == "the contact left lifts off: its normal force falls to zero"
+    assert margin("slip_velocity.left").absent == "the contact left does not come to rest"
+    assert margin("normal_force") is MARGINS["normal_force"]
+    assert not any("touchdown" in margin(name).absent for name in ("cone_forward", "cone_backward"))
