@@ -42,6 +42,7 @@ from gaitopt.model.lagrangian import equations_of_motion as equations_of_motion
 from gaitopt.model.links import Link as Link
 from gaitopt.model.modes import Mode as Mode
 from gaitopt.model.walker import Body as Body
+from gaitopt.model.walker import Contact as Contact
 from gaitopt.model.walker import Mechanism as Mechanism
 from gaitopt.model.walker import Walker as Walker
 from gaitopt.paper.reproduction import reproduce as reproduce
@@ -51,6 +52,7 @@ from gaitopt.problem.problem import parse_problem as parse_problem
 from gaitopt.problem.problem import walker_from_urdf as walker_from_urdf
 from gaitopt.problem.schema import problem_schema as problem_schema
 from gaitopt.problem.source import problem_names as problem_names
+from gaitopt.problem.statement import Until as Until
 from gaitopt.runs.attractors import Attractors as Attractors
 from gaitopt.runs.basin import Basin as Basin
 from gaitopt.runs.front import Front as Front

@@ -36,6 +36,7 @@ from gaitopt.gait.gait import Attractor, Gait, Method, method_of, require_gait
 from gaitopt.model.control import Control
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
+from gaitopt.problem.statement import Until
 from gaitopt.search import solve as single
 from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
 from gaitopt.simulation.engine import Engine
@@ -181,51 +182,62 @@ def nlp(problem: Problem | str | Path) -> NonlinearProgram:
 def simulate(
     start: Gait | Problem | str | Path,
     state: Mapping[str, float] | None = None,
-    steps: int = 1,
+    steps: int | None = None,
     *,
+    until: Until | None = None,
     dense: bool = True,
     engine: str = Engine.AUTO,
     compare: bool = False,
     output: Output = False,
     should_stop: Stop = None,
 ) -> Walk:
-    """Simulate steps from a state just after an impact.
+    """Simulate a motion from a state, just after an impact or any other.
 
     Parameters
     ----------
-    start : a gait, or a problem, its name or path (then from the state of its guess).
-    state : values by name that replace those of the start state; the other coordinates follow from the section.
-    steps : number of steps.
+    start : a gait, or a problem, its name or path (then from the state of its guess). The problem needs no gait.
+    state : values by name. Section coordinates replace those of the start state just after an impact; the other
+        coordinates follow from the section. A whole state (x may be left out) may be any state of the walker: its
+        contacts follow from heights and rates.
+    steps : number of steps; 1 by default, if the problem does not say until when.
+    until : where to end instead: ``Until(time=2.0)``, ``Until(events=5)``.
     dense : False stores only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     compare : compare the walk of a problem with its stored gait, if there is one; always done if ``output`` is given.
     output : run folder of the walk; True for the folder of the problem.
     should_stop : polled at every step.
 
+    Returns
+    -------
+    walk : ``walk.trajectory.at(t)`` is the state at any time; ``walk.to_record()["impacts"]`` has all impulses.
+
     Raises
     ------
     SolveError
         If ``start`` is a failed solve, and ``state`` does not say where to start.
     ProblemError
-        If a coordinate or rate of the state is not a finite number.
+        If a coordinate or rate of the state is missing or not a finite number, the foot is below the ground, ``steps``
+        and ``until`` are both given, or no step ever ends and ``until`` has neither time nor events.
     UnknownNameError
-        If ``state`` names something that is not a section coordinate of the walker, or the
-        engine is unknown or not installed.
+        If ``state`` names something that is no coordinate of the walker, or the engine is unknown or not installed.
     StorageError
         If the steps do not fit into memory or on the disk, or the folder cannot be written.
     """
     from gaitopt.runs.grid import check_room
 
-    if not isinstance(steps, Integral):
+    number: object = steps
+    if number is not None and not isinstance(number, Integral):
         raise ProblemError(f"steps is {steps!r}, but must be a whole number")
-    begin = start if isinstance(start, Gait) else _loaded(start)
+    if not isinstance(until, Until | None):
+        raise ProblemError(f"until is {until!r}, but must be Until(time=SECONDS), Until(steps=N) or Until(events=N)")
+    begin = start if isinstance(start, Gait) else _loaded(start, needs_gait=False)
     problem = begin.problem if isinstance(begin, Gait) else begin
     folder = _folder(problem, output)
     if folder is not None:
-        Run(folder).check(problem, write=True)
-    disk = 0 if folder is None else STEP_BYTES_DISK
-    check_room(steps, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
-    walk = simulate_walk(begin, state, steps, dense=dense, engine=engine, should_stop=should_stop)
+        Run(folder).check(problem)
+    disk, count = 0 if folder is None else STEP_BYTES_DISK, steps or (1 if until is None else until.steps or 1)
+    check_room(count, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
+    walk = simulate_walk(begin, state, steps, until=until, dense=dense, engine=engine, should_stop=should_stop)
     if compare or folder is not None:
         walk = compared(walk)
     if folder is not None:
@@ -947,13 +959,15 @@ def _same_but_for_guess(first: Problem, second: Problem) -> bool:
     return (first.name, first.modes, fixed[0]) == (second.name, second.modes, fixed[1])
 
 
-def _loaded(problem: Problem | str | Path) -> Problem:
+def _loaded(problem: Problem | str | Path, *, needs_gait: bool = True) -> Problem:
     if isinstance(problem, Problem):
+        if needs_gait:
+            problem.check_gait()
         return problem
     if not isinstance(problem, str | Path):
         words = "; its problem is gait.problem" if isinstance(problem, Gait) else ""
         raise ProblemError(f"expected a problem, its name or its path, not a {type(problem).__name__}{words}")
-    return load_problem(problem)
+    return _loaded(load_problem(problem), needs_gait=needs_gait)
 
 
 def _folder(problem: Problem, output: Output) -> Path | None:

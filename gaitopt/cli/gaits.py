@@ -139,20 +139,30 @@ def simulate(
         typer.Option(
             "--state",
             metavar="NAME=VALUE,...",
-            help="Start state just after an impact. Default: the guess of the problem, or the gait of the run.",
+            help="Start state: section coordinates just after an impact, or a whole state. Default: the state or guess "
+            "of the problem, or the gait of the run.",
         ),
     ] = None,
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Number of steps.")] = 1,
+    steps: Annotated[
+        int | None, typer.Option("--steps", min=1, help="Number of steps. Default: 1.", show_default=False)
+    ] = None,
+    time: Annotated[float | None, typer.Option("--time", help="End at this time [s].", show_default=False)] = None,
+    events: Annotated[
+        int | None,
+        typer.Option("--events", min=1, help="End after this number of mode changes and impacts.", show_default=False),
+    ] = None,
     engine: EngineOption = "auto",
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
-    """Simulate steps from a state.
+    """Simulate steps from a state, or a motion until a time.
 
-    The simulation selects contact modes and impacts from the forces, and names the way in which the walk ends. With
-    -o the walk is stored; `plot` and `report` then compare it with the gait of RUN, or of PROBLEM if it is solved.
+    The problem needs no gait: a walker, friction and a state suffice. The simulation selects contact modes and impacts
+    from the forces, and names the way in which the walk ends. With -o the walk is stored; `plot` and `report` then
+    compare it with the gait of RUN, or of PROBLEM if it is solved.
     """
     from gaitopt.api import verbs
+    from gaitopt.problem.statement import Until
     from gaitopt.show.tables import print_walk
 
     start = stored_gait(run, changes) if is_folder(run) else load(run, changes, terminal)
@@ -162,11 +172,14 @@ def simulate(
         record = {**walk.to_record(), "run": None if output is None else str(output)}
         terminal.show(record, lambda console, shown: print_walk(console, shown, walk.problem))
 
-    terminal.say(f"walking {steps} step{'s' if steps > 1 else ''}")
+    until = None
+    if time is not None or events is not None:
+        until, steps = Until(time=time, steps=steps, events=events), None
     with shown_result(show), interruptible() as interrupted:
         walk = verbs.simulate(
-            start, begin, steps, engine=engine, compare=True, output=output or False, should_stop=interrupted
-        )
+            start, begin, steps, until=until, engine=engine, compare=True, output=output or False,
+            should_stop=interrupted,
+        )  # fmt: skip
     show(walk)
     return 0
 

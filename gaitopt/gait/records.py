@@ -414,6 +414,16 @@ class SectionRecord(TypedDict):
     state: State
 
 
+class ImpactEntry(TypedDict):
+    """An impact of a walk; see ``trajectory.impact_records``. Not in records of early versions."""
+
+    time: NotNegative
+    step: Count
+    of: list[Word]
+    impact: ModeText
+    impulse: dict[Word, Number] | dict[Word, dict[Word, Number]] | None
+
+
 class AxisRecord(TypedDict):
     """An axis of a grid."""
 
@@ -473,6 +483,9 @@ class WalkRecord(TypedDict):
     message: Text
     steps: Count
     section: Annotated[list[SectionRecord], Len(1)]
+    final_state: NotRequired[State]
+    time: NotRequired[NotNegative]
+    impacts: NotRequired[list[ImpactEntry]]
     gait_states: list[State]
     parameters: dict[Word, Number]
 

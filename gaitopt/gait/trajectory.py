@@ -1,14 +1,17 @@
 """Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Tabulated
+from gaitopt.errors import ProblemError
+from gaitopt.gait import curves
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.model.buffered import buffered
 from gaitopt.model.cycle import ModeSequence
@@ -21,6 +24,11 @@ from gaitopt.problem.scalars import state_unit
 if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
+
+STRAIGHT = 1e-6
+"""An arc this short, in units of sqrt(l / g), may be a line between its two ends."""
+SAME_STATE, SAME_TIME = 1e-9, 1e-12
+"""Differences that rounding may cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +69,17 @@ class Arc(ReadOnlyArrays):
     def duration(self) -> float:
         """Duration of the arc [s]."""
         return self.end - self.start
+
+
+def _interpolated(arc: Arc, time: float) -> Array:
+    """The state of an arc at a time since the impact, shape (n_z,), by the polynomial through its points."""
+    if arc.times.size == 2 and arc.duration > STRAIGHT * arc.dynamics.scales.time:
+        raise ProblemError("the motion was stored without samples; simulate it with dense=True")
+    (sample,) = np.nonzero(arc.times == time)
+    if sample.size:
+        return arc.states[sample[0]]
+    fraction = np.clip(2 * (time - arc.start) / arc.duration - 1, -1, 1)
+    return np.asarray(chebyshev.chebval(fraction, curves.coefficients(arc.states)), dtype=float)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,6 +212,68 @@ class Step:
         return self.arcs[-1].end
 
 
+def impact_records(motion: "Trajectory") -> Iterator[dict[str, Any]]:
+    """All impacts of a motion in order, as JSON objects: those that end its steps, and those within them.
+
+    ``time`` [s] and ``step``; ``of``: what strikes, the ``swing_foot``, contacts or stops; ``impact``: the mode just
+    after it, with the names from before the feet swap their places; ``impulse``: (F_t, F_n) [N s] of every contact that
+    touches then, or of the foot. An impulse is None if contacts that strike at one instant share it.
+    """
+    began, z = 0.0, motion.start
+    for number, step in enumerate(motion.steps, start=1):
+        for before, arc in pairwise((None, *step.arcs)):
+            z = z if before is None else before.states[-1]
+            assert arc is not None
+            locked = [name for name in arc.mode.locked if before and name not in before.mode.locked]
+            struck = arc.struck if arc.mode.is_named else arc.mode if locked else None
+            if struck is not None:
+                of = _landing(arc.dynamics, struck, before and before.mode, z) if arc.struck else locked
+                impulse = _impulse(arc.dynamics, struck, of, z, arc.states[0])
+                yield _impact_entry(began + arc.start, number, of, struck, impulse)
+        last = step.arcs[-1]
+        if step.impact is not None and last.dynamics.system.cycle_end == TOUCHDOWN:
+            mode, of = step.impact.mode, ["swing_foot"]
+            if mode.is_named:
+                mode = last.dynamics.system.walker.swapped(mode)
+                of = [name for name in mode.touching if name not in last.mode.touching]
+            yield _impact_entry(began + last.end, number, of, mode, step.impact.impulse)
+        began, z = began + step.period, z if step.impact is None else step.impact.state
+
+
+def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) -> list[str]:
+    """The named contacts that land in an impact; at the start of a motion, those that come down onto the ground."""
+    if before is not None:
+        return [name for name in struck.touching if name not in before.touching]
+    names = dynamics.system.walker.contacts
+    _, velocities = buffered(dynamics.system.contact_points)(z, dynamics.p)
+    rates = dict(zip(names, velocities.reshape(-1, 2)[:, 1].tolist(), strict=True))
+    return [name for name in struck.touching if rates[name] < 0]
+
+
+def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: Array) -> Array | None:
+    """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
+    system, p = dynamics.system, dynamics.p
+    if struck.is_named:
+        massless = tuple(name for name in of if name in system.walker.massless_contacts)
+        after, impulse, *_ = (value.copy() for value in buffered(system.contact_impact(struck, massless))(z, p))
+    else:
+        after, impulse, *_ = (value.copy() for value in buffered(system.impact(struck))(z, p))
+    return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None
+
+
+def _impact_entry(time: float, step: int, of: list[str], mode: Mode, impulse: Array | None) -> dict[str, Any]:
+    """The record of one impact."""
+    impulses: Any = None
+    if impulse is not None:
+        pairs = impulse.reshape(-1, 2).tolist()
+        if mode.is_named:
+            values = zip(mode.contacts, pairs, strict=True)
+            impulses = {name: {"F_t": pair[0], "F_n": pair[1]} for name, pair in values if name in mode.touching}
+        else:
+            impulses = {"F_t": pairs[0][0], "F_n": pairs[0][1]}
+    return {"time": time, "step": step, "of": of, "impact": mode.words, "impulse": impulses}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trajectory(Tabulated, ReadOnlyArrays):
     """A simulated motion: its steps and its ending.
@@ -219,6 +300,45 @@ class Trajectory(Tabulated, ReadOnlyArrays):
     def section_states(self) -> Array:
         """States just after each impact, the start first; shape (n_impacts + 1, n_z)."""
         return np.vstack([self.start, *(step.impact.state for step in self.steps if step.impact is not None)])
+
+    @property
+    def duration(self) -> float:
+        """Time from the start to the end [s]."""
+        return sum(step.period for step in self.steps)
+
+    @property
+    def final_state(self) -> Array:
+        """State at the end, shape (n_z,): after the last impact, or where the motion ended within a step."""
+        last = self.steps[-1] if self.steps else None
+        if last is None:
+            return self.start
+        return last.arcs[-1].states[-1] if last.impact is None else last.impact.state
+
+    def at(self, time: float) -> dict[str, float]:
+        """The state at any time by name, as ``simulate`` takes it; at an impact, that just after it.
+
+        x is measured from the place of the stance foot after the last step, as in the table.
+
+        Parameters
+        ----------
+        time : since the start [s].
+
+        Raises
+        ------
+        ProblemError
+            If the time is outside of the motion, or the motion was stored without samples (``dense=False``).
+        """
+        end = self.duration
+        if not 0 <= time <= end * (1 + SAME_TIME):
+            raise ProblemError(f"time {time:g} s is outside of the motion, which lasts from 0 to {end:.9g} s")
+        began, z = 0.0, self.start
+        for step in self.steps:
+            local = time - began
+            if local < step.period or (step is self.steps[-1] and step.impact is None):
+                z = _interpolated([arc for arc in step.arcs if arc.start <= local][-1], local)
+                break
+            began, z = began + step.period, step.impact.state if step.impact is not None else step.arcs[-1].states[-1]
+        return dict(zip(self.names, z.tolist(), strict=True))
 
     def to_frame(self) -> "DataFrame":
         """The states as a pandas data frame: time from the start, step from 1, mode; units in ``attrs["units"]``.

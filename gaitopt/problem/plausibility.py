@@ -82,7 +82,7 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
         if why:
             yield Fault(path, why)
     yield from _control_faults(problem)
-    if problem.start is None:
+    if problem.start is None or not problem.has_gait:  # a simulation may start anywhere
         return
     foot, upright, _ = _geometry_at_guess(problem)
     apart = problem.walker.flies or problem.walker.contacts or math.hypot(*foot) > FEET_APART * scales.length
@@ -303,7 +303,7 @@ def _spans(problem: ProblemStatement) -> Iterator[Span]:
                 yield from _section_spans(("friction",), friction_section((name,)), {name: friction})
     yield from _section_spans(("walker",), type(walker), vars(walker))
     if problem.start is not None:
-        yield from _section_spans(STATE, state, problem.start.state)
+        yield from _section_spans(STATE if problem.has_gait else ("state",), state, problem.start.state)
         for k, duration in enumerate(problem.start.durations or ()):
             yield ("gait", "guess", "durations", k), duration, duration, DURATION
     for path, lower, upper, within in _section_spans(("control",), control, dict(problem.control)):

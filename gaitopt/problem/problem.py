@@ -252,7 +252,7 @@ class Problem(ProblemStatement):
         guess |= {} if durations is None else {"durations": list(durations)}
         gait = {**cycle_data(cycle.untimed), "guess": guess}
         if self.cycle_end != TOUCHDOWN:
-            gait["section"] = problem_data(self)["gait"]["section"]
+            gait["section"] = problem_data(self).get("gait", {"section": self.cycle_end})["section"]
         return self.replace({"gait": gait, **self.free_guesses(parameters or {})})
 
     def _guessed_names(self, cycle: Cycle) -> tuple[str, ...]:
@@ -320,7 +320,7 @@ class Problem(ProblemStatement):
         if self.origin is not None:
             return self.origin.resolved()
         data = problem_data(self)
-        if self.start is not None and self.start.first is None:
+        if self.start is not None and self.start.first is None and self.has_gait:
             data["gait"]["guess"]["state"] = dict(self.start.state)
         if self.reference is not None:
             for section, key in reference_keys(data):

@@ -35,6 +35,7 @@ from gaitopt.problem.scalars import ANGLE, CLEARANCE, DESIGN_SCALARS, MOTORS, PU
 from gaitopt.problem.schema import (
     OPEN,
     SECTION_KEYS,
+    SIMULATION_KEYS,
     AngleRangeSection,
     CycleSection,
     FirstGuessSection,
@@ -47,11 +48,12 @@ from gaitopt.problem.schema import (
     RangeSection,
     RobotSection,
     StepSection,
+    UntilSection,
     friction_section,
     is_angle,
     state_section,
 )
-from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Range
+from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Range, Until
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -105,6 +107,9 @@ class _StatementReader:
         fields = self._read_head()
         self._control = self._read_control()
         self._modes, guess = self._read_gait()
+        if "gait" not in self._data:
+            self._modes, guess = OpenSequence(stated=False), self._read_start()
+            fields["until"] = self._read_until()
         fields |= {"walker": self._walker, "control": self._control, "modes": self._modes, "start": guess}
         fields["cycle_end"] = self._cycle_end
         if self._control and self._model and not self._control.restarts and self._cycle_end != CLOCK:
@@ -134,7 +139,11 @@ class _StatementReader:
         for key in self._data:
             if key not in known:
                 self._fault((key,), f"unknown key{near_miss(key, known)}")
-        self._faults += [Fault((key,), "is missing") for key in ("walker", "gait") if key not in self._data]
+        if "walker" not in self._data:
+            self._fault(("walker",), "is missing")
+        for key in SIMULATION_KEYS if "gait" in self._data else ():
+            if key in self._data:
+                self._fault((key,), "is for simulations without a gait: leave it out, or leave gait out")
         head = {key: value for key, value in self._data.items() if key in HeadSection.model_fields}
         several = head.get("friction")
         coefficients: Any = None
@@ -355,6 +364,50 @@ class _StatementReader:
             state = self._read_state(guess.state, steps[-1].impact)
         return cycle, None if state is None else Guess(state=state, durations=guess.durations)
 
+    def _read_start(self) -> Guess | None:
+        """The state from which a simulation starts; a cycle ends with the clock of the control, if that has one."""
+        if self._control is not None and not self._control.restarts and self._control.period:
+            self._cycle_end = CLOCK
+        model, path = self._model, ("state",)
+        if "state" not in self._data or model is None:
+            return None
+        data = self._data["state"]
+        if not isinstance(data, Mapping):
+            self._fault(path, f"{shown(data)} is not a mapping; names: {', '.join(model.state_names())}")
+            return None
+        state = self._section(state_section(model), data, path)
+        if state is None:
+            return None
+        given = {"x": 0.0, **state.model_dump(exclude_none=True)}
+        missing = [name for name in model.state_names() if name not in given]
+        if not missing:
+            return Guess(state={name: float(given[name]) for name in model.state_names()}, durations=None, whole=True)
+        impact = Mode.slip(given["dx"]) if given.get("dx") else Mode.STICK
+        section = () if model.contacts else model.section_names(slipping=impact.slips)
+        if section and {*state.model_fields_set} == {*section}:
+            lifted = self._read_state(data, impact, path)
+            return None if lifted is None else Guess(state=lifted, durations=None)
+        words = f" just after an impact give {', '.join(section)} alone; else" if section else ""
+        names = ", ".join(name for name in model.state_names() if name != "x")
+        self._fault((*path, missing[0]), f"is missing;{words} a state needs {names}")
+        return None
+
+    def _read_until(self) -> Until | None:
+        """Where a simulation ends."""
+        data = self._data.get("until")
+        if data is None:
+            return None
+        if not isinstance(data, Mapping):
+            self._fault(("until",), f"{shown(data)} is not a mapping, such as {{time: 2.0}} or {{events: 5}}")
+            return None
+        section = self._section(UntilSection, data, ("until",))
+        if section is None:
+            return None
+        if not section.model_fields_set:
+            self._fault(("until",), "is empty: give time, steps or events")
+            return None
+        return Until(time=section.time, steps=section.steps, events=section.events)
+
     def _read_first_guess(self, data: Mapping[str, Any], phases: Sequence[Mode], impact: Mode) -> Guess | None:
         """The guess of a motion that is not known: straight between postures."""
         path, model, walker = ("gait", "guess"), self._model, self._walker
@@ -523,7 +576,9 @@ class _StatementReader:
             is_place = name in model.coordinates()
             if is_place and not math.isclose(value, state[name], rel_tol=CLOSE_STATE, abs_tol=CLOSE_STATE):
                 words = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"
-                self._fault((*path, name), words)
+                where = f"a cycle ends with {section.words}, with these contacts on the ground"
+                remedy = "to simulate from any state leave gait out, and give state and until"
+                self._fault((*path, name), f"{words}: {where}; {remedy}")
         return state
 
     def _read_open_gait(self, data: Mapping[str, Any]) -> tuple[OpenSequence | None, Guess | None]:
@@ -594,9 +649,11 @@ class _StatementReader:
             self._fault(path, str(error))
             return None
 
-    def _read_state(self, data: Mapping[str, Any], impact: Mode) -> dict[str, float] | None:
+    def _read_state(
+        self, data: Mapping[str, Any], impact: Mode, path: Key = ("gait", "guess", "state")
+    ) -> dict[str, float] | None:
         """The complete state, in the order of the walker's state names."""
-        model, walker, path = self._model, self._walker, ("gait", "guess", "state")
+        model, walker = self._model, self._walker
         section = None if model is None else self._section(state_section(model), data, path)
         if model is None or section is None:
             return None

@@ -208,6 +208,16 @@ class FirstGuessSection(Section):
     ] = None
 
 
+class UntilSection(Section):
+    """Where a simulation ends: whichever of these comes first."""
+
+    time: Annotated[Positive | None, Field(le=1e6, description="time since the start [s]")] = None
+    steps: Annotated[int | None, Field(strict=True, ge=1, le=1_000_000, description="number of steps")] = None
+    events: Annotated[
+        int | None, Field(strict=True, ge=1, le=1_000_000, description="number of events: mode changes and impacts")
+    ] = None
+
+
 class FreeSection(Section):
     """An unknown in place of a number."""
 
@@ -229,7 +239,9 @@ class AngleRangeSection(RangeSection):
     max: Annotated[Angle | None, Field(description="upper bound [rad], none if left out")] = None
 
 
-SECTION_KEYS = ("walker", "control", "gait", "objective", "constraints")
+SIMULATION_KEYS = ("state", "until")
+"""Keys of a file without a gait, which can only be simulated."""
+SECTION_KEYS = ("walker", "control", "gait", *SIMULATION_KEYS, "objective", "constraints")
 """Keys of a file besides those of its head."""
 OPEN = "auto"
 """Value of ``gait.phases`` where the mode sequence is open."""
@@ -318,6 +330,11 @@ def problem_schema() -> dict[str, Any]:
             "default": {"type": "none"},
         },
         "gait": _gait([*states, STATE_OF_ROBOT]),
+        "state": {
+            "description": "of a problem without gait, which can only be simulated: the state from which it starts",
+            "anyOf": [*states, STATE_OF_ROBOT],
+        },
+        "until": {"description": "where a simulation without gait ends", **_section(UntilSection)},
         "objective": {
             "description": f"scalar that is minimised, or weights of several: {scalars}; a negative weight maximises",
             "anyOf": [
@@ -339,7 +356,7 @@ def problem_schema() -> dict[str, Any]:
         {"properties": {"walker": {"required": ["urdf"]}}},
         {"properties": {"control": {"anyOf": controls}, "gait": stated}},
     ]
-    head["required"] += ["walker", "gait"]
+    head["required"] += ["walker"]
     head["description"] = "One periodic gait of a walker that may slip. SI units; angles in rad, or with deg."
     return {"$schema": DIALECT, "title": "gaitopt problem", **head}
 

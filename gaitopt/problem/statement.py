@@ -22,7 +22,7 @@ from gaitopt.model.section import CLOCK, TOUCHDOWN, ContactSection, contact_sect
 from gaitopt.model.units import parse_count
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
-from gaitopt.problem.schema import OPEN, FrictionCoefficients
+from gaitopt.problem.schema import OPEN, SIMULATION_KEYS, FrictionCoefficients
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,13 +44,57 @@ class Range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenSequence:
-    """An open mode sequence: its impact if that is known, and the largest number of steps of a cycle."""
+    """An open mode sequence: its impact if that is known, and the largest number of steps of a cycle.
+
+    ``stated`` is False for a problem without a gait, which can only be simulated.
+    """
 
     impact: Mode | None = None
     steps: int = 1
+    stated: bool = True
 
     def __str__(self) -> str:
-        return f"to be found; {self.impact or 'to be found'}"
+        return f"to be found; {self.impact or 'to be found'}" if self.stated else "no gait, for simulations"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Until:
+    """Where a simulation ends: at a time, or after a number of steps or events, whichever comes first.
+
+    Attributes
+    ----------
+    time : since the start [s].
+    steps : number of steps.
+    events : number of events: changes of the mode and impacts.
+
+    Raises
+    ------
+    ProblemError
+        If all are missing, or one is not positive, or the number of steps or events is not whole.
+    """
+
+    time: float | None = None
+    steps: int | None = None
+    events: int | None = None
+
+    def __post_init__(self) -> None:
+        given = {"time": self.time, "steps": self.steps, "events": self.events}
+        if all(value is None for value in given.values()):
+            raise ProblemError("until: is empty; give time=SECONDS, steps=N or events=N")
+        for name, value in given.items():
+            kind = (int, float) if name == "time" else (int,)
+            if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
+                raise ProblemError(
+                    f"until.{name}: {shown(value)} is not a {'number' if name == 'time' else 'whole number'}"
+                )
+            if value is not None and not 0 < value < math.inf:
+                raise ProblemError(f"until.{name}: {value:g} is not positive and finite")
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """As in a file."""
+        known = {"time": self.time, "steps": self.steps, "events": self.events}
+        return {key: value for key, value in known.items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,11 +127,13 @@ class Guess:
     state : the whole state just after the impact by name [rad, m, rad/s, m/s].
     durations : durations of the phases [s]; None if the solver has to estimate them.
     first : what the file says, if the state follows from that; the motion is then straight between the postures.
+    whole : whether the state is any state, from which a simulation starts, rather than one of the section.
     """
 
     state: Mapping[str, float]
     durations: tuple[float, ...] | None
     first: FirstGuess | None = None
+    whole: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +154,7 @@ class ProblemStatement(Tabulated):
     objective : weights of the scalars whose sum is minimised; empty if there is none.
     constraints : ranges of scalars by name.
     cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
+    until : where a simulation ends, if the problem says so; only without a gait.
     """
 
     name: str
@@ -122,6 +169,7 @@ class ProblemStatement(Tabulated):
     objective: Mapping[str, float] = field(default_factory=dict)
     constraints: Mapping[str, Range] = field(default_factory=dict)
     cycle_end: str = TOUCHDOWN
+    until: Until | None = None
 
     def __repr__(self) -> str:
         return f"<Problem {self.name}: {self.walker.model}, {self.modes}>"
@@ -130,6 +178,11 @@ class ProblemStatement(Tabulated):
     def is_open(self) -> bool:
         """Whether the mode sequence is open."""
         return isinstance(self.modes, OpenSequence)
+
+    @property
+    def has_gait(self) -> bool:
+        """Whether it states a gait; without one it can only be simulated."""
+        return not isinstance(self.modes, OpenSequence) or self.modes.stated
 
     @property
     def is_design(self) -> bool:
@@ -225,7 +278,20 @@ class ProblemStatement(Tabulated):
             words = f"{what} is for walkers that stand on one foot at a time"
             raise ProblemError(f"{self.name}: {words}; the {self.walker.model} has several contacts")
 
+    def check_gait(self) -> None:
+        """Check that the problem states a gait.
+
+        Raises
+        ------
+        ProblemError
+            If it does not.
+        """
+        if not self.has_gait:
+            words = "only simulate works without one; give its phases, or phases: auto"
+            raise ProblemError(f"{self.name}: gait: is missing; {words}")
+
     def _open_error(self) -> ProblemError:
+        self.check_gait()
         return ProblemError(
             f"{self.name}: its mode sequence is open (gait.phases: auto): `gaitopt find` lists the gaits; "
             "give the phases and the impact of one of them"
@@ -247,7 +313,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     else:
         gait, names = cycle_data(modes), problem.section_names
         gait |= _section_data(problem.cycle_end)
-    if start is not None:
+    if start is not None and problem.has_gait:
         # of named contacts the section may have several states with the same coordinates
         names = problem.walker.state_names() if problem.walker.contacts else (*names, "x")
         gait["guess"] = {"state": {name: start.state[name] for name in names}}
@@ -261,7 +327,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         "friction": problem.friction_data,
         "impact_law": str(problem.impact_law),
         "control": problem.control.record,
-        "gait": gait,
+        **({"gait": gait} if problem.has_gait else _simulation_data(problem)),
     }
     for key, free in problem.free.items():
         *above, name = key.split(".")
@@ -277,6 +343,16 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
             for name, span in problem.constraints.items()
         }
     return data
+
+
+def _simulation_data(problem: ProblemStatement) -> dict[str, Any]:
+    """Start and end of a simulation, as in a file."""
+    data: dict[str, Any] = {}
+    if problem.start is not None:
+        state = problem.start.state
+        names = problem.walker.section_names(slipping=state["dx"] != 0)
+        data["state"] = {name: state[name] for name in (state if problem.start.whole else names)}
+    return data | ({} if problem.until is None else {"until": problem.until.data})
 
 
 def _section_data(cycle_end: str) -> dict[str, Any]:
@@ -352,11 +428,14 @@ def override(
     faults : overrides that cannot be set are added.
     label : text before the keys in messages.
     """
-    was_open, phase_counts = data["gait"].get("phases") == OPEN, _phase_counts(data["gait"])
+    before = data.get("gait", {})
+    was_open, phase_counts = before.get("phases") == OPEN, _phase_counts(before)
     place = OverridePlace({key: _path(key, data) for key in overrides}, label)
     for key, value in overrides.items():
         _set(data, place.keys[key], value, faults)
-    gait = data["gait"]
+    gait = data.get("gait")
+    for key in SIMULATION_KEYS if gait is not None and not before else ():  # the problem gets a gait
+        data.pop(key, None)
     if faults or not isinstance(gait, dict) or not isinstance(gait.get("guess"), dict):
         return place
 

@@ -17,8 +17,8 @@ from gaitopt.gait import curves
 from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
 from gaitopt.gait.measures import measure
-from gaitopt.gait.records import CheckedGait, WalkRecord
-from gaitopt.gait.trajectory import Step, Trajectory
+from gaitopt.gait.records import CheckedGait, ImpactEntry, WalkRecord
+from gaitopt.gait.trajectory import SAME_TIME, Arc, Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
@@ -82,10 +82,11 @@ def restore_walk(folder: Path) -> Walk:
         impacts = [Mode.from_record(point["impact"] or "") for point in record["section"][1:]]
         start = np.array([record["section"][0]["state"][name] for name in system.state_names], dtype=float)
         gait = [[state[name] for name in system.state_names] for state in record["gait_states"]]
+        moved = tabulated_steps(dynamics, table, began, impacts) if table.rows else ()
         trajectory = Trajectory(
             names=system.state_names,
             start=start,
-            steps=tabulated_steps(dynamics, table, began, impacts) if table.rows else (),
+            steps=_with_strikes(moved, record.get("impacts", ())),
             ending=Ending(record["status"]),
             message=record["message"],
         )
@@ -96,6 +97,22 @@ def restore_walk(folder: Path) -> Walk:
     _check_table(folder / WALK_FILES[1], table, dynamics, trajectory.steps)
     check_agrees(folder / WALK_FILE, record, walk.to_record(), "the table beside it")
     return walk
+
+
+def _with_strikes(steps: tuple[Step, ...], impacts: Sequence[ImpactEntry]) -> tuple[Step, ...]:
+    """The steps with the impacts of named contacts within them, with which arcs begin."""
+    struck = {(entry["step"], entry["time"]): Mode.from_record(entry["impact"]) for entry in impacts}
+    begins = np.cumsum([0.0, *(step.period for step in steps)])
+
+    def arc(number: int, began: float, arc: Arc) -> Arc:
+        places = [key for key in struck if key[0] == number and abs(key[1] - began - arc.start) <= SAME_TIME * key[1]]
+        is_strike = bool(places) and struck[places[0]].is_named
+        return replace(arc, struck=struck[places[0]]) if is_strike else arc
+
+    return tuple(
+        replace(step, arcs=tuple(arc(number, float(began), each) for each in step.arcs))
+        for number, (began, step) in enumerate(zip(begins, steps, strict=False), start=1)
+    )
 
 
 def _check_table(path: Path, table: Table, dynamics: Dynamics, steps: Sequence[Step]) -> None:

@@ -190,7 +190,11 @@ def print_problem(console: Console, problem: Problem) -> None:
         ends = {str(getattr(target, "beyond_end", "")) for target in problem.control.targets.values()} - {""}
         contact.append(("reference", problem.reference.name, f"beyond its end: {', '.join(ends)}" if ends else ""))
     section(console, "contact and control", ("key", "value", "unit"), contact, numbers=(1,))
-    if isinstance(problem.modes, OpenSequence):
+    if not problem.has_gait:
+        if problem.until is not None:
+            limits = [(k, number(v), "s" if k == "time" else "") for k, v in problem.until.data.items()]
+            section(console, "simulation ends after", ("", "value", "unit"), limits, numbers=(1,))
+    elif isinstance(problem.modes, OpenSequence):
         title = "one step" if problem.modes.steps == 1 else f"at most {problem.modes.steps} steps"
         impact = str(problem.modes.impact or "to be found")
         section(console, title, ("phase", "mode"), [("1, 2, ...", "to be found"), ("impact", impact)])
@@ -203,7 +207,8 @@ def print_problem(console: Console, problem: Problem) -> None:
     if problem.start is not None:
         values = problem.start.state.items()
         state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values)
-        section(console, f"guess, {cycle_start(problem)}", ("state", "value", "unit"), state, numbers=(1,))
+        title = f"guess, {cycle_start(problem)}" if problem.has_gait else "start of the simulation"
+        section(console, title, ("state", "value", "unit"), state, numbers=(1,))
     if problem.free:
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
         section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
@@ -238,7 +243,25 @@ def print_walk(console: Console, record: Record, problem: Problem) -> None:
     """A simulated walk of a problem from its JSON object."""
     console.print(f"{record['problem']}: {counted(record['steps'], 'step')}, {record['status']}", style="bold")
     console.print(record["message"])
-    _print_motion(console, record, problem, last=" of the last step")
+    _print_motion(console, record, problem, last=" of the last step" if record["steps"] else "")
+    if record["steps"]:
+        return
+    rows = [
+        (number(entry["time"]), name, number(impulse["F_t"]), number(impulse["F_n"]))
+        for entry in record["impacts"]
+        for name, impulse in _impulses(entry)
+    ]
+    if rows:
+        section(console, "impacts", ("time [s]", "of", "F_t [N s]", "F_n [N s]"), rows, numbers=(0, 2, 3))
+    _print_state(console, record["final_state"], "state at the end")
+
+
+def _impulses(entry: Record) -> list[tuple[str, Record]]:
+    """Impulses of an impact by name of the contact."""
+    impulse = entry["impulse"] or {}
+    if "F_t" in impulse:
+        return [(", ".join(entry["of"]), impulse)]
+    return list(impulse.items())
 
 
 def print_verification(console: Console, record: VerificationRecord) -> None:
@@ -260,7 +283,8 @@ def _print_motion(console: Console, record: Record, problem: Problem, last: str 
             for k, phase in enumerate(step["phases"], start=1):
                 until = f" (until {phase[UNTIL]})" if UNTIL in phase else ""
                 phases.append((str(k), f"{Mode.from_record(phase).brief}{until}", number(phase["duration"])))
-            phases.append((cycle_end(problem), Mode.from_record(step["impact"]).brief, ""))
+            if step["impact"] is not None:
+                phases.append((cycle_end(problem), Mode.from_record(step["impact"]).brief, ""))
         section(console, f"phases{last}", ("", "mode", "duration [s]"), phases, numbers=(2,))
         values = scalar_values(record)
         slips = any(Mode.from_record(phase).slips for step in steps for phase in step["phases"])
@@ -269,7 +293,8 @@ def _print_motion(console: Console, record: Record, problem: Problem, last: str 
         scalars = (
             (labels.get(key, label_of(key, problem)), number(values[key]), unit_of(key, problem)) for key in keys
         )
-        section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
+        if record["period"] is not None:
+            section(console, f"figures{last}", ("", "value", "unit"), scalars, numbers=(1,))
     if "tracking_errors" in record:
         ends = record["tracking_errors"].items()
         errors = ((name, number(at["start"]), number(at["end"]), state_unit(name)) for name, at in ends)
@@ -286,8 +311,13 @@ def _print_motion(console: Console, record: Record, problem: Problem, last: str 
             rows.append(("delta_zero^2", number(zero["delta_squared"]), ""))
             rows.append(("largest V_zero", number(zero["potential_max"]), "kg^2 m^4/s^2"))
         section(console, f"virtual constraints{last}", ("", "value", "unit"), rows, numbers=(1,))
-    state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in record["state"].items())
-    section(console, f"state {cycle_start(problem)}", ("", "value", "unit"), state, numbers=(1,))
+    words = "at the start" if record.get("steps") == 0 else cycle_start(problem)
+    _print_state(console, record["state"], f"state {words}")
+
+
+def _print_state(console: Console, values: Record, title: str) -> None:
+    state = ((name, number(value), with_degrees(value, state_unit(name))) for name, value in values.items())
+    section(console, title, ("", "value", "unit"), state, numbers=(1,))
 
 
 def friction(problem: Problem) -> str:

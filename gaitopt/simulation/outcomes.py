@@ -40,11 +40,13 @@ class StepOutcome:
     step : the arcs and the impact; None when the motion ended before any time had passed.
     ending : ``completed`` when the step ended with an impact, else why the motion ended.
     message : the same in words, with time and state.
+    events : number of events up to its end.
     """
 
     step: Step | None
     ending: Ending
     message: str
+    events: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,6 +6,7 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import inf, isfinite
 from typing import Any
 
@@ -15,10 +16,12 @@ from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
+from gaitopt.model.buffered import buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
+from gaitopt.problem.statement import Until
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import Engine, Stepper, choose_engine
@@ -36,6 +39,9 @@ ACCUMULATED = 1e-4
 times faster, a contact does not rise by more than rounding."""
 INTERVALS = 5
 """Number of intervals between impacts from which their limit is extrapolated."""
+LONGEST_ARC = 5.0
+"""Longest arc of a motion that ends at a time or after events, in units of sqrt(l / g); a longer one is stored in
+pieces, so that each is resolved."""
 
 
 def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
@@ -53,13 +59,17 @@ def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
     return HeyokaStepper
 
 
-def segment_ends(dynamics: Dynamics) -> tuple[float, ...]:
+def segment_ends(dynamics: Dynamics, longest: float = inf) -> tuple[float, ...]:
     """Times since the impact at which the segments of the control end [s].
 
     The last one is the time limit of a step, or where the clock ends a cycle, the period of the control.
+
+    Parameters
+    ----------
+    longest : time at which the motion ends anyhow, if it is finite; it may then exceed that of a walking step.
     """
     control = dynamics.system.control
-    limit = min(MAX_STEP_TIME * dynamics.scales.time, control.horizon)
+    limit = min(MAX_STEP_TIME * dynamics.scales.time if longest == inf else longest, control.horizon)
     if dynamics.system.cycle_end == CLOCK:
         assert control.period is not None  # a problem is read so
         limit = control.period
@@ -106,13 +116,26 @@ class Simulator:
         others = self.dynamics.steps[1:]
         return (self, *(Simulator(each, self._make_stepper, max_switches=self._max_switches) for each in others))
 
-    def run(self, state: Array, steps: int = 1, *, dense: bool = False, should_stop: Stop = None) -> Trajectory:
+    def run(
+        self,
+        state: Array,
+        steps: int = 1,
+        *,
+        until: Until | None = None,
+        anywhere: bool = False,
+        dense: bool = False,
+        should_stop: Stop = None,
+    ) -> Trajectory:
         """Simulate up to ``steps`` steps from a state just after an impact.
 
         Parameters
         ----------
         state : ndarray, shape (n_z,) - (shape [rad], x [m], rates [rad/s], dx [m/s]); x is counted from zero.
         steps : number of steps.
+        until : where to end instead: at a time, or after a number of steps or events. After an event within a step the
+            last state is that just before the event.
+        anywhere : whether the state may be any, not only one just after an impact; it decides about contacts, and x is
+            kept.
         dense : sample every arc at Chebyshev points instead of its two ends.
         should_stop : called before every step; True ends the trajectory with the steps completed so far.
 
@@ -123,37 +146,70 @@ class Simulator:
         """
         if steps < 1:
             raise ValueError(f"steps = {steps}: at least one step is needed")
-        start = z = self._after_impact(state)
+        start = z = self._after_impact(state, anywhere=anywhere)
         completed: list[Step] = []
-        ending = Ending.COMPLETED
-        while len(completed) < steps:
+        ending, message, time, events = Ending.COMPLETED, "", 0.0, 0
+        limits = Until(steps=steps) if until is None else until
+        most, last, events_left = (inf if n is None else n for n in (limits.steps, limits.time, limits.events))
+        while len(completed) < most and time < last and events < events_left:
             if should_stop is not None and should_stop():
                 message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
             simulator = self.per_step[len(completed) % len(self.per_step)]
-            outcome = simulator.step(z, dense=dense, number=len(completed) + 1)
+            outcome = simulator.step(
+                z,
+                dense=dense,
+                number=len(completed) + 1,
+                anywhere=anywhere and not completed,
+                rest=None if until is None else (last - time, events_left - events),
+            )
             if outcome.step is not None:
                 completed.append(outcome.step)
+                time += outcome.step.period
             if outcome.step is None or outcome.step.impact is None:
                 ending, message = outcome.ending, outcome.message
                 break
+            events += outcome.events
             z = outcome.step.impact.state
-        else:
-            message = f"{steps} of {steps} steps"
+        if not message:
+            message = f"{steps} of {steps} steps" if until is None else f"{len(completed)} steps, {time:.6g} s"
         return Trajectory(
             names=self.system.state_names, start=start, steps=tuple(completed), ending=ending, message=message
         )
 
-    def step(self, state: Array, *, dense: bool = False, number: int = 1) -> StepOutcome:
-        """Simulate one step from a state just after an impact; ``number`` is its number in the message."""
-        table, time, z, segment, switches = self.system.transitions, 0.0, self._after_impact(state), 0, 0
+    def step(
+        self,
+        state: Array,
+        *,
+        dense: bool = False,
+        number: int = 1,
+        anywhere: bool = False,
+        rest: tuple[float, float] | None = None,
+    ) -> StepOutcome:
+        """Simulate one step from a state just after an impact.
+
+        Parameters
+        ----------
+        number : of the step in the message.
+        anywhere : see ``run``.
+        rest : time [s] and number of events after which to end within the step; None for a whole step.
+        """
+        table, time, segment = self.system.transitions, 0.0, 0
+        z = self._after_impact(state, anywhere=anywhere)
+        last_time, last_event = rest or (inf, inf)
+        ends, longest, window = self._ends, inf, inf
+        if rest is not None:  # the motion need not reach the end of a step
+            unit = self.dynamics.scales.time
+            ends, longest, window = segment_ends(self.dynamics, last_time), LONGEST_ARC * unit, unit
         arcs: list[Arc] = []
         strikes: list[float] = []
+        switches: list[float] = []
         mode: Mode | None = None
-        following, z, struck = self._first_mode(z)
+        origin = float(z[self.system.n_shape])
+        following, z, struck = self._first_mode(z, anywhere=anywhere)
         while isinstance(following, Mode):
             mode = following
-            arrival = self.stepper.advance(mode, segment, time, z, self._ends[segment])
+            arrival = self.stepper.advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
             transition = None if arrival.event is None else table.of(mode)[arrival.event]
             stops = transition is not None and transition.at_rest and not self._several
             end = _stopped(arrival.state) if stops else arrival.state
@@ -164,51 +220,66 @@ class Simulator:
             if arrival.failure:
                 following = Termination(Ending.NUMERICAL, arrival.failure)
                 break
-            if transition is None:  # a segment of the control has ended
-                if segment < len(self._ends) - 1:
+            reached = _limit_reached(transition, time >= last_time, len(switches) + 1 >= last_event)
+            if reached:
+                words = f"{number - 1} steps and {time:.6g} s, {reached}"
+                return StepOutcome(
+                    step=_partial(arcs), ending=Ending.COMPLETED, message=words, events=len(switches) + 1
+                )
+            if transition is None and time < ends[segment]:  # a piece of a long arc has ended
+                following = mode
+            elif transition is None:  # a segment of the control has ended
+                if segment < len(ends) - 1:
                     segment += 1
                     following = self._continued(mode, time, z, segment)
                 elif self.system.cycle_end == CLOCK:
-                    return _completed(arcs, impact_record(self.dynamics, mode.contact, z, mode), number)
+                    record = impact_record(self.dynamics, mode.contact, z, mode)
+                    return _completed(arcs, record, number, origin, len(switches))
                 else:
                     where = ", where the control law ends" if time == self.system.control.horizon else ""
-                    following = Termination(Ending.NO_TOUCHDOWN, f"no touchdown within {time:g} s{where}")
+                    what = "touchdown" if rest is None else "event"
+                    following = Termination(Ending.NO_TOUCHDOWN, f"no {what} within {time:g} s{where}")
             elif transition.ending is not None:
                 following = Termination(transition.ending, transition.reason)
             elif transition.ends_step:
                 at = (mode, transition, z) if self._several else (z,)
                 landed = self._resolver.impact(*at)
                 if isinstance(landed, ImpactRecord):
-                    return _completed(arcs, landed, number)
+                    return _completed(arcs, landed, number, origin, len(switches) + 1)
                 following = landed
             else:
                 strikes += [time] if transition.reset is not None else []
-                last, is_last = _accumulation(strikes), switches == self._max_switches
+                recent = sum(1 for switch in switches[-self._max_switches :] if switch > time - window)
+                last, is_last = _accumulation(strikes), recent == self._max_switches
                 fast = last < inf and time - strikes[-2] < ACCUMULATED * self.dynamics.scales.time
                 if time <= last < inf and (is_last or fast):
                     following = Termination(Ending.IMPACTS_ACCUMULATE, f"impacts accumulate at {last:.6g} s")
                     break
                 if is_last:
-                    words = f"more than {self._max_switches} mode switches in one step"
+                    within = "one step" if rest is None else f"{window:.3g} s"
+                    words = f"more than {self._max_switches} mode switches in {within}"
                     following = Termination(Ending.CHATTERING, words)
                     break
-                switches += 1
+                switches.append(time)
                 following, z, struck = self._switch(transition, time, z, segment, struck)
         values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
         where = "at the choice of the first mode" if mode is None else f"in mode {mode.brief}"
         return StepOutcome(
-            step=Step(arcs=tuple(arcs), impact=None) if arcs else None,
+            step=_partial(arcs),
             ending=following.ending,
             message=f"{following.reason}: step {number}, {time:.6g} s after the impact, {where}, at {values}",
         )
 
-    def _after_impact(self, state: Array) -> Array:
-        """A valid state with x = 0, and with its slip velocity zero where it is at rest."""
+    def _after_impact(self, state: Array, *, anywhere: bool = False) -> Array:
+        """A valid state with x = 0, unless it may be any, and with its slip velocity zero where it is at rest."""
         z = _finite_vector("state", state, self.system.state_names)
-        z[self.system.n_shape] = 0.0
+        if not anywhere:
+            z[self.system.n_shape] = 0.0
         return _stopped(z) if not self._several and abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
 
-    def _first_mode(self, z: Array) -> tuple[Mode | Termination, Array, Mode | None]:
+    def _first_mode(
+        self, z: Array, *, anywhere: bool = False
+    ) -> tuple[Mode | Termination, Array, Mode | None]:
         """The mode just after an impact; of named contacts, also the impact of those that come down onto the ground."""
         if self._several:
             start = self._resolver.start(z)
@@ -216,6 +287,8 @@ class Simulator:
                 return self._switch(start, 0.0, z, 0, None)
             return self._continued(start, 0.0, z, 0) if isinstance(start, Mode) else start, z, None
         stick, *slips = self.system.transitions.landed
+        if anywhere and (stick.stops or self.system.walker.flies):
+            return self._mode_of(z), z, None
         if z[-1] == 0:
             return self._continued(stick, 0.0, z, 0), z, None
         following = [mode for mode in slips if mode.direction * z[-1] > 0]
@@ -232,6 +305,39 @@ class Simulator:
         reason = self._resolver.below_ground(self._after_impact(state)) if self._several else None
         if reason is not None:
             raise ProblemError(f"state: {reason}")
+
+    def _mode_of(self, z: Array) -> Mode | Termination:
+        """The mode of any state of a walker with flight, stops or switches: forces decide about a foot at rest.
+
+        A stop is locked where its gap and the rate of that are zero; switches are as after a landing. A massless foot
+        is in flight where the ground would have to pull at it.
+        """
+        landed, names, scales = self.system.transitions.landed[0], self.system.state_names, self.dynamics.scales
+        state = dict(zip(names, z.tolist(), strict=True))
+        lifted = state.get("y", 0.0) > AT_REST * scales.length or state.get("dy", 0.0) > AT_REST * scales.speed
+        if self.system.walker.massless_feet:  # on the ground the force would pull
+            value, rate = self._margin("normal_force", landed, z)
+            lifted = value < -AT_REST * scales.force or (value <= AT_REST * scales.force and rate < 0)
+        contact = Mode.FLIGHT if lifted else Mode.slip(z[-1]) if z[-1] else Mode.STICK
+        mode = Mode.of(contact, {name: "free" if word == "locked" else word for name, word in landed.stops.items()})
+        known = {mode.key: mode for mode in self.system.walker.modes()}
+        for stop in mode.free:
+            locked = Mode.of(contact, {**mode.stops, stop: "locked"})
+            free = mode if mode.key in known else next((m for m in known.values() if stop in m.free), None)
+            if free is None or locked.key not in known:
+                continue
+            gap, rate = self._margin(stop, free, z)
+            if abs(gap) <= AT_REST and abs(rate) * scales.time <= AT_REST:
+                mode = locked
+        if mode.key not in known:
+            return Termination(Ending.CONTACT_INCONSISTENT, f"the walker has no mode {mode.brief}")
+        return self._continued(mode, 0.0, z, 0)
+
+    def _margin(self, name: str, mode: Mode, z: Array) -> tuple[float, float]:
+        """A margin of a mode and its rate at the start, in SI."""
+        row = self.system.transitions.margin_names(mode).index(name)
+        margins, rates = buffered(self.system.events(mode))(0.0, z, self.dynamics.p, self.system.data(0))
+        return float(margins[row]), float(rates[row])
 
     def _continued(self, mode: Mode, time: float, z: Array, segment: int) -> Mode | Termination:
         """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues.
@@ -278,10 +384,24 @@ class Simulator:
         return Arc(dynamics=self.dynamics, mode=mode, segment=segment, times=times, states=sampled, struck=struck)
 
 
-def _completed(arcs: list[Arc], impact: ImpactRecord, number: int) -> StepOutcome:
-    """The outcome of a step that has returned to the section."""
+def _completed(arcs: list[Arc], impact: ImpactRecord, number: int, origin: float, events: int) -> StepOutcome:
+    """The outcome of a step that has returned to the section, and began with the foot at ``origin``."""
+    impact = replace(impact, step_length=impact.step_length - origin) if origin else impact
     step = Step(arcs=tuple(arcs), impact=impact)
-    return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed")
+    return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed", events=events)
+
+
+def _limit_reached(transition: Transition | None, at_end: bool, last_event: bool) -> str:
+    """The limit of a simulation that is reached within a step, in words; empty where it goes on."""
+    if transition is None:
+        return "to the time limit" if at_end else ""
+    within = not transition.ends_step and transition.ending is None
+    return f"to an event: {transition.reason or transition.guard}" if last_event and within else ""
+
+
+def _partial(arcs: list[Arc]) -> Step | None:
+    """A step that was not finished."""
+    return Step(arcs=tuple(arcs), impact=None) if arcs else None
 
 
 def _accumulation(strikes: list[float]) -> float:

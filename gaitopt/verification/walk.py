@@ -14,17 +14,22 @@ from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait, WalkerMotion
 from gaitopt.gait.measures import contact_record, control_record, measure
 from gaitopt.gait.records import phase_records
-from gaitopt.gait.trajectory import Step, Trajectory
+from gaitopt.gait.trajectory import Step, Trajectory, impact_records
 from gaitopt.gait.zero_dynamics import constraint_measures
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
+from gaitopt.problem.statement import Until
 from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 from gaitopt.threads import cached_property
+
+ON_GROUND = 1e-9
+"""A height or a rate below this, in natural units, is zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +65,7 @@ class Walk(WalkerMotion):
     def to_record(self) -> dict[str, Any]:
         """One JSON object with those keys of a gait that a simulation knows; scalars are of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
+        shown = self.trajectory.steps[-1] if last is None and self.trajectory.steps else last
         state = self.trajectory.section_states[-1]
         stated = self.system.values(self.problem.parameters)
         moving = zip(self.dynamics.parameters.items(), stated, strict=True)
@@ -71,7 +77,7 @@ class Walk(WalkerMotion):
             "message": self.trajectory.message,
             "friction": self.problem.friction_data,
             "steps": len(self.complete_steps),
-            "phases": [] if last is None else phase_records(last),
+            "phases": [] if shown is None else phase_records(shown),
             "impact": None if last is None or last.impact is None else last.impact.mode.words,
             "state": self._state_record(state),
             **(dict.fromkeys(MEASURES) if last is None else measure([last])),
@@ -81,6 +87,9 @@ class Walk(WalkerMotion):
                 {"time": float(t), "impact": mode, "state": self._state_record(z)}
                 for t, mode, z in zip(self.section_times, impacts, self.trajectory.section_states, strict=True)
             ],
+            "time": self.trajectory.duration,
+            "final_state": self._state_record(self.trajectory.final_state),
+            "impacts": list(impact_records(self.trajectory)),
             "gait_states": [self._state_record(state) for state in self.gait_states],
             "parameters": {key: value for (key, value), other in moving if value != other},  # those of the gait
         }
@@ -97,41 +106,40 @@ class Walk(WalkerMotion):
 def simulate(
     start: Gait | Problem,
     state: Mapping[str, float] | None = None,
-    steps: int = 1,
+    steps: int | None = None,
     *,
+    until: Until | None = None,
     dense: bool = True,
     engine: str = Engine.AUTO,
     should_stop: Stop = None,
 ) -> Walk:
-    """Simulate steps from a state just after an impact.
-
-    Parameters
-    ----------
-    start : a gait, or a problem (then from the state of its guess).
-    state : values by name that replace those of ``start``'s state; all other entries follow from the section.
-    steps : number of steps.
-    dense : False keeps only the ends of every arc, for long walks.
-    engine : ``auto``, ``scipy`` or ``heyoka``.
-
-    Raises
-    ------
-    SolveError
-        If ``start`` is a failed solve, and ``state`` is not complete.
-    ProblemError
-        If a coordinate or rate of the state is not a finite number, or a contact is below the ground.
-    UnknownNameError
-        If ``state`` names something that is not a section coordinate of the walker, or the
-        engine is unknown or not installed.
-    """
+    """Simulate a motion from a state; see ``gaitopt.simulate``."""
     problem = start.problem if isinstance(start, Gait) else start
     dynamics = start.dynamics if isinstance(start, Gait) else problem_dynamics(start)
-    z = _initial_state(start, dynamics, state or {})
-    simulator = Simulator(dynamics, stepper_class(engine, steps=steps))
+    until = until or (problem.until if steps is None else None)
+    if until is not None and steps is not None:
+        raise ProblemError(f"steps = {steps} and until = {until.data}: give one of them; until may have steps, too")
+    walker = dynamics.system.walker
+    if (until is None or (until.time is None and until.events is None)) and is_endless(dynamics):
+        raise ProblemError(
+            f"{problem.name}: a step of the {walker.model} never ends, since it has no landing contacts; "
+            "end the simulation at a time or after events: until=Until(time=2.0)"
+        )
+    z, anywhere = _initial_state(start, dynamics, state or {})
+    simulator = Simulator(dynamics, stepper_class(engine, steps=steps or 1))
     simulator.check_start(z)
-    trajectory = simulator.run(z, steps=steps, dense=dense, should_stop=should_stop)
+    trajectory = simulator.run(
+        z, steps=steps or 1, until=until, anywhere=anywhere, dense=dense, should_stop=should_stop
+    )
     width = len(dynamics.system.state_names)
     states = states_after_impacts(start) if isinstance(start, Gait) else np.empty(0)
     return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))
+
+
+def is_endless(dynamics: Dynamics) -> bool:
+    """Whether no event ends a step: several contacts, none of which swaps the feet, and no other section."""
+    walker = dynamics.system.walker
+    return bool(walker.contacts) and not walker.landing_contacts and dynamics.system.cycle_end == TOUCHDOWN
 
 
 def states_after_impacts(gait: Gait) -> Array:
@@ -139,54 +147,97 @@ def states_after_impacts(gait: Gait) -> Array:
     return np.array([step.arcs[0].states[0] for step in gait.steps])
 
 
-def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
-    walker, cycle = dynamics.system.walker, (start.problem if isinstance(start, Gait) else start).cycle
-    names = dynamics.system.section(cycle).names if walker.contacts else walker.section_names(slipping=True)
+def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> tuple[Array, bool]:
+    """The state from which a simulation starts, and whether it is any state rather than one of the section."""
+    problem, walker = start.problem if isinstance(start, Gait) else start, dynamics.system.walker
+    names = dynamics.system.state_names
+    section = _section_names(problem, dynamics)
     if not isinstance(state, Mapping):
+        known = section or names
         raise ProblemError(
-            f"state: {shown(state)} has no names; write {{{names[0]!r}: 0.1, ...}}, of {', '.join(names)}"
+            f"state: {shown(state)} has no names; write {{{known[0]!r}: 0.1, ...}}, of {', '.join(known)}"
             + f", or steps={state} for the number of steps" * isinstance(state, int)
         )
-    if walker.contacts:
-        return _contact_state(start, dynamics, state)
-    unknown = [name for name in state if name not in names]
+    unknown = [name for name in state if name not in (*names, "y", "dy")]
     if unknown:
+        words = f"the section is {', '.join(section)}; " if section else ""
         raise UnknownNameError(
-            f"state {', '.join(unknown)}: not a coordinate just after an impact; use {', '.join(names)}"
+            f"state {', '.join(unknown)}: no coordinate of this walker; {words}the whole state is {', '.join(names)}"
         )
-    if isinstance(start, Gait) and not start.steps and len(state) < len(names):
-        raise SolveError(
-            f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(names)}"
-        )
-    values: Mapping[str, float] = start.guess.state if isinstance(start, Problem) else {}
+    lifted = [f"{name} = {state[name]}" for name in ("y", "dy") if name not in names and state.get(name, 0.0)]
+    if lifted:
+        words = f"the {walker.model} has no flight phase: its foot is on the ground, y = dy = 0"
+        raise ProblemError(f"state {', '.join(lifted)}: {words}")
+    values: dict[str, float] = {}
     if isinstance(start, Gait) and start.steps:
-        values = dict(zip(dynamics.system.state_names, start.state, strict=True))
-    section = {name: float({**values, **state}[name]) for name in names}
-    z = dynamics.lift(np.array([*section.values()]))
-    undefined = [
-        f"{name} = {value}" for name, value in zip(dynamics.system.state_names, z, strict=True) if not isfinite(value)
-    ]
+        values = dict(zip(names, start.state.tolist(), strict=True))
+    elif isinstance(start, Problem) and start.start is not None:
+        values = dict(start.start.state)
+    known = values if problem.start is not None and (problem.start.whole or not section) else {}
+    whole = {"x": 0.0, **known, **state}
+    if {*names} <= {*whole}:
+        z = np.array([float(whole[name]) for name in names])
+        _check_state(dynamics, z)
+        return z, True
+    if not section:
+        missing = [name for name in names if name not in whole]
+        reason = "without the modes of a gait there is no section from which the rest follows"
+        raise ProblemError(f"state: {', '.join(missing)} is missing; {reason}: give {', '.join(names)}")
+    if walker.contacts:
+        return _contact_state(start, dynamics, state), False
+    foreign = [name for name in state if name not in section]
+    if foreign:
+        raise UnknownNameError(
+            f"state {', '.join(foreign)}: not a coordinate just after an impact; use {', '.join(section)}, "
+            f"or the whole state, {', '.join(names)}"
+        )
+    if isinstance(start, Gait) and not start.steps and len(state) < len(section):
+        raise SolveError(
+            f"{start.problem.name} is {start.status}: give the whole state to start from: {', '.join(section)}"
+        )
+    missing = [name for name in section if name not in {**values, **state}]
+    if missing:
+        words = f"give the section, {', '.join(section)}, or the whole state, {', '.join(names)}"
+        raise ProblemError(f"state: {', '.join(missing)} is missing; {words}")
+    chosen = {name: float({**values, **state}[name]) for name in section}
+    z = dynamics.lift(np.array([*chosen.values()]))
+    undefined = [f"{name} = {value}" for name, value in zip(names, z, strict=True) if not isfinite(value)]
     if undefined:
-        words = ", ".join(f"{name} = {value:g}" for name, value in section.items())
+        words = ", ".join(f"{name} = {value:g}" for name, value in chosen.items())
         raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is not a number")
-    return z
+    return z, False
+
+
+def _section_names(problem: Problem, dynamics: Dynamics) -> tuple[str, ...]:
+    """Names of the section on which a simulation may start; empty if there is none."""
+    walker = dynamics.system.walker
+    if walker.contacts:
+        return () if problem.is_open else tuple(dynamics.system.section(problem.cycle).names)
+    return walker.section_names(slipping=True)
+
+
+def _check_state(dynamics: Dynamics, z: Array) -> None:
+    """Check that a whole state is finite, and that the foot of a walker that flies is not below the ground."""
+    values = dict(zip(dynamics.system.state_names, z.tolist(), strict=True))
+    undefined = [f"{name} = {value}" for name, value in values.items() if not isfinite(value)]
+    if undefined:
+        raise ProblemError(f"state {undefined[0]}: is not a number")
+    if dynamics.system.walker.contacts or "y" not in values:
+        return
+    height, rate = values["y"] / dynamics.scales.length, values["dy"] / dynamics.scales.speed
+    if height < -ON_GROUND or (height <= ON_GROUND and rate < -ON_GROUND):
+        below = f"y = {values['y']:g}, dy = {values['dy']:g}"
+        raise ProblemError(f"state {below}: the foot is below the ground or moves into it; start above it, or at rest")
 
 
 def _contact_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
     """As ``_initial_state``, for a walker with several contacts: the state of the section next to that of ``start``."""
     problem = start.problem if isinstance(start, Gait) else start
     names, section = dynamics.system.state_names, dynamics.system.section(problem.cycle)
-    unknown = [name for name in state if name not in names]
-    if unknown:
-        raise UnknownNameError(
-            f"state {', '.join(unknown)}: no coordinate of this walker; the section is {', '.join(section.names)}"
-        )
     if isinstance(start, Gait) and start.steps:
         near = start.state.copy()
     else:
         near = np.array([problem.guess.state[name] for name in names])
-    if {*state} == {*names}:  # the whole state, which may be off the section
-        return np.array([float(state[name]) for name in names])
     near[[names.index(name) for name in state]] = [float(value) for value in state.values()]
     z = section.lift(near[section.indices], dynamics.p, near)
     fixed = [name for name in state if name not in section.names and not isclose(z[names.index(name)], state[name])]

@@ -165,10 +165,35 @@ def test_a_wrong_value_is_named_with_place_range_and_remedy(old, new, place, wor
     assert line.startswith(f"gait.yaml:{place}: {words}")
 
 
-@pytest.mark.parametrize("key", ["name", "walker", "friction", "gait"])
+@pytest.mark.parametrize("key", ["name", "walker", "friction"])
 def test_a_missing_section_is_named(key):
     text = "\n".join(line for line in WHEEL.splitlines() if not line.startswith(key))
     assert only(text).startswith(f"gait.yaml:1:1 {key}: is missing")
+
+
+WHEEL_ONLY = "\n".join(line for line in WHEEL.splitlines() if not line.startswith("gait"))
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("until: 3", "until: 3 is not a mapping, such as {time: 2.0} or {events: 5}"),
+        ("until: {}", "until: is empty: give time, steps or events"),
+        ("until: {time: -1}", "until.time: -1"),
+        ("until: {events: 1.5}", "until.events: 1.5"),
+        ("until: {times: 1}", "until.times: unknown key"),
+        ("state: {theta: 0.1}", "state.dtheta: is missing; just after an impact give dtheta alone; else a state needs"),
+        ("state: {dtheta: 1e9}", "state.dtheta: 1e+09"),
+        ("state: 3", "state: 3 is not a mapping; names: theta, x, dtheta, dx"),
+    ],
+)
+def test_a_wrong_simulation_is_named(more, words):
+    assert f" {words}" in only(f"{WHEEL_ONLY}\n{more}")
+
+
+def test_a_simulation_beside_a_gait_is_refused():
+    assert " state: is for simulations without a gait" in only(f"{WHEEL}\nstate: {{dtheta: 1}}")
+    assert " until: is for simulations without a gait" in only(f"{WHEEL}\nuntil: {{time: 1}}")
 
 
 @pytest.mark.parametrize("key", ["walker", "gait"])
