@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
+from numbers import Integral, Real
 from typing import Any, cast
 
 from gaitopt.display import Tabulated
@@ -82,7 +83,7 @@ class Until:
         if all(value is None for value in given.values()):
             raise ProblemError("until: is empty; give time=SECONDS, steps=N or events=N")
         for name, value in given.items():
-            kind = (int, float) if name == "time" else (int,)
+            kind = Real if name == "time" else Integral
             if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
                 raise ProblemError(
                     f"until.{name}: {shown(value)} is not a {'number' if name == 'time' else 'whole number'}"

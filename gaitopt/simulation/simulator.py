@@ -149,7 +149,7 @@ class Simulator:
         start = z = self._after_impact(state, anywhere=anywhere)
         completed: list[Step] = []
         ending, message, time, events = Ending.COMPLETED, "", 0.0, 0
-        limits = Until(steps=steps) if until is None else until
+        limits = Until(steps=int(steps)) if until is None else until
         most, last, events_left = (inf if n is None else n for n in (limits.steps, limits.time, limits.events))
         while len(completed) < most and time < last and events < events_left:
             if should_stop is not None and should_stop():

@@ -169,6 +169,14 @@ def test_a_long_motion_is_resolved_at_any_time(block):
     ]  # fmt: skip
 
 
+def test_both_engines_end_at_the_same_state(block):
+    pytest.importorskip("heyoka", reason="needs pip install '.[fast]'")
+    one, other = (go.simulate(block, LEANING, until=go.Until(time=np.float64(1.5)), engine=engine)
+                  for engine in ("scipy", "heyoka"))  # fmt: skip
+    assert apart(end_of(one), end_of(other)) < 1e-11
+    assert len(one.to_record()["impacts"]) == len(other.to_record()["impacts"]) == 4
+
+
 def test_a_number_of_events_ends_a_motion_before_the_next_one(rocking, block):
     walk = go.simulate(block, LEANING, until=go.Until(events=1))
     assert walk.trajectory.duration == rocking.to_record()["impacts"][0]["time"]
