@@ -415,13 +415,13 @@ class SectionRecord(TypedDict):
 
 
 class ImpactEntry(TypedDict):
-    """An impact of a walk; see ``trajectory.impact_records``. Not in records of early versions."""
+    """An impact of a walk; see ``impacts.impact_records``. Not in records of early versions."""
 
     time: NotNegative
     step: Count
     of: list[Word]
     impact: ModeText
-    impulse: dict[Word, Number] | dict[Word, dict[Word, Number]] | None
+    impulse: dict[Word, Number | None] | dict[Word, dict[Word, Number | None]] | None
 
 
 class AxisRecord(TypedDict):

@@ -17,6 +17,8 @@ from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.contact_set import DEPENDENT, constraint_structure
+from gaitopt.model.modes import Mode
+from gaitopt.model.walker import Walker
 
 FEASIBLE = 1e-9
 """Part of the largest force by which a corner may violate an inequality: rounding."""
@@ -24,7 +26,11 @@ FEASIBLE = 1e-9
 
 def undetermined_forces(arc: Arc) -> tuple[str, ...]:
     """Names of the forces along an arc that are undetermined, as in ``trajectory_header``: ``f_t.left``."""
-    walker, mode = arc.dynamics.system.walker, arc.mode
+    return undetermined_in(arc.dynamics.system.walker, arc.mode)
+
+
+def undetermined_in(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
+    """Names of the forces that are undetermined in a mode; also of the impulses of an impact that leads to it."""
     if not walker.contacts:
         return ()
     structure, found = constraint_structure(walker, mode), dict[str, None]()

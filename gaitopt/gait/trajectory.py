@@ -1,9 +1,9 @@
 """Motion as data: arcs of one mode, steps that end with an impact, and trajectories of many steps."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 STRAIGHT = 1e-6
 """An arc this short, in units of sqrt(l / g), may be a line between its two ends."""
-SAME_STATE, SAME_TIME = 1e-9, 1e-12
-"""Differences that rounding may cause."""
+SAME_TIME = 1e-12
+"""Relative difference of two times that rounding may cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,68 +210,6 @@ class Step:
     def period(self) -> float:
         """Time from impact to impact [s]."""
         return self.arcs[-1].end
-
-
-def impact_records(motion: "Trajectory") -> Iterator[dict[str, Any]]:
-    """All impacts of a motion in order, as JSON objects: those that end its steps, and those within them.
-
-    ``time`` [s] and ``step``; ``of``: what strikes, the ``swing_foot``, contacts or stops; ``impact``: the mode just
-    after it, with the names from before the feet swap their places; ``impulse``: (F_t, F_n) [N s] of every contact that
-    touches then, or of the foot. An impulse is None if contacts that strike at one instant share it.
-    """
-    began, z = 0.0, motion.start
-    for number, step in enumerate(motion.steps, start=1):
-        for before, arc in pairwise((None, *step.arcs)):
-            z = z if before is None else before.states[-1]
-            assert arc is not None
-            locked = [name for name in arc.mode.locked if before and name not in before.mode.locked]
-            struck = arc.struck if arc.mode.is_named else arc.mode if locked else None
-            if struck is not None:
-                of = _landing(arc.dynamics, struck, before and before.mode, z) if arc.struck else locked
-                impulse = _impulse(arc.dynamics, struck, of, z, arc.states[0])
-                yield _impact_entry(began + arc.start, number, of, struck, impulse)
-        last = step.arcs[-1]
-        if step.impact is not None and last.dynamics.system.cycle_end == TOUCHDOWN:
-            mode, of = step.impact.mode, ["swing_foot"]
-            if mode.is_named:
-                mode = last.dynamics.system.walker.swapped(mode)
-                of = [name for name in mode.touching if name not in last.mode.touching]
-            yield _impact_entry(began + last.end, number, of, mode, step.impact.impulse)
-        began, z = began + step.period, z if step.impact is None else step.impact.state
-
-
-def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) -> list[str]:
-    """The named contacts that land in an impact; at the start of a motion, those that come down onto the ground."""
-    if before is not None:
-        return [name for name in struck.touching if name not in before.touching]
-    names = dynamics.system.walker.contacts
-    _, velocities = buffered(dynamics.system.contact_points)(z, dynamics.p)
-    rates = dict(zip(names, velocities.reshape(-1, 2)[:, 1].tolist(), strict=True))
-    return [name for name in struck.touching if rates[name] < 0]
-
-
-def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: Array) -> Array | None:
-    """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
-    system, p = dynamics.system, dynamics.p
-    if struck.is_named:
-        massless = tuple(name for name in of if name in system.walker.massless_contacts)
-        after, impulse, *_ = (value.copy() for value in buffered(system.contact_impact(struck, massless))(z, p))
-    else:
-        after, impulse, *_ = (value.copy() for value in buffered(system.impact(struck))(z, p))
-    return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None
-
-
-def _impact_entry(time: float, step: int, of: list[str], mode: Mode, impulse: Array | None) -> dict[str, Any]:
-    """The record of one impact."""
-    impulses: Any = None
-    if impulse is not None:
-        pairs = impulse.reshape(-1, 2).tolist()
-        if mode.is_named:
-            values = zip(mode.contacts, pairs, strict=True)
-            impulses = {name: {"F_t": pair[0], "F_n": pair[1]} for name, pair in values if name in mode.touching}
-        else:
-            impulses = {"F_t": pairs[0][0], "F_n": pairs[0][1]}
-    return {"time": time, "step": step, "of": of, "impact": mode.words, "impulse": impulses}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

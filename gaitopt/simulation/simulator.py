@@ -277,9 +277,7 @@ class Simulator:
             z[self.system.n_shape] = 0.0
         return _stopped(z) if not self._several and abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
 
-    def _first_mode(
-        self, z: Array, *, anywhere: bool = False
-    ) -> tuple[Mode | Termination, Array, Mode | None]:
+    def _first_mode(self, z: Array, *, anywhere: bool = False) -> tuple[Mode | Termination, Array, Mode | None]:
         """The mode just after an impact; of named contacts, also the impact of those that come down onto the ground."""
         if self._several:
             start = self._resolver.start(z)

@@ -12,9 +12,10 @@ from gaitopt.callbacks import Stop
 from gaitopt.display import counted
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait, WalkerMotion
+from gaitopt.gait.impacts import impact_records
 from gaitopt.gait.measures import contact_record, control_record, measure
 from gaitopt.gait.records import phase_records
-from gaitopt.gait.trajectory import Step, Trajectory, impact_records
+from gaitopt.gait.trajectory import Step, Trajectory
 from gaitopt.gait.zero_dynamics import constraint_measures
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.section import TOUCHDOWN

@@ -252,3 +252,18 @@ def test_an_impossible_state_of_a_walker_on_one_foot_is_named():
 def test_a_wrong_limit_is_named(limits):
     with pytest.raises(ProblemError, match=f"until{'.' + next(iter(limits)) if limits else ''}: "):
         go.Until(**limits)
+
+
+def test_shares_of_an_impulse_that_are_open_are_null_and_an_impact_at_the_start_counts(block, tmp_path):
+    flat = {"theta": 0, "y": H + 0.05, "dtheta": 0, "dx": 0.0, "dy": 0}
+    (landing,) = go.simulate(block, flat, until=go.Until(time=0.3)).to_record()["impacts"]
+    assert landing["of"] == ["left", "right"]
+    assert landing["time"] == pytest.approx(np.sqrt(2 * 0.05 / 9.81), rel=1e-12)
+    assert [impulse["F_t"] for impulse in landing["impulse"].values()] == [None, None]
+    assert [impulse["F_n"] for impulse in landing["impulse"].values()] == pytest.approx(
+        [MASS * np.sqrt(2 * 0.05 * 9.81) / 2] * 2
+    )
+    walk = go.simulate(block, LEANING | {"dy": -0.5}, until=go.Until(time=0.3), output=tmp_path / "run")
+    first, _ = walk.to_record()["impacts"]
+    assert (first["time"], first["of"], [*first["impulse"]]) == (0.0, ["right"], ["right"])
+    assert go.load_run(tmp_path / "run", walkers=[Block]).to_record() == walk.to_record()

@@ -1,0 +1,97 @@
+"""The impacts of a motion with the impulses at all contacts: at the ends of its steps and within them.
+
+M (dq_plus - dq_minus) = sum W_i' F_i
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.gait.shares import undetermined_in
+from gaitopt.gait.trajectory import Trajectory
+from gaitopt.model.buffered import buffered
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
+
+SAME_STATE = 1e-9
+"""Difference of two states that rounding may cause."""
+IMPULSES = ("F_t", "F_n")
+
+
+def impact_records(motion: Trajectory) -> Iterator[dict[str, Any]]:
+    """All impacts of a motion in order, as JSON objects: those that end its steps, and those within them.
+
+    ``time`` [s] and ``step``; ``of``: what strikes, the ``swing_foot``, contacts or stops; ``impact``: the mode just
+    after it, with the names from before the feet swap their places; ``impulse``: (F_t, F_n) [N s] of every contact that
+    touches then, or of the foot. An impulse is None if contacts share it in any way.
+    """
+    began, z = 0.0, motion.start
+    for number, step in enumerate(motion.steps, start=1):
+        for before, arc in pairwise((None, *step.arcs)):
+            z = z if before is None else before.states[-1]
+            assert arc is not None
+            locked = [name for name in arc.mode.locked if before is not None and name not in before.mode.locked]
+            struck = arc.struck if arc.mode.is_named else arc.mode if locked else None
+            if struck is not None:
+                of = (
+                    _landing(arc.dynamics, struck, None if before is None else before.mode, z) if arc.struck else locked
+                )
+                impulse = _impulse(arc.dynamics, struck, of, z, arc.states[0])
+                yield _impact_entry(began + arc.start, number, of, struck, _determined(arc.dynamics, struck, impulse))
+        last = step.arcs[-1]
+        if step.impact is not None and last.dynamics.system.cycle_end == TOUCHDOWN:
+            mode, of = step.impact.mode, ["swing_foot"]
+            if mode.is_named:
+                mode = last.dynamics.system.walker.swapped(mode)
+                of = [name for name in mode.touching if name not in last.mode.touching]
+            yield _impact_entry(
+                began + last.end, number, of, mode, _determined(last.dynamics, mode, step.impact.impulse)
+            )
+        began, z = began + step.period, z if step.impact is None else step.impact.state
+
+
+def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) -> list[str]:
+    """The named contacts that land in an impact; at the start of a motion, those that come down onto the ground."""
+    if before is not None:
+        return [name for name in struck.touching if name not in before.touching]
+    names = dynamics.system.walker.contacts
+    _, velocities, *_ = buffered(dynamics.system.contact_points)(z, dynamics.p)
+    rates = dict(zip(names, velocities.reshape(-1, 2)[:, 1].tolist(), strict=True))
+    return [name for name in struck.touching if rates[name] < 0]
+
+
+def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: Array) -> Array | None:
+    """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
+    system, p = dynamics.system, dynamics.p
+    if struck.is_named:
+        massless = tuple(name for name in of if name in system.walker.massless_contacts)
+        after, impulse, *_ = (value.copy() for value in buffered(system.contact_impact(struck, massless))(z, p))
+    else:
+        after, impulse, *_ = (value.copy() for value in buffered(system.impact(struck))(z, p))
+    return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None
+
+
+def _determined(dynamics: Dynamics, struck: Mode, impulse: Array | None) -> Array | None:
+    """Impulses of named contacts with NaN for the shares that the equations of the impact leave open."""
+    walker = dynamics.system.walker
+    if impulse is None or not struck.is_named:
+        return impulse
+    open_shares = undetermined_in(walker, struck)
+    names = [f"{force}.{name}" for name in walker.contacts for force in ("f_t", "f_n")]
+    return np.where([name in open_shares for name in names], np.nan, impulse)
+
+
+def _impact_entry(time: float, step: int, of: list[str], mode: Mode, impulse: Array | None) -> dict[str, Any]:
+    """The record of one impact."""
+    impulses: Any = None
+    if impulse is not None:
+        pairs = [[None if np.isnan(value) else value for value in pair] for pair in impulse.reshape(-1, 2).tolist()]
+        impulses = dict(zip(IMPULSES, pairs[0], strict=True))
+        if mode.is_named:
+            values = zip(mode.contacts, pairs, strict=True)
+            impulses = {name: dict(zip(IMPULSES, pair, strict=True)) for name, pair in values if name in mode.touching}
+    return {"time": time, "step": step, "of": of, "impact": mode.words, "impulse": impulses}
