@@ -315,7 +315,7 @@ class Continuation:
             if point is not None:
                 turn = tangent @ curve.coordinates(point.tangent)
                 missed = np.linalg.norm(curve.coordinates(point.at.w) - y - length * tangent)
-                point = point if turn > STRAIGHT and missed < ASIDE * length else None
+                point = point if turn > STRAIGHT and missed < ASIDE * length and point.is_regular else None
             reorder = point is not None and not point.in_order  # a switch has passed a breakpoint of the control
             if point is not None and reorder and all(key.kind != BREAKPOINT for key in point.lost(here)):
                 reordered = point.reordered()

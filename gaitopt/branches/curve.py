@@ -164,6 +164,14 @@ class CurvePoint:
         gait = assemble_gait(self.problem, self.at, message="continued", solver=solver, errors=errors)
         return replace(gait, freed={key: gait.dynamics.parameter(key) for key in found} | dict(gait.freed))
 
+    @property
+    def is_regular(self) -> bool:
+        """Whether the return map has a derivative; it has none where phases have no length and nothing ends them."""
+        try:
+            return self.gait.converged
+        except RuntimeError:  # singular
+            return False
+
     @cached_property
     def monitors(self) -> dict[MonitorKey, MonitorValue]:
         """Monitors of the mode sequence."""
@@ -249,7 +257,7 @@ class CurvePoint:
         def value(part: float) -> float:
             if part not in points:
                 point = self.step(part)
-                if point is None:
+                if point is None or not point.is_regular:
                     raise _LostError
                 points[part] = point
             return function(points[part])

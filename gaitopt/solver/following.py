@@ -198,7 +198,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
         vanishing = np.flatnonzero(durations < VANISHING * rates)
         if vanishing.size:
             return vanishing_phase(equations.mesh.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
-    return Cause(what="fold", words="the family turns back, or its motion fails")
+    return Cause(what="fold", words="Newton's method follows it no further; it turns back, or its motion fails")
 
 
 class Family:

@@ -45,7 +45,7 @@ ENDINGS: dict[str, tuple[Status, str]] = {
     "Solve_Succeeded": (Status.CONVERGED, "solved"),
     "Solved_To_Acceptable_Level": (Status.NOT_CONVERGED, "stalled short of the tolerance"),
     "Feasible_Point_Found": (Status.CONVERGED, "solved"),
-    "Infeasible_Problem_Detected": (Status.INFEASIBLE, "no gait with this mode sequence near the guess"),
+    "Infeasible_Problem_Detected": (Status.INFEASIBLE, "no gait was found with this mode sequence near the guess"),
     "Search_Direction_Becomes_Too_Small": (Status.NOT_CONVERGED, "stalled: the steps became too small"),
     "Diverging_Iterates": (Status.NOT_CONVERGED, "the iterates diverge"),
     "User_Requested_Stop": (Status.INTERRUPTED, "interrupted"),

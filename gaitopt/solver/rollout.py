@@ -147,46 +147,50 @@ class Rollout:
         """
         mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints)
         mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
-        first = self._sampled(mesh, free)
         for _ in range(MOST_MESHES):
-            counts = self._needed_intervals(first, error)
+            first, moved = self._sampled(mesh, free)
+            counts = self._needed_intervals(first, moved, error)
             if counts == [arc.intervals for arc in mesh.arcs] or sum(counts) > MAX_INTERVALS:
                 break
             mesh = mesh.refined(counts)
-            first = self._sampled(mesh, free)
         return first
 
-    def _needed_intervals(self, at: Solution, allowed: float) -> list[int]:
+    def _needed_intervals(self, at: Solution, moved: Array, allowed: float) -> list[int]:
         """Intervals of every arc that a stable step needs; if it is stable already, those that its error needs.
 
-        The error of a step is its distance from the motion, on which it starts.
+        Parameters
+        ----------
+        at, moved : from ``_sampled``.
+        allowed : largest error of a step, which is its distance from the motion on which it starts.
         """
-        equations, counts = at.equations, list[int]()
-        mesh, n_z = equations.mesh, equations.system.n_z
+        equations, mesh, n_z = at.equations, at.equations.mesh, at.equations.system.n_z
         (starts, lengths), nodes = mesh.interval_times(at.durations), equations.unpack(at.w).nodes.T
         stiffness = equations.fastest_modes(at.w, at.p) * lengths / STABLE_STEP
         stepped = nodes[mesh.start_nodes + 1] - at.residual[: mesh.intervals * n_z].reshape(-1, n_z)
-        places = zip(mesh.arcs, mesh.arc_intervals, strict=True)
-        moved = np.hstack([self(arc.phase, (starts + lengths)[here]) for arc, here in places]).T
         errors = (np.abs(stepped - moved) / self.dynamics.state_units).max(axis=1)
-        for arc, here in zip(mesh.arcs, mesh.arc_intervals, strict=True):
+        counts = [arc.intervals for arc in mesh.arcs]
+        if stiffness.max() <= 1 and errors.max() <= allowed:
+            return counts
+        for k, (arc, here) in enumerate(zip(mesh.arcs, mesh.arc_intervals, strict=True)):
             known = (starts + lengths)[here] <= self.motions[arc.phase].end * (1 + ROUNDING)  # not after a fall
             unstable, error = (values[here][known & np.isfinite(values[here])] for values in (stiffness, errors))
             growth = float(unstable.max(initial=0.0))
             if growth <= 1:
                 growth = (float(error.max(initial=0.0)) / allowed) ** (1 / (ORDER + 1))
-            counts.append(max(arc.intervals, ceil(arc.intervals * growth)))
+            counts[k] = max(arc.intervals, ceil(arc.intervals * growth))
         return counts
 
-    def _sampled(self, mesh: Mesh, free: tuple[str, ...]) -> Solution:
-        """The motion at the nodes of a mesh."""
+    def _sampled(self, mesh: Mesh, free: tuple[str, ...]) -> tuple[Solution, Array]:
+        """The motion at the nodes of a mesh, and in its own phase at the ends of all intervals, (intervals, n_z)."""
         durations, system = np.array(self.durations), self.dynamics.system
-        nodes = np.empty((system.n_z, mesh.n_nodes))
-        for arc, at, (begin, end) in zip(mesh.arcs, mesh.arc_nodes, mesh.arc_times(self.durations), strict=True):
-            nodes[:, at.start : at.stop] = self(arc.phase, np.linspace(begin, end, len(at)))
+        nodes, moved = np.empty((system.n_z, mesh.n_nodes)), np.empty((mesh.intervals, system.n_z))
+        places = zip(mesh.arcs, mesh.arc_nodes, mesh.arc_intervals, mesh.arc_times(self.durations), strict=True)
+        for arc, at, here, (begin, end) in places:
+            states = self(arc.phase, np.linspace(begin, end, len(at)))
+            nodes[:, at.start : at.stop], moved[here] = states, states[:, 1:].T
         equations = transcribe(system, mesh, free)
         freed = [self.dynamics.parameter(key) for key in free]
-        return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p)
+        return Solution(equations, equations.pack(nodes, durations, freed), self.dynamics.p), moved
 
 
 def guessed_motion(problem: Problem, dynamics: Dynamics) -> Rollout:

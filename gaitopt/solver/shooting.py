@@ -146,6 +146,7 @@ class MultipleShooting:
         self.phase_parameters: tuple[MX, ...] = self._per_phase(self.p)
         BUILT.watch(vars(self))
         self._units: tuple[bytes, NaturalUnits] | None = None
+        self._flow_derivatives: tuple[tuple[bytes, bytes], Array] = (b"", b""), np.empty(0)
         self._samples: tuple[bytes, dict[tuple[int, int], tuple[Array, Array]]] = (b"", {})
 
     def pack(self, nodes: Array, durations: Array, freed: ArrayLike = ()) -> Array:
@@ -531,7 +532,9 @@ class MultipleShooting:
 
         Infinite where the derivative is not finite.
         """
-        by_state = self._differentiated(w, p)[1][0, :, :, 1 : 1 + self.system.n_z]
+        key, by_state = self._flow_derivatives  # read once: another thread may replace it
+        if key != (w.tobytes(), p.tobytes()):
+            by_state = self._differentiated(w, p)[1][0, :, :, 1 : 1 + self.system.n_z]
         finite = np.isfinite(by_state).all(axis=(1, 2))
         radii = np.full(finite.size, np.inf)
         radii[finite] = np.abs(np.linalg.eigvals(by_state[finite])).max(axis=1, initial=0.0)
@@ -546,6 +549,7 @@ class MultipleShooting:
         for at, derivatives, inputs in arcs:
             stages[:, at] = stages_of(derivatives(*inputs)[0], n_z)
             starts[at], lengths[at] = inputs[0], inputs[2]
+        self._flow_derivatives = (w.tobytes(), p.tobytes()), stages[0, :, :, 1 : 1 + n_z].copy()
         return starts, stages, lengths
 
     @cached_property

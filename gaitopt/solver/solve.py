@@ -87,17 +87,19 @@ def solve_gait(
         leaves = periodic.converged and not periodic.in_order
         return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
+    tried = "IPOPT" if method is Method.IPOPT else "Newton's method and IPOPT"
     start, solution = _search(guess.on_mesh(), ipopt)
     if solution.status in FAILURES and problem.guess.durations is None:  # the events of the guess may come too late
         state = guess.motions[0].states[0]
         shortened = np.array(guess.durations) * transit_time(dynamics, cycle, state) / guess.period
+        tried += ", also from a shorter step"
         start_again, retried = _search(roll_out(dynamics, cycle, state, shortened).on_mesh(), ipopt)
         if retried.status not in FAILURES:
             start, solution = start_again, retried
     if solution.converged:
         return checked_gait(problem, solution, search_record(Method.IPOPT, solution.iterations, began))
     causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
-    words = f"{solution.words}: {describe_causes(causes)}" if causes else solution.words
+    words = f"{solution.words} (tried {tried}): {describe_causes(causes)}" if causes else solution.words
     return Gait(
         problem=problem,
         dynamics=dynamics,

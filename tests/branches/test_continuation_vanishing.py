@@ -57,3 +57,10 @@ def test_family_in_the_ankle_torque_vanishes(name: str, to: float, place: float 
     assert (special.type, special.status) == ("vanishing", "converged")
     assert stride(special.gait) < 1e-6
     assert "period_doubling" not in [other.type for other in branch.specials if abs(other.value - special.value) < 1e-6]
+
+
+@pytest.mark.parametrize(("parameter", "to"), [("walker.gravity", 15.0), ("friction.front", 0.8)])
+def test_crawler_whose_phases_lose_their_length_vanishes(parameter, to):
+    """Beside that point the equations have a solution without a return map."""
+    family = go.continuation(go.solve("crawler"), parameter, to=to, max_points=60)
+    assert family.specials[-1].type == "vanishing", family.specials
