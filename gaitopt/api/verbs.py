@@ -559,11 +559,14 @@ def prove(
     from gaitopt.proof.check import BRACKETED  # these modules need the extra "proof"
     from gaitopt.proof.prove import prove as prove_gait
     from gaitopt.proof.prove import prove_special
-    from gaitopt.store.files import check_writable, make_folder, write_whole
+    from gaitopt.store.files import check_file, make_folder, write_whole
     from gaitopt.store.formats import json_text
 
     require_gait(start, "prove")
     gait = start.gait if isinstance(start, SpecialPoint) else start
+    file = None if isinstance(output, bool) else Path(output)
+    if file is not None:
+        check_file(file)
     if isinstance(start, SpecialPoint):
         if parameter is None:
             raise ProblemError("parameter: missing; name the parameter of the branch of this special point")
@@ -577,9 +580,9 @@ def prove(
         error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
         error.result = gait
         raise error
-    file = Run.of(gait.problem).path(CERTIFICATE_FILE) if output is True else Path(output) if output else None
-    if file is not None:
-        check_writable(file)
+    if output is True:
+        file = Run.of(gait.problem).path(CERTIFICATE_FILE)
+        check_file(file)
     with shown(progress, word_progress, f"proving {gait.problem.name}") as say:
         if isinstance(start, SpecialPoint) and parameter is not None:
             proof = prove_special(gait, parameter, start.type, width, progress=say)

@@ -153,7 +153,7 @@ def check_file(path: Path) -> None:
         If it is a folder, its name is impossible, or as ``check_writable``.
     """
     if path.is_dir():
-        words = f"it is a folder; name a file, such as {path / 'walk'}{path.suffix or '.html'}"
+        words = f"it is a folder; name a file in it, such as {path / 'walk'}{path.suffix}"
         raise StorageError(f"cannot write {path}: {words}").concerning("output")
     try:
         _temporary(path).lstat()

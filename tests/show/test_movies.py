@@ -96,7 +96,7 @@ def test_a_figure_is_drawn_into_given_axes_and_nowhere_else(what):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("folder.gif", "it is a folder; name a file, such as .*folder.gif/walk.gif"),
+        ("folder.gif", "it is a folder; name a file in it, such as .*folder.gif/walk.gif"),
         ("x" * 240 + ".gif", "File name too long; choose another name"),
         ("a\0b.gif", "choose another name"),
         ("file/d.gif", "file is not writable; choose another place|Not a directory"),
