@@ -1,17 +1,24 @@
 """Forces of contacts by dense linear algebra, against the compiled equations of each mode."""
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
 from contact_problems import contact_gait, with_point_feet
 from contact_walkers import Frame, dynamics_of
 
+from gaitopt.model.control import Control, Instant
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.friction import COULOMB, ContactFriction
 from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Ending
+from gaitopt.model.walkers.inchworm import Inchworm
 from gaitopt.search.solve import solve
 from gaitopt.simulation.contact_forces import Candidates, ContactForces, candidates, inverses, regularity, systems
 from gaitopt.simulation.contact_forces import solve as solve_systems
+from gaitopt.simulation.simulator import Simulator
 
 CASES = {  # a gait, and modes of its contacts at its first state
     "heel-toe-slip": [{"heel": "slip_forward"}, {"heel": "stick", "toe": "stick"}, {"toe": "slip_backward"}, {}],
@@ -56,6 +63,57 @@ def test_torques_that_depend_on_accelerations_are_those_of_the_compiled_equation
     gait = solve(with_point_feet(name, model))
     for words in ({"foot": "stick", "other": "off"}, {"foot": "slip_forward", "other": "off"}):
         compare(gait.dynamics, Mode.of_contacts(words), 0.0, gait.arcs[0].states[2])
+
+
+class Answering(Control):
+    """A hinge that answers what the links would do without it while their feet are held."""
+
+    type = "answering"
+
+    offset: float
+    gain: float
+
+    def torques(self, now: Instant) -> dict[str, Any]:
+        drift, _ = now.accelerations()
+        return {"hinge": now.p.offset + now.p.gain * (drift[0] + drift[1])}
+
+
+LAW = Answering(offset=0.0, gain=0.0)
+
+
+def test_the_chosen_mode_agrees_with_the_torques_that_the_law_has_in_it() -> None:
+    """Where a foot lifts, the law holds one foot fewer, and its torque jumps: the mode is decided with both."""
+    walker = Inchworm(
+        link_length=0.5, link_mass=0.5, link_com=0.25, link_inertia=0.0104, hinge_mass=0.5, gravity=9.81, slope=0.08
+    )
+    system = HybridSystem(Inchworm, LAW, friction=ContactFriction.shared(Inchworm.contacts, COULOMB))
+    rng, lifted, refused = np.random.default_rng(3), 0, 0
+    for _ in range(60):
+        offset, gain = rng.uniform(-8, 8), rng.uniform(-0.3, 0.3)
+        dynamics = Dynamics.of(
+            system,
+            {f"walker.{name}": float(value) for name, value in walker}
+            | {"friction": 0.6, "control.offset": offset, "control.gain": gain},
+        )
+        lean = rng.uniform(0.3, 1.2)
+        z = np.array([lean, lean, 0.5 * np.cos(lean), 0.0, 0.0, 0.0, 0.0, 0.0])
+        chosen = Simulator(dynamics).step(z)
+        if chosen.step is None:
+            refused += chosen.ending in (Ending.CONTACT_INCONSISTENT, Ending.CONTACT_AMBIGUOUS, Ending.PAINLEVE)
+            continue
+        mode = chosen.step.arcs[0].mode
+        margins, rates = (np.asarray(v).ravel() for v in system.events(mode)(0.0, z, dynamics.p, []))
+        for name, margin, rate in zip(system.transitions.margin_names(mode), margins, rates, strict=True):
+            if name.startswith(("normal_force", "cone", "slip_velocity")):
+                assert margin > -1e-9
+                assert margin > 1e-9 or rate > 0
+        ddq = np.asarray(system.flow(mode)(0.0, z, dynamics.p, [])).ravel()[4:]
+        for k, name in enumerate(Inchworm.contacts):
+            if name not in mode.touching:
+                lifted += 1  # the foot is at hinge - l (sin, cos) of its link: it rises with the hinge and the lean
+                assert ddq[2] + 0.5 * np.sin(lean) * ddq[k] > 0
+    assert lifted > 5
+    assert refused < 30
 
 
 def test_the_enumeration_is_a_function_of_masses_and_jacobians_alone() -> None:
