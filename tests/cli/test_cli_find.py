@@ -97,4 +97,4 @@ def test_explain_prints_cause_gaits_and_nearest_values(run, empty_folder):
 def test_a_failing_solve_points_to_explain(run, empty_folder):
     code, out, _ = run("solve", "rimless-wheel-stick", "--set", "friction=0.8", "--quiet")
     assert code == 4
-    assert "`gaitopt explain rimless-wheel-stick` says more" in out
+    assert "`gaitopt explain rimless-wheel-stick --set friction=0.8` says more" in out
