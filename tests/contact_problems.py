@@ -9,7 +9,7 @@ from casadi import SX, cos, norm_2, sin, vertcat
 from named import named
 
 from gaitopt.gait.gait import Gait
-from gaitopt.model.walker import Body, Contact, Mechanism, Walker
+from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.problem.problem import Problem, load_problem, parse_problem
 from gaitopt.search.solve import solve
@@ -47,6 +47,61 @@ class Runner(Walker):
             sections={"apex": lambda dq: dq.y},
             length=SX(p.leg_length),
         )
+
+
+class Sled(Walker):
+    """Three masses in a row on level ground, joined by two springs with a motor each."""
+
+    model = "sled"
+    shape = ("ahead", "behind", "front_rise", "rear_rise")
+    lengths = shape
+    contacts = ("rear", "middle", "front")
+    actuators = ("pull", "push")
+
+    rear_mass: float
+    middle_mass: float
+    front_mass: float
+    stiffness: float
+    damping: float
+    rest: float
+    gravity: float
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        places = {
+            "rear": vertcat(q.x - q.behind, q.y + q.rear_rise),
+            "middle": vertcat(q.x, q.y),
+            "front": vertcat(q.x + q.ahead, q.y + q.front_rise),
+        }
+        masses = {"rear": p.rear_mass, "middle": p.middle_mass, "front": p.front_mass}
+        return Mechanism(
+            bodies=tuple(Body(mass=masses[name], position=place) for name, place in places.items()),
+            gravity=vertcat(0, -p.gravity),
+            upright=SX(1),
+            motors=(q.ahead, q.behind),
+            potential=p.stiffness / 2 * ((q.ahead - p.rest) ** 2 + (q.behind - p.rest) ** 2),
+            dampers=tuple(Damper(coefficient=p.damping, across=gap) for gap in (q.ahead, q.behind)),
+            contacts={name: Contact(position=place) for name, place in places.items()},
+            length=SX(p.rest),
+        )
+
+
+SLED = """
+name: sled
+walker: {model: sled, rear_mass: %s, middle_mass: %s, front_mass: %s, stiffness: %s, damping: 1.5, rest: 0.5,
+  gravity: 9.81}
+friction: 0.4
+control: %s
+gait:
+  section: clock
+  phases: [{rear: stick, middle: stick, front: stick}]
+  guess: {state: {ahead: 0.5, behind: 0.5}}
+"""
+
+
+def sled(masses: tuple[float, float, float], stiffness: float, control: str) -> Problem:
+    """A sled at rest; a walk from there finds the modes of its gait."""
+    return parse_problem(SLED % (*masses, stiffness, control), walkers=[Sled])
 
 
 RUN = """

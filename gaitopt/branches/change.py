@@ -21,6 +21,7 @@ If no proposal holds, the simulator's return map is solved for its own fixed poi
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from textwrap import shorten
 from typing import TypeVar
 
 import numpy as np
@@ -49,8 +50,8 @@ SIMULATED = (1e-4, 1e-2)
 """Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
-SHOWN = 3
-"""Mode sequences that the reason of an end lists."""
+SHOWN, LONGEST = 3, 120
+"""Mode sequences that the reason of an end lists, and their length in it [characters]."""
 ACTIVE = 1e-5
 """Monitors below this, in natural units, vanish with the located one."""
 CLOSER, APPROACH = 1 / 16, 1 / 2
@@ -250,20 +251,24 @@ def _contact_edits(
                     yield _replaced(phases, step, (*before, *middle, *after)), ended((*before, *middle, *after))
 
 
-def walked_cycles(point: CurvePoint, offset: float) -> list[Cycle]:
+def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]:
     """Cycles of a walker with several contacts that the simulator walks past an event; it may change many at once.
 
-    The walk starts from the gait as it is predicted there. A change of the impact shows in its second cycle.
+    The walk starts from the gait as it is predicted there. A change of the impact, or of what slips across the section,
+    shows in its second cycle. With each cycle are the states at the starts of its steps, shape (k, n_z).
     """
     dynamics = Dynamics(point.gait.system, point.curve.p).at({point.curve.parameter: point.value + offset})
     state, n = _start_states(point, point.curve.cycle, offset, dynamics)[0], len(point.curve.cycle.steps)
     walk = Simulator(dynamics).run(state, 2 * n)
-    steps, cycles = [step for step in walk.steps if step.impact is not None], list[Cycle]()
-    for k in (n, 0):
+    steps, cycles = [step for step in walk.steps if step.impact is not None], list[tuple[Cycle, Array]]()
+    for walked in (steps[n : 2 * n], steps[:n]):
+        if len(walked) < n:
+            continue
         try:
-            cycles += [Cycle(tuple(step.sequence for step in steps[k : k + n]))] if len(steps) >= k + n else []
+            cycle = Cycle(tuple(step.sequence for step in walked))
         except ValueError:  # the walk has left the gait: its cycle does not close
             continue
+        cycles.append((cycle, np.array([step.arcs[0].states[0] for step in walked])))
     return cycles
 
 
@@ -291,19 +296,21 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     else:
         lost = " vanishes" if key.kind == "duration" else f": {margin(key.kind).lost}"
         reason = f"{curve.cycle.phase_words(key.phase)}{lost}"
+    tried = dict.fromkeys(candidates)
     for side in (ahead, -ahead):
-        walked = list[Cycle]()
-        if point.gait.system.walker.contacts:
-            offsets = (side * distance * curve.metric.span for distance in DISTANCES[:2])
-            walked = [cycle for offset in offsets for cycle in walked_cycles(point, offset)]
-        for cycle in dict.fromkeys((*walked, *candidates)):
-            for distance in DISTANCES:
-                offset = side * distance * curve.metric.span
-                successor = _attempt(point, cycle, offset)
-                if successor is None or successor.curve.cycle == curve.cycle:
-                    continue
-                if _is_continuous(point, successor, offset, jumps=jumps):
-                    return successor, reason, FIRST_STEPS * distance
+        walked = list[tuple[Cycle, float, Array | None]]()
+        for distance in DISTANCES[:2] if point.gait.system.walker.contacts else ():
+            walks = walked_cycles(point, side * distance * curve.metric.span)
+            walked += [(cycle, distance, states) for cycle, states in walks if cycle != curve.cycle]
+        cycles = dict.fromkeys((*(cycle for cycle, _, _ in walked), *candidates))
+        tried |= cycles
+        # where a slip crosses the section, only the walk knows its velocity there
+        for cycle, distance, states in (*((c, d, None) for c in cycles for d in DISTANCES), *walked):
+            successor = _attempt(point, cycle, offset := side * distance * curve.metric.span, states)
+            if successor is None or successor.curve.cycle == curve.cycle:
+                continue
+            if _is_continuous(point, successor, offset, jumps=jumps):
+                return successor, reason, FIRST_STEPS * distance
     for distance in SIMULATED:
         offset = ahead * distance * curve.metric.span
         successor = simulated_gait(point, offset)
@@ -312,13 +319,13 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         if _is_continuous(point, successor, offset, jumps=jumps):
             return successor, reason, FIRST_STEPS * distance
     dynamics = point.gait.dynamics
-    if dynamics.stick_comes_first and candidates:
+    if dynamics.stick_comes_first and tried:
         jump = "static friction is above kinetic friction"
         jump = jump if dynamics.friction_drops else "a slipping impact has no friction"
         reason = f"{reason}, and the return map jumps: {jump}"
-    tried = " or ".join(map(str, candidates[:SHOWN])) or "none"
-    more = f" and {len(candidates) - SHOWN} others" if len(candidates) > SHOWN else ""
-    words = f"no other mode sequence continues the family (tried {tried}{more}, and the return map of the simulator)"
+    listed = " or ".join(shorten(str(cycle), LONGEST) for cycle in [*tried][:SHOWN]) or "none"
+    more = f" and {len(tried) - SHOWN} others" if len(tried) > SHOWN else ""
+    words = f"no other mode sequence continues the family (tried {listed}{more}, and the return map of the simulator)"
     return None, f"{reason}; {words}", 0.0
 
 

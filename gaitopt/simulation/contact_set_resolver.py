@@ -69,7 +69,7 @@ class _Motion:
         """Whether a contact that should slip moves to the other side."""
         slip = self._found.modes.slip[self._k, contact]
         margin, rate = slip * self._instant.velocities[contact, 0], slip * self._found.contact[self._k, contact, 0]
-        if margin > EDGE:
+        if margin > AT_REST_TOO:
             return False
         margin, bend = min(margin, 0.0), 0.0  # at rest to within rounding
         if bends_decide(margin, rate):

@@ -4,13 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from contact_problems import contact_gait
+from contact_problems import contact_gait, sled
 from named import named
 
 from gaitopt.api.stored import load_run
 from gaitopt.api.verbs import continuation
 from gaitopt.gait.branch import Branch
+from gaitopt.gait.gait import Gait
+from gaitopt.model.cycle import Cycle
 from gaitopt.search.solve import solve
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
 from gaitopt.verification.verify import verify
 
 
@@ -102,3 +106,33 @@ def test_with_less_friction_the_heel_of_a_flat_foot_slips_in_its_strike() -> Non
     assert change.value == pytest.approx(named("flat-foot").measures["impulse_ratio"], abs=1e-9)
     assert end.value == 1.15
     assert verify(branch.points[-1].gait).passed
+
+
+OSCILLATING = """{type: oscillating, cycle: 1.90995, kp: 78.3597, kd: 5.89262, mean: {pull: 0.5, push: 0.5},
+  amplitude: {pull: -0.190261, push: 0.172378}}"""
+
+
+def sled_gait(friction: float) -> Gait:
+    """The gait of a sled that is driven to and fro alike, with the modes of a walk that has settled."""
+    problem = sled((1.49175, 0.977701, 0.657363), 0, OSCILLATING).replace({"friction": friction})
+    dynamics = problem_dynamics(problem)
+    state = np.array([problem.guess.state[name] for name in dynamics.system.state_names])
+    step = Simulator(dynamics).run(state, 10).steps[-1]
+    state, durations = step.arcs[0].states[0], [duration for _, duration in step.phases]
+    settled = dict(zip(dynamics.system.state_names, state.tolist(), strict=True))
+    return solve(problem.with_modes(Cycle((step.sequence,)), settled, durations).from_guess())
+
+
+def test_a_slip_crosses_the_section_and_the_family_goes_on() -> None:
+    """Both halves of the cycle of this sled are alike: one changes where the other crosses the end of the clock."""
+    branch = continuation(sled_gait(0.4), "friction", to=0.39)
+    change = branch.specials[0]
+    assert change.type == "impact_change"
+    assert change.value == pytest.approx(0.39612997, abs=1e-7)
+    assert change.before.impact.contacts["front"] == "stick"
+    assert change.after.impact.contacts["front"] == "slip_backward"
+    assert branch.specials[-1].reason == "reached friction = 0.39"
+    last, alone = branch.points[-1].gait, sled_gait(0.39)
+    assert last.cycle == alone.cycle
+    assert last.state == pytest.approx(alone.state, abs=1e-9)
+    assert verify(last).passed

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from casadi import DM, SX, Function
+from contact_problems import sled
 from numpy.typing import NDArray
 
 from gaitopt import ImpactLaw, Mode
@@ -17,6 +18,8 @@ from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
 
 Array = NDArray[np.float64]
 
@@ -211,3 +214,14 @@ def test_two_consistent_impacts_are_a_named_ending() -> None:
     assert termination.ending is Ending.IMPACT_AMBIGUOUS
     assert "stick and slip_forward are consistent at mu = 0.5" in termination.reason
     assert "v_t = 0.3" in termination.reason
+
+
+@pytest.mark.parametrize(("middle", "force"), [(1.0, 4.5), (2.0, 4.5), (1.0, 6.0), (2.0, 6.0)])
+def test_contacts_that_come_to_rest_at_nearly_one_instant_are_not_ambiguous(middle: float, force: float) -> None:
+    """The outer masses of a symmetric sled mirror each other, and rounding parts the instants at which they stop."""
+    forces = f"first: {{pull: {force}, push: -{force}}}, second: {{pull: -{force}, push: {force}}}"
+    problem = sled((1.0, middle, 1.0), 20, f"{{type: alternating, cycle: 2, {forces}}}")
+    dynamics = problem_dynamics(problem)
+    state = np.array([problem.guess.state[name] for name in dynamics.system.state_names])
+    walk = Simulator(dynamics).run(state, 12)
+    assert walk.ending is Ending.COMPLETED, walk.message
