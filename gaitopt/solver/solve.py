@@ -18,12 +18,14 @@ from gaitopt.arrays import overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import contact_of, kind
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.collocation import first_gait
-from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, largest_residual, missing_event, violations
+from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
 from gaitopt.solver.rollout import FINE_ERROR, Rollout, guessed_motion, roll_out, rolled_again, transit_time
@@ -206,4 +208,29 @@ def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: 
                 break
             if violated:
                 return tuple(violated)
-    return (missing or largest_residual(failed),)
+    return (missing or _foot_below_ground(guess) or largest_residual(failed),)
+
+
+def _foot_below_ground(guess: Rollout) -> Cause | None:
+    """A landing of the guess for which the swing foot, or a contact, comes too late; None if there is none."""
+    system, cycle, time = guess.dynamics.system, guess.cycle, 0.0
+    for phase, (mode, duration) in enumerate(zip(cycle.phases, guess.durations, strict=True)):
+        time = duration if phase in cycle.first_phases else time + duration
+        motion, ending = guess.motions[phase], system.transitions.ending(cycle, phase).guard
+        if kind(ending) != TOUCHDOWN or motion.end < time * (1 - AIRBORNE):
+            continue
+        row = system.transitions.margin_names(mode).index(ending)
+        times = np.linspace(time - duration, time, SAMPLES)
+        heights = [
+            float(system.margins(mode)(t, z, motion.p, motion.data[-1])[row])
+            for t, z in zip(times, motion(times).T, strict=True)
+        ]
+        if max(heights) > 0 > heights[-1] + AIRBORNE * guess.dynamics.margin_units(mode)[row]:
+            passed = times[max(k for k, height in enumerate(heights) if height > 0)]
+            foot = f"the contact {contact_of(ending)}" if mode.is_named else "the swing foot"
+            words = (
+                f"{cycle.phase_words(phase)}: at the landing of the guess, {time:.4g} s after the impact, {foot} is "
+                f"below the ground, which it reaches about {passed:.4g} s after the impact; guess a shorter step"
+            )
+            return Cause(what=ending, words=words, phase=phase, step=cycle.step_of(phase), time=float(passed))
+    return None

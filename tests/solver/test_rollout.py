@@ -14,7 +14,7 @@ from gaitopt.model.transitions import MARGINS
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.solver.diagnosis import missing_event
 from gaitopt.solver.rollout import roll_out, transit_time
-from gaitopt.systems import build_system
+from gaitopt.systems import build_system, solve_sequence
 
 
 def prepared(name, **overrides):
@@ -171,3 +171,15 @@ def test_hopeless_guess_is_a_failure_and_no_error(name, overrides, capfd):
     assert not gait.converged
     assert gait.message
     assert capfd.readouterr() == ("", "")
+
+
+def test_foot_below_the_ground_at_the_landing_of_a_guess_is_the_cause_of_a_failed_search():
+    state = {"theta1": -0.3, "torso": 0.2, "dtheta1": 0.9, "dtheta2": -0.1, "dtorso": 0.04}
+    problem = go.load_problem("torso-upright").replace({"gait.guess.state": state, "gait.guess.durations": [1.1]})
+    gait = solve_sequence(problem)
+    (cause,) = gait.causes
+    assert cause.what == "touchdown"
+    rolled = roll_out(gait.dynamics, problem.cycle, np.array([problem.guess.state[z] for z in gait.system.state_names]))
+    assert cause.time == pytest.approx(rolled.period, rel=0.05)  # where it does land
+    assert "the swing foot is below the ground" in gait.message
+    assert "tried Newton's method and IPOPT" in gait.message
