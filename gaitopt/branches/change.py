@@ -334,6 +334,7 @@ def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
     """The gait next to ``point``, with the parameter ``offset`` away, at a fixed point of the simulator's return map.
 
     The simulator finds the modes, also where several change at once. The gait is solved on a mesh as fine as the guess.
+    With ``offset`` zero it has the modes of ``point`` and its direction along the family.
     """
     curve, gait = point.curve, point.gait
     try:
@@ -351,7 +352,7 @@ def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
         cycle = Cycle(tuple(step.sequence for step in steps))
     except ValueError:  # its cycle does not close
         return None
-    return _attempt(point, cycle, offset, starts)
+    return _attempt(point, cycle, offset, starts) if offset or cycle == curve.cycle else None
 
 
 def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint | None:
@@ -464,7 +465,7 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None
     forward = np.zeros(w.size)  # away from the event, in the entries that both curves have
     forward[: system.n_z] = states[0] - point.gait.state
     forward[-1] = offset
-    first = successor.start(w, successor.coordinates(forward))
+    first = successor.start(w, successor.coordinates(forward) if offset else curve.coordinates(point.tangent))
     try:
         near = first is not None and curve.metric.distance(first.gait.state, point.gait.state) < NEARBY
     except RuntimeError:  # singular: its slips have no length, so that nothing ends them

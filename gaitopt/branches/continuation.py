@@ -410,6 +410,10 @@ class Continuation:
                 self.point = finer
                 check = confirm(finer.gait)
                 gait = finer.gait.verified(check.to_record())
+            if not check.passed and (simulated := simulated_gait(self.point, 0.0)) is not None:
+                self.point = simulated  # rounding may have moved a sensitive gait
+                check = confirm(simulated.gait)
+                gait = simulated.gait.verified(check.to_record())
             if not check.passed:
                 worst = next(claim for claim in check.claims if not claim.passed)
                 reason = f"the simulator disagrees: {worst.words}"

@@ -2,8 +2,10 @@
 
 import pytest
 
+import gaitopt as go
 from gaitopt import Cycle, Mode, ModeSequence
-from gaitopt.branches.change import successors
+from gaitopt.branches.change import simulated_gait, successors
+from gaitopt.branches.curve import Metric, first_point
 from gaitopt.branches.monitors import MonitorKey, MonitorValue
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -73,3 +75,18 @@ def test_a_phase_is_edited_within_its_own_step() -> None:
     cycle = Cycle((ModeSequence((T, B), T), ModeSequence((F, T), T)))
     first, *_ = successors(TABLE, cycle, [(MonitorKey("duration", 2), MonitorValue(0.0))])
     assert first == Cycle((ModeSequence((T, B), T), ModeSequence((T,), T)))
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "heel-toe"])
+def test_fixed_point_of_the_simulated_return_map_is_the_gait_and_keeps_its_direction(name):
+    gait = go.solve(name)
+    slope = "walker.slope"
+    here = first_point(gait, slope, Metric.of(gait, 0.01), -1.0)
+    found = simulated_gait(here, 0.0)
+    assert found is not None
+    assert found.gait.state == pytest.approx(gait.state, abs=1e-10)
+    assert found.curve.coordinates(found.tangent) == pytest.approx(here.curve.coordinates(here.tangent), abs=1e-6)
+    ahead = simulated_gait(here, -1e-4)
+    assert ahead is not None
+    assert ahead.value == pytest.approx(gait.dynamics.parameter(slope) - 1e-4, abs=1e-15)
+    assert ahead.gait.state == pytest.approx(go.solve(gait.problem.replace({slope: ahead.value})).state, abs=1e-10)
