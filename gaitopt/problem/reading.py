@@ -519,7 +519,7 @@ class _StatementReader:
         end: str = section if isinstance(section, str) else section.margin
         if model is None or end == TOUCHDOWN:
             if model is not None and model.contacts and not model.landing_contacts:
-                words = "write section: clock, or section: {margin: NAME}"
+                words = "write section: clock, or section: {margin: NAME}; to simulate it alone, leave gait out"
                 self._fault(path, f"the {model.model} has no landing contacts: {words}")
             return TOUCHDOWN
         if not model.contacts:

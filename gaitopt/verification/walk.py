@@ -199,6 +199,7 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
     missing = [name for name in section if name not in {**values, **state}]
     if missing:
         words = f"give the section, {', '.join(section)}, or the whole state, {', '.join(names)}"
+        words += "; `gaitopt find` lists the gaits" * problem.has_gait
         raise ProblemError(f"state: {', '.join(missing)} is missing; {words}")
     chosen = {name: float({**values, **state}[name]) for name in section}
     z = dynamics.lift(np.array([*chosen.values()]))

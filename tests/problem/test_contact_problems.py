@@ -214,4 +214,7 @@ def test_a_walker_without_landings_is_told_how_its_cycle_may_end() -> None:
     with pytest.raises(ProblemError) as caught:
         parse_problem(text)
     (line,) = str(caught.value).splitlines()
-    assert line.endswith("has no landing contacts: write section: clock, or section: {margin: NAME}")
+    assert line.endswith(
+        "has no landing contacts: write section: clock, or section: {margin: NAME}; "
+        "to simulate it alone, leave gait out"
+    )
