@@ -187,12 +187,10 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
     tracked = [system.angle_names.index(name) for name in followed.values()]
 
     def piece(arc: Arc) -> Piece:
-        n, offset, p = len(system.walker.shape), system.n_shape + 1, arc.dynamics.p
-        angles, rates = arc.states[:, :n], arc.states[:, offset : offset + n]
-        if max(tracked, default=0) >= n:  # the angle of a motor, or a phase variable
-            angles, rates = (out.copy() for out in buffered_map(system.angles, arc.times.size)(arc.states, p))
-        series = [curves.coefficients(values).T[tracked] for values in (angles, rates)]
-        return Piece(start=arc.start, end=arc.end, angles=series[0], rates=series[1])
+        angles = arc.states[:, : len(system.walker.shape)]
+        if max(tracked, default=0) >= angles.shape[1]:  # the angle of a motor, or a phase variable
+            angles = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy()
+        return Piece(start=arc.start, end=arc.end, angles=curves.coefficients(angles).T[tracked])
 
     pieces = [piece(arc) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:

@@ -161,15 +161,19 @@ class Piece:
     ----------
     start, end : time since impact [s]; ``end`` scales the series and does not have to be reached.
     angles : ndarray, shape (n_u, degree + 1) - Chebyshev coefficients of the angles [rad].
-    rates : ndarray, shape (n_u, degree + 1) - of their rates [rad/s].
     active : False where the control is switched off.
     """
 
     start: float
     end: float
     angles: Array
-    rates: Array
     active: bool = True
+
+    @property
+    def rates(self) -> Array:
+        """Chebyshev coefficients of the rates [rad/s], the derivative of the angles; shape (n_u, max(degree, 1))."""
+        slope = 2 / (self.end - self.start)
+        return np.asarray(slope * chebyshev.chebder(self.angles, axis=1))
 
     def __call__(self, t: float) -> tuple[Array, Array]:
         """Angles [rad] and rates [rad/s] at a time since impact [s], shape (n_u,) each."""
@@ -196,7 +200,7 @@ class Reference(Target):
     @property
     def degree(self) -> int:
         """Largest degree of all series."""
-        return max(len(table.T) for piece in self.pieces for table in (piece.angles, piece.rates)) - 1
+        return max(piece.angles.shape[1] for piece in self.pieces) - 1
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -250,7 +254,6 @@ def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd, names:
         start=end,
         end=end + 1.0,
         angles=np.column_stack([angles + rates / 2, rates / 2]),
-        rates=rates[:, None],
         active=beyond_end is not BeyondEnd.OFF,
     )
     return Reference(pieces=(*pieces, tail), names=names)
@@ -320,8 +323,8 @@ class BezierCurve(Target):
         return (self.duration,)
 
     def data(self, segment: int) -> Array:
-        """Weights of the curve and of its continuation: (1, 0), then (0, 1)."""
-        return np.array([1.0, 0.0] if segment == 0 else [0.0, 1.0])
+        """Weights of the curve and of its continuation, (1, 0) and then (0, 1), and the duration."""
+        return np.array([*np.eye(2)[segment], self.duration])
 
     def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
         """Bounds of the control points."""
@@ -332,35 +335,34 @@ class BezierCurve(Target):
     ) -> tuple[SX, SX]:
         """The curves, and then their continuation."""
         points = horzcat(*(getattr(p, joint) for joint in joints))
-        return _over_clock(lambda s: self._curve(points, s), self.duration, self.beyond_end, now, weights)
 
-    def _curve(self, points: SX, s: SX) -> tuple[SX, SX]:
-        """Angles and rates of the curves at the phase ``s``."""
-        slopes = self.degree / self.duration * (points[1:, :] - points[:-1, :])
-        return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
+        def curve(s: SX, rate: SX) -> tuple[SX, SX]:
+            slopes = self.degree * rate * (points[1:, :] - points[:-1, :])
+            return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
+
+        return _over_clock(curve, self.beyond_end, now, weights)
 
 
 def _over_clock(
-    curve: Callable[[SX], tuple[SX, SX]],
-    duration: float,
-    beyond_end: BeyondEnd,
-    now: "Instant",
-    weights: tuple[SX, SX],
+    curve: Callable[[SX, SX], tuple[SX, SX]], beyond_end: BeyondEnd, now: "Instant", weights: tuple[SX, SX]
 ) -> tuple[SX, SX]:
     """Weighted sum of angles and rates of curves over ``t / duration`` in segment 0, then of their continuation.
 
+    The segment data start with the weights of both, and the duration.
+
     Parameters
     ----------
-    curve : s -> angles [rad] and rates [rad/s], shape (n,) each.
+    curve : s, ds/dt -> angles [rad] and rates [rad/s], shape (n,) each.
     """
+    duration = now.r[2]
 
     def total(angles: SX, rates: SX) -> SX:
         return weights[0] * angles + weights[1] * rates
 
-    inside = total(*curve(now.t / duration))
+    inside = total(*curve(now.t / duration, 1 / duration))
     if beyond_end is BeyondEnd.OFF:
         return inside, now.r[0]
-    end, rate = curve(SX(1))
+    end, rate = curve(SX(1), 1 / duration)
     hold = beyond_end is BeyondEnd.HOLD
     after = total(end, SX.zeros(rate.numel())) if hold else total(end + rate * (now.t - duration), rate)
     return now.r[0] * inside + now.r[1] * after, SX(1)
@@ -508,8 +510,14 @@ class BezierReference(BaseModel, Target):
         """The angles that have a curve."""
         return tuple(self.bezier)
 
-    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
-        """The curves of some angles at a phase, shape (n,); ``span`` is the phase at both ends."""
+    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: SX, r: SX) -> SX:
+        """The curves of some angles at a phase, shape (n,).
+
+        Parameters
+        ----------
+        span : SX, shape (2,) - the phase at both ends.
+        r : SX - the target's segment data.
+        """
         s = (phase - span[0]) / (span[1] - span[0])
         return vertcat(*(_bezier(getattr(p, name), s) for name in names))
 
@@ -576,8 +584,8 @@ class GivenCurves(BaseModel, Target):
         """Phase variable, or time since impact, at the start and the end of the curves."""
         raise NotImplementedError
 
-    def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
-        """Control points of the Bezier curve of each joint."""
+    def points(self, p: SimpleNamespace, r: SX, joints: Sequence[str]) -> list[SX]:
+        """Control points of the Bezier curve of each joint; ``r`` are the segment data after those of the domain."""
         raise NotImplementedError
 
     @property
@@ -591,17 +599,17 @@ class GivenCurves(BaseModel, Target):
         return () if self.phase_variable else (self.domain[1],)
 
     def data(self, segment: int) -> Array:
-        """Over the clock, weights of the curves and of their continuation: (1, 0), then (0, 1)."""
-        return np.zeros(0) if self.phase_variable else np.eye(2)[segment]
+        """Over the clock, weights of the curves and of their continuation, and the duration; else the span."""
+        start, end = self.domain
+        return np.array([start, end] if self.phase_variable else [*np.eye(2)[segment], end])
 
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
     ) -> tuple[SX, SX]:
         """The curves; curves of time then have their continuation."""
-        start, end = self.domain
-        points = self.points(p, joints)
+        points = self.points(p, now.r[2 if self.phase_variable else 3 :], joints)
 
-        def curve(s: SX, rate: Any) -> tuple[SX, SX]:
+        def curve(s: SX, rate: SX) -> tuple[SX, SX]:
             angles = (_bezier(c, s) for c in points)
             slopes = (
                 (c.numel() - 1) * rate * dot(c[1:] - c[:-1], _bernstein(c.numel() - 2, s)) for c in points
@@ -610,9 +618,10 @@ class GivenCurves(BaseModel, Target):
 
         if not self.phase_variable:
             assert self.beyond_end is not None  # or there is a fault
-            return _over_clock(lambda s: curve(s, 1 / end), end, BeyondEnd(self.beyond_end), now, weights)
+            return _over_clock(curve, BeyondEnd(self.beyond_end), now, weights)
         phase, rate = (getattr(names, self.phase) for names in (now.s, now.ds))
-        angles, rates = curve((phase - start) / (end - start), rate / (end - start))
+        start, length = now.r[0], now.r[1] - now.r[0]
+        angles, rates = curve((phase - start) / length, rate / length)
         return weights[0] * angles + weights[1] * rates, SX(1)
 
     def phase_faults(self, walker: "WalkerType", joints: Sequence[str], key: str) -> Iterator[tuple[Path, str]]:
@@ -674,7 +683,7 @@ class BezierMotion(BezierReference, GivenCurves):
         """Those that have a curve."""
         return tuple(self.bezier)
 
-    def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
+    def points(self, p: SimpleNamespace, r: SX, joints: Sequence[str]) -> list[SX]:
         """The parameters."""
         return [getattr(p, joint) for joint in joints]
 
@@ -732,11 +741,17 @@ class Table(BaseModel):
         ValueError
             With file and line of the first mistake.
         """
-        return _columns(self)
+        return _columns(self)[0]
+
+    @property
+    def decimals(self) -> Mapping[str, tuple[str, ...]]:
+        """The numbers as the file writes them, with ``deg`` where their column has this unit; raises as ``columns``."""
+        return _columns(self)[1]
 
 
 @lru_cache(maxsize=32)
-def _columns(table: Table) -> dict[str, Array]:
+def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
+    """Numbers and decimals of a table by the names of its columns."""
     lines = [(k, line.strip()) for k, line in enumerate(table.text.removeprefix("\ufeff").splitlines(), start=1)]
     lines = [(k, line) for k, line in lines if line and not line.startswith("#")]
     form = "a line of names such as t,theta2 (rad; or theta2 [deg]), and rows of numbers"
@@ -752,11 +767,14 @@ def _columns(table: Table) -> dict[str, Array]:
         raise ValueError(f"{table.file}:{first}: {words}: it must have {form}")
     if not 2 <= len(rows) <= MOST_ROWS:
         raise ValueError(f"{table.file} has {len(rows)} rows of numbers, must have from 2 to {MOST_ROWS}")
-    numbers = np.empty((len(rows), len(names)))
+    numbers, decimals = np.empty((len(rows), len(names))), list[list[str]]()
     for n, (k, line) in enumerate(rows):
         cells = line.split(",")
         if len(cells) != len(names):
             raise ValueError(f"{table.file}:{k}: {len(cells)} entries, but there are {len(names)} columns")
+        decimals.append(
+            [f"{cell.strip()} deg" if unit == "deg" else cell.strip() for cell, unit in zip(cells, units, strict=True)]
+        )
         for column, cell in enumerate(cells):
             try:
                 numbers[n, column] = parse_number(cell)
@@ -774,7 +792,10 @@ def _columns(table: Table) -> dict[str, Array]:
             f"{numbers[k + 1, 0]:g} after {numbers[k, 0]:g}; it must increase from row to row, or decrease throughout"
         )
         raise ValueError(f"{table.file}:{rows[k + 1][0]}: {names[0]} = {words}")
-    return {name: numbers[:, k] for k, name in enumerate(names)}
+    return (
+        {name: numbers[:, k] for k, name in enumerate(names)},
+        dict(zip(names, map(tuple, zip(*decimals, strict=True)), strict=True)),
+    )
 
 
 def _read_table(value: Any) -> Any:
@@ -838,11 +859,6 @@ class TableCurves(BaseModel, Target):
         return float(first[0]), float(first[-1])
 
     @property
-    def fitted(self) -> Mapping[str, Array]:
-        """Control points of the Bezier curves of this degree that are closest to the rows, by joint."""
-        return dict(zip(self.names, self._fit[0], strict=True))
-
-    @property
     def fit_errors(self) -> Mapping[str, float]:
         """Distance of the curves from the rows."""
         return {} if self.degree is None else dict(zip(self.names, self._fit[1].tolist(), strict=True))
@@ -854,10 +870,22 @@ class TableCurves(BaseModel, Target):
         phase, *angles = self.table.columns.values()
         return control_points((phase - start) / (end - start), np.array(angles), self.degree)
 
-    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
+    def data(self, segment: int) -> Array:
+        """First and last entry of the first column, and the fitted control points of all curves, one after the other.
+
+        They are data and no constants, so that a proof can take their exact values.
+        """
+        return np.array([*self.domain, *(self._fit[0].ravel() if self.degree else ())])
+
+    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: SX, r: SX) -> SX:
         """The polynomials of some angles at a phase, shape (n,); the table has a span of its own."""
-        (start, end), fitted = self.domain, self.fitted
-        return vertcat(*(_bezier(SX(fitted[name]), (phase - start) / (end - start)) for name in names))
+        points = self.points(p, r[2:], names)
+        return vertcat(*(_bezier(c, (phase - r[0]) / (r[1] - r[0])) for c in points))
+
+    def points(self, p: SimpleNamespace, r: SX, joints: Sequence[str]) -> list[SX]:
+        """Those that fit the rows; ``r`` are the segment data after those of the domain."""
+        rows = dict(zip(self.names, vertsplit(r, (self.degree or 0) + 1), strict=True))
+        return [rows[joint] for joint in joints]
 
     def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
         """A degree that is missing or too large for the rows."""
@@ -883,17 +911,14 @@ class TableReference(TableCurves, GivenCurves):
         return super().breakpoints if self.degree else self.spline.breakpoints
 
     def data(self, segment: int) -> Array:
-        """The numbers of a piece of the spline."""
-        return super().data(segment) if self.degree else self.spline.data(segment)
+        """The numbers of a piece of the spline; or those of the domain, and the fitted control points."""
+        if not self.degree:
+            return self.spline.data(segment)
+        return np.concatenate([GivenCurves.data(self, segment), self._fit[0].ravel()])
 
     def followers(self, walker: "WalkerType") -> tuple[str, ...]:
         """Those that have a column."""
         return self.names
-
-    def points(self, p: SimpleNamespace, joints: Sequence[str]) -> list[SX]:
-        """Those that fit the rows."""
-        fitted = self.fitted
-        return [SX(fitted[joint]) for joint in joints]
 
     def weighted(
         self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
@@ -939,8 +964,7 @@ def _spline(table: Table, beyond_end: BeyondEnd) -> Reference:
     pieces = []
     for start, end in pairwise(times.tolist()):
         at = (start + end) / 2 + (end - start) / 2 * chebyshev.chebpts1(4)
-        series = [chebyshev.chebfit(chebyshev.chebpts1(4), spline(at, order).T, 3).T for order in (0, 1)]
-        pieces.append(Piece(start=start, end=end, angles=series[0], rates=series[1]))
+        pieces.append(Piece(start=start, end=end, angles=chebyshev.chebfit(chebyshev.chebpts1(4), spline(at).T, 3).T))
     return continued(pieces, float(times[-1]), beyond_end, tuple(table.columns)[1:])
 
 
@@ -1283,7 +1307,7 @@ class ConstantReference(BaseModel, Target):
         """The angles that are given."""
         return tuple(self.constant)
 
-    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: tuple[float, float]) -> SX:
+    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: SX, r: SX) -> SX:
         """The constants of some angles, shape (n,)."""
         return vertcat(*(getattr(p.constant, name) for name in names))
 

@@ -27,9 +27,11 @@ from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated
 
+import numpy as np
 from casadi import SX, jacobian, jtimes, solve, sqrt, vertcat, vertsplit
 from pydantic import Field
 
+from gaitopt.arrays import Array
 from gaitopt.model.control import Control, Instant
 from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, TableCurves, Target
 from gaitopt.model.units import Angle, NonNegative
@@ -144,6 +146,11 @@ class VirtualConstraints(Control):
             target = target.model_copy(update={"joints": {name: name for name in self.outputs}})
         return {"reference": target}
 
+    def data(self, segment: int) -> Array:
+        """The span, the clamp if there is one, and the data of the reference."""
+        clamp = () if self.clamp is None else (self.clamp,)
+        return np.array([*self.span, *clamp, *self.reference.data(segment)])
+
     def driven_by(self, walker: WalkerType) -> tuple[str, ...]:
         """The motor for each output; empty if ``motors`` has to say it."""
         if self.motors is not None:
@@ -214,13 +221,13 @@ class VirtualConstraints(Control):
         """Outputs y and their derivative by the shape."""
         walker, motors = now.robot.walker, now.robot.mechanism.motors
         angles = dict(zip(walker.actuators, motors, strict=True)) | vars(now.s)
-        span = (self.span[0], self.span[1])
+        span, rest = now.r[:2], now.r[2:]
         assert not isinstance(self.reference, GaitCurves | FreeCurves)  # which are replaced once the gait is known
         phase = angles[self.phase]
         if self.clamp is not None:
-            s, w = (phase - span[0]) / (span[1] - span[0]), self.clamp
+            s, w, rest = (phase - span[0]) / (span[1] - span[0]), rest[0], rest[1:]
             phase = span[0] + (span[1] - span[0]) * (1 + sqrt(s**2 + w**2) - sqrt((s - 1) ** 2 + w**2)) / 2
-        curves = self.reference.curves(now.p.reference, self.outputs, phase, span)
+        curves = self.reference.curves(now.p.reference, self.outputs, phase, span, rest)
         y = vertcat(*(angles[name] for name in self.outputs)) - curves
         return y, jacobian(y, now.robot.q[: len(walker.shape)])
 

@@ -157,7 +157,7 @@ class Problem(ProblemStatement):
         raise_faults(faults, place)
         known = {} if self.reference is None else {self.control.source[0]: self.reference}
         files = () if self.path is None else (self.path,)
-        changed = _build(data, place, faults, self._classes, files, text=self.text, known=known)
+        changed = build_problem(data, place, faults, self._classes, files, text=self.text, known=known)
         file = self if self.file is None else self.file
         same = changed.reference == file.reference and all(
             getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
@@ -423,7 +423,7 @@ def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), control
         if isinstance(section, dict) and isinstance(section[key], Mapping):
             reference = restore_problem(section[key], walkers=walkers, controls=controls)
             known, section[key] = {reference.name: reference}, reference.name
-    problem = _build(data, place, [], classes, (), known=known)
+    problem = build_problem(data, place, [], classes, (), known=known)
     return problem if before is None else replace(problem, file=problem.replace(before).from_guess())
 
 
@@ -482,10 +482,10 @@ def _parse(text: str, classes: Known, files: Sequence[Path]) -> Problem:
     if not isinstance(source.data, Mapping):
         faults.append(Fault((), "the file is not a mapping of keys; `gaitopt schema` describes a problem file"))
         raise_faults(faults, place)
-    return _build(source.data, place, faults, classes, files, text=text)
+    return build_problem(source.data, place, faults, classes, files, text=text)
 
 
-def _build(
+def build_problem(
     data: Mapping[str, Any],
     place: Place,
     faults: list[Fault],

@@ -55,11 +55,13 @@ class Source:
     ----------
     data : mappings with string keys, lists, and str, int, float, bool or None.
     marks : line and column, both from 1, of every key and list entry by its path; the root has the path ().
+    scalars : every value that is neither a mapping nor a list, as it is written, by its path.
     faults : errors in the text itself, such as duplicate keys.
     """
 
     data: Any
     marks: Mapping[Key, tuple[int, int]]
+    scalars: Mapping[Key, str]
     faults: tuple[Fault, ...]
 
 
@@ -163,7 +165,7 @@ def _parse(text: str, name: str) -> Source:
         raise
     except (YAMLError, ValueError, OverflowError) as error:  # the last two from escapes beyond Unicode
         raise _refusal(name, f"is not YAML: {error}") from error
-    return Source(data=data, marks=reader.marks, faults=tuple(reader.faults))
+    return Source(data=data, marks=reader.marks, scalars=reader.scalars, faults=tuple(reader.faults))
 
 
 def parse_value(text: str) -> object:
@@ -186,6 +188,7 @@ class _DocumentReader:
     def __init__(self, yaml: YAML, name: str) -> None:
         self.yaml, self.name = yaml, name
         self.marks: dict[Key, tuple[int, int]] = {(): (1, 1)}
+        self.scalars: dict[Key, str] = {}
         self.faults: list[Fault] = []
 
     def read(self, stream: Iterable[Event]) -> Any:
@@ -252,6 +255,7 @@ class _DocumentReader:
     def _scalar(self, event: ScalarEvent, path: Key) -> Any:
         if len(event.value) > MAX_SCALAR:
             raise self._refuse(event, f"a value of {len(event.value)} characters; at most {MAX_SCALAR}")
+        self.scalars[path] = event.value
         tag = self._tag(event)
         if tag not in _NATIVE:
             return event.value  # a timestamp is a text too

@@ -23,17 +23,12 @@ from gaitopt.model.control import Control
 from gaitopt.model.transitions import IMPACT_MARGINS, PHASE_MARGINS, Ending, Margin
 from gaitopt.model.walker import Walker
 from gaitopt.proof.arithmetic import NotProved, at, decimal_bounds, precision
-from gaitopt.proof.certificate import (
-    BoxRecord,
-    Hypotheses,
-    Statement,
-    read_certificate,
-    restore_box,
-    restore_statement,
-)
+from gaitopt.proof.certificate import BoxRecord, DurationRecord, read_certificate
 from gaitopt.proof.claims import ProofClaim, measure_bounds, mode_claim_names, mode_sequence_claims
+from gaitopt.proof.law_data import DURATION_ERROR, LAW_DATA, OWN_DURATION_ERROR, duration_claim, motion_claim
 from gaitopt.proof.orbit import (
     SPLIT,
+    CycleEnclosure,
     TiltedBox,
     deviations,
     krawczyk,
@@ -43,6 +38,7 @@ from gaitopt.proof.orbit import (
     return_map,
     union_of_multipliers,
 )
+from gaitopt.proof.statement import Hypotheses, Statement, restore_box, restore_statement
 
 STATEMENT, EXISTENCE, MOTION = "statement", "existence and uniqueness", "motion"
 COMPLETENESS, STABILITY = "completeness", "stability"
@@ -80,6 +76,7 @@ class CheckedBox:
     durations : of the phases [s].
     derivatives : of the return map, on parts of the interval.
     multipliers : largest modulus first.
+    cycle : one cycle of the motion.
     """
 
     outer: TiltedBox
@@ -92,6 +89,7 @@ class CheckedBox:
     measures: Mapping[str, arb | None] = field(default_factory=dict)
     derivatives: Sequence[arb_mat] = ()
     multipliers: tuple[acb, ...] = ()
+    cycle: CycleEnclosure | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +106,7 @@ class Proof:
     durations : bounds of the durations of the phases [s].
     measures : bounds of the measures, by name.
     multipliers : bounds, largest modulus first; empty for a bracket of a special point.
+    minimal_period : whether it is proved that the period is the least one; None if nothing is proved.
     """
 
     problem: str
@@ -118,6 +117,7 @@ class Proof:
     durations: tuple[arb, ...] = ()
     measures: Mapping[str, arb | None] | None = None
     multipliers: tuple[acb, ...] = ()
+    minimal_period: bool | None = None
 
     def __repr__(self) -> str:
         stability = {True: ", stable", False: ", unstable", None: ""}[self.stable]
@@ -152,6 +152,9 @@ class Proof:
         if varied is not None and self.statement:
             interval = self.statement["parameters"][varied]
             family = {"parameter": varied, "interval": interval, "special": self.certificate["special"]}
+        statement = dict(self.statement)
+        if self.minimal_period is False:
+            statement["not_proved"] = [*self.statement["not_proved"], "whether the period is the least one"]
         measures = {
             name: decimal_bounds(value) if value is not None and value.is_finite() else None
             for name, value in (self.measures or {}).items()
@@ -170,11 +173,12 @@ class Proof:
             "problem": self.problem,
             "proved": self.proved,
             **family,
-            "statement": dict(self.statement),
+            "statement": statement,
             "state": state,
             "durations": [decimal_bounds(value) for value in self.durations],
             "period": None,
             **measures,
+            "minimal_period": self.minimal_period,
             "multipliers": [{"re": decimal_bounds(m.real), "im": decimal_bounds(m.imag)} for m in self.multipliers],
             "spectral_radius": None if radius is None else decimal_bounds(radius),
             "stable": self.stable,
@@ -204,21 +208,32 @@ def check(
         statement: Statement | None = None
         try:
             statement = restore_statement(read_certificate(certificate), walkers, controls)
-            records = statement.record.boxes
-            if not records:
-                raise ValueError("it has no boxes: nothing is proved")
-            if len(records) != 1 and not statement.interval:
-                raise ValueError(f"{len(records)} boxes, but no parameter that varies")
-            boxes: list[CheckedBox] = []
-            for k, record in enumerate(records):
-                boxes.append(check_box(statement, record, at_end=k in (0, len(records) - 1)))
-                if boxes[-1].inner is None:
-                    break
+            boxes = list(_checked_boxes(statement))
         except (ValueError, NotProved) as fault:
             claim = ProofClaim(STATEMENT, proved=False, words=str(fault))
-            name = str(certificate.get("problem"))[:80]
+            name = statement.problem.name if statement else "unknown"
             return Proof(name, (claim,), certificate, statement.printed if statement else Hypotheses())
         return conclude(statement, boxes, certificate)
+
+
+def _checked_boxes(statement: Statement) -> Iterator[CheckedBox]:
+    """What is proved on each box, up to the first one that does not hold an orbit.
+
+    Raises
+    ------
+    ValueError
+        If there is no box, or one too many, or one does not fit the equations.
+    """
+    records = statement.record.boxes
+    if not records:
+        raise ValueError("it has no boxes: nothing is proved")
+    if len(records) != 1 and not statement.interval:
+        raise ValueError(f"{len(records)} boxes, but no parameter that varies")
+    for k, record in enumerate(records):
+        box = check_box(statement, record, at_end=k in (0, len(records) - 1))
+        yield box
+        if box.inner is None:
+            return
 
 
 def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -> CheckedBox:
@@ -232,7 +247,7 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
     at_end : whether the box is the first or the last one of the certificate.
     """
     orbit, outer = restore_box(statement, record)
-    box, special = CheckedBox(outer, record.interval), statement.record.special
+    box, special = CheckedBox(outer, record.interval), statement.special
     try:
         cycle = orbit.enclose(outer)
         inverse = precondition(orbit, cycle)
@@ -262,6 +277,7 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
             measures=measure_bounds(orbit, cycle, sum(durations, arb(0))),
             derivatives=derivatives,
             multipliers=() if special is not None and not at_end else multipliers(derivatives),
+            cycle=cycle,
         )
     except NotProved as failure:
         claim = ProofClaim(MOTION if box.claims else EXISTENCE, proved=False, words=str(failure))
@@ -274,7 +290,8 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
     Every box has to prove existence and the claims of the mode sequence. In a bracket of a violated margin only the end
     at which the orbit is a gait has to prove the latter; the sign change is about the other end.
     """
-    special, modes = statement.record.special, mode_claim_names(statement.system, statement.cycle, statement.arcs)
+    special = statement.special
+    modes = mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
     brackets_margin, last = special in MARGIN_CHANGES, len(boxes) - 1
     gait_end = _gait_end(boxes) if brackets_margin else None
     claims = list(
@@ -291,6 +308,7 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
             durations=tuple(map(_union, zip(*(box.durations for box in boxes), strict=True))),
             measures={name: _union([box.measures[name] for box in boxes]) for name in boxes[0].measures},
             multipliers=union_of_multipliers(box.multipliers for box in boxes if box.multipliers),
+            minimal_period=all(_is_minimal(statement, box) for box in boxes),
         )
     missing = [
         name
@@ -307,6 +325,8 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
         if not brackets_margin and not proof.proved:
             return proof
         claims.append(connection_claim(boxes, statement.interval))
+    if isinstance(statement.record.law, DurationRecord) or statement.reference is not None:
+        claims.append(_law_data(statement, boxes))
     if special is not None:
         claims.append(sign_change_claim(special, boxes))
     else:
@@ -314,6 +334,37 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
         words = f"{verdict}: the largest modulus of a multiplier is {proof.spectral_radius}"
         claims.append(ProofClaim(STABILITY, proved=proof.stable is not None, words=words))
     return replace(proof, claims=tuple(claims))
+
+
+def _is_minimal(statement: Statement, box: CheckedBox) -> bool:
+    """Whether the states after the impacts of a cycle differ, so that no part of the cycle is one."""
+    assert box.cycle is not None
+    cycle = statement.cycle
+    starts = [box.cycle.starts[[arc.phase for arc in statement.arcs].index(phase)] for phase in cycle.first_phases]
+    return not any(all(a.overlaps(b) for a, b in zip(starts[0], other, strict=True)) for other in starts[1:])
+
+
+def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
+    """Whether the data of the law that come from another gait fit a proved gait of its problem."""
+    data, source = statement.record.law, statement.reference
+    periods = [sum(box.durations, arb(0)) for box in boxes]
+    if statement.own_duration is not None:
+        return duration_claim(statement.own_duration, _union(periods), OWN_DURATION_ERROR, "the orbit")
+    if source is None:
+        return ProofClaim(LAW_DATA, proved=False, words="the proof of the gait that gives the duration is missing")
+    name = source.problem.name
+    try:
+        (box,) = _checked_boxes(source)
+    except ValueError as fault:
+        return ProofClaim(LAW_DATA, proved=False, words=f"{name}: {fault}")
+    proof = conclude(source, [box], {})
+    failed = [f"{claim.name}: {claim.words}" for claim in proof.claims if not claim.proved]
+    if failed or box.cycle is None or box.inner is None:
+        return ProofClaim(LAW_DATA, proved=False, words=f"the gait of {name} is not proved: {failed[0]}")
+    if isinstance(data, DurationRecord):
+        return duration_claim(data.duration, sum(box.durations, arb(0)), DURATION_ERROR, f"a proved gait of {name}")
+    orbit, _ = restore_box(source, source.record.boxes[0])
+    return motion_claim(statement, orbit, box.cycle, max(arb(period.upper()) for period in periods))
 
 
 def _merge_claims(claims_by_box: Iterable[Sequence[ProofClaim]]) -> Iterator[ProofClaim]:

@@ -14,20 +14,19 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from math import isfinite
 from typing import Any
 
 from casadi import SX, simplify
 from flint import arb
 
 from gaitopt.building import built_once
-from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import MARGINS
 from gaitopt.proof.arithmetic import BallFunction, NotProved, Refuted, hull
+from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.orbit import BREAKPOINT, CycleEnclosure, Orbit, OrbitArc
 from gaitopt.proof.taylor import derivative, evaluate
 
@@ -141,16 +140,16 @@ def check_pattern(name: str, parts: Sequence[SignPart], pattern: str) -> str:
     return " ".join(f"{kind}{len(list(group))}" for kind, group in groupby(kinds))
 
 
-def mode_claim_names(system: HybridSystem, sequence: Cycle, arcs: Sequence[OrbitArc]) -> tuple[str, ...]:
+def mode_claim_names(system: HybridSystem, law: ExactLaw, sequence: Cycle, arcs: Sequence[OrbitArc]) -> tuple[str, ...]:
     """The names of all claims that are required for an orbit to be a gait with this mode sequence.
 
     They are listed independently of ``mode_sequence_claims``: a claim that is not made leaves the theorem unproved.
     """
-    names = list[str]()
+    names, windows = list[str](), bool(law.breakpoints) or law.horizon is not None
     for j, arc in enumerate(arcs):
         of_arc = [name for name in system.transitions.margin_names(arc.mode) if name != "touchdown"]
         of_arc += [APPARENT_MASS] if arc.mode.sticks else []
-        of_arc += [TIME_WINDOW] if _has_windows(system.control) else []
+        of_arc += [TIME_WINDOW] if windows else []
         of_arc += [AT_REST] if _starts_at_rest(sequence, arcs, j) else []
         names += [f"arc {j + 1}, {arc.mode}: {name}" for name in of_arc]
     prefixes = [f"step {k + 1}, " for k in range(len(sequence.steps))] if len(sequence.steps) > 1 else [""]
@@ -159,7 +158,7 @@ def mode_claim_names(system: HybridSystem, sequence: Cycle, arcs: Sequence[Orbit
 
 def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofClaim]:
     """Prove or refute the mode sequence: margins on every arc, modes of a foot at rest, touchdowns, impacts."""
-    windows, sequence = _has_windows(orbit.system.control), orbit.sequence
+    sequence, windows = orbit.sequence, bool(orbit.law.breakpoints) or orbit.law.horizon is not None
     for step, impact in enumerate(sequence.impacts):
         arcs, touchdown = orbit.arcs_of(step), list[SignPart]()
         for j in arcs:
@@ -192,11 +191,6 @@ def _claim(name: str, prove: Callable[..., tuple[str, arb | None]], *arguments: 
             name, proved=False, words=str(failure), refuted=isinstance(failure, Refuted), violated=violated
         )
     return ProofClaim(name, proved=True, words=words, margin=margin)
-
-
-def _has_windows(control: Control) -> bool:
-    """Whether a control law changes at some time, or ends."""
-    return bool(control.breakpoints) or isfinite(control.horizon)
 
 
 def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
@@ -263,10 +257,13 @@ def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> 
 
 
 def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, arb | None]:
-    """Claim 3: while the foot sticks, its apparent mass is positive for a slip in either direction.
+    """Claim 3: while the foot sticks, its apparent mass C_tt +- mu C_nt is positive with the static coefficient mu.
 
-    A slip from rest accelerates the foot by minus the margin of its cone over the apparent mass. Inside the cone the
-    foot would therefore move against the direction of the slip: sticking is the only motion.
+    A foot that is let go has the normal acceleration -(C_tt f_n - C_nt f_t) / det C with the force f of sticking. It is
+    negative for every f in the static cone: lift-off is not consistent. The apparent masses with the kinetic
+    coefficient lie between those with the static one. A slip from rest accelerates the foot by minus the margin of the
+    kinetic cone over the apparent mass, so that inside this cone no slip is consistent. Between the kinetic and the
+    static cone one is, and sticking is chosen.
     """
     masses, lengths = orbit.field(orbit.arcs[j].mode, j).apparent_masses, [hull(step.h) for step in cycle.steps[j]]
     bounds = list[arb]()
@@ -274,7 +271,8 @@ def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, ar
         parts = list(sign_parts(zip(values, lengths, strict=True), monotone=False))
         check_pattern("painleve", parts, POSITIVE)
         bounds += [part.value.lower() for part in parts]
-    return "the apparent mass of the foot is positive throughout, for a slip in either direction", min(bounds)
+    words = "the apparent mass of the foot is positive throughout, with the static coefficient in either direction"
+    return words, min(bounds)
 
 
 def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -283,24 +281,29 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
     It starts after the segment does: the number of its segment is the number of breakpoints at which arcs of this step
     have ended (``certificate``), durations are positive, and a breakpoint sets the time exactly.
     """
-    arc, control = orbit.arcs[j], orbit.system.control
-    edges = (*control.breakpoints, control.horizon)
+    arc, law = orbit.arcs[j], orbit.law
+    edge, time, segment, words = law.edges[arc.segment], y[orbit.system.n_z], arc.segment, ""
     if arc.event == BREAKPOINT:
-        return f"the arc ends with the breakpoint at {edges[arc.segment]!r} s", None
-    time, segment, words = y[orbit.system.n_z], arc.segment, ""
-    if not isfinite(edges[segment]):
-        return "the arc follows the last breakpoint", None
-    while segment + 1 < len(edges) and time.overlaps(arb(edges[segment])):
-        if not (orbit.system.data(segment) == orbit.system.data(segment + 1)).all():
+        return f"the arc ends with the breakpoint at {seconds(edge)}", None
+    while edge is not None and segment < len(law.breakpoints) and time.overlaps(edge):
+        if not all(one == other for one, other in zip(*law.data[segment : segment + 2], strict=True)):
             break
-        words = f"; the law is the same on both sides of the breakpoint at {edges[segment]!r} s"
+        words = f"; the law is the same on both sides of the breakpoint at {seconds(edge)}"
         segment += 1
-    left = arb(edges[segment]) - time
+        edge = law.edges[segment]
+    if edge is None:
+        return f"the arc follows the last breakpoint{words}", None
+    left = edge - time
     if left < 0:
-        raise Refuted(f"the arc ends {(-left).str(6)} s after its segment of the control law, at {edges[segment]!r} s")
+        raise Refuted(f"the arc ends {(-left).str(6)} s after its segment of the control law, at {seconds(edge)}")
     if not left > 0:
-        raise NotProved(f"the arc may end after its segment of the control law, at {edges[segment]!r} s")
-    return f"the arc ends before its segment of the control law, at {edges[segment]!r} s{words}", left.lower()
+        raise NotProved(f"the arc may end after its segment of the control law, at {seconds(edge)}")
+    return f"the arc ends before its segment of the control law, at {seconds(edge)}{words}", left.lower()
+
+
+def seconds(time: arb) -> str:
+    """A time in words, with the digits of a double."""
+    return f"{float(time.mid())!r} s"
 
 
 def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
@@ -332,7 +335,8 @@ def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, ar
             if not any(margin < 0 for margin in margins.values()):
                 shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in margins.items())
                 raise NotProved(f"an impact with {other} is not shown to be inconsistent: {shown}")
-    return f"{mode} is the only consistent impact, and the former stance foot lifts", smallest_margin
+    first = " where sticking takes precedence" if mode.sticks and orbit.system.friction.may_drop else ""
+    return f"{mode} is the only consistent impact{first}, and the former stance foot lifts", smallest_margin
 
 
 def _impact_margins(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> dict[str, arb]:

@@ -27,8 +27,10 @@ import numpy as np
 from casadi import SX, Function, cse, jacobian, vertcat
 from flint import acb, acb_mat, arb, arb_mat
 
+from gaitopt.arrays import Array
 from gaitopt.building import building
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import (
@@ -44,6 +46,7 @@ from gaitopt.proof.arithmetic import (
     matrix_entries,
     matrix_from_columns,
 )
+from gaitopt.proof.law import ExactLaw
 from gaitopt.proof.taylor import PhaseSpace, TaylorStep, VectorField, expand, taylor_coefficients
 from gaitopt.threads import cached_property
 
@@ -123,6 +126,7 @@ class Orbit:
 
     Parameters
     ----------
+    law : breakpoints and segment data of the control law in balls.
     p : parameters in balls.
     varied : index of the varying parameter; None if none varies.
     interval : middle and half length of the interval of the varying parameter; empty if none varies.
@@ -140,6 +144,7 @@ class Orbit:
     def __init__(
         self,
         system: HybridSystem,
+        law: ExactLaw,
         p: Sequence[arb],
         varied: int | None,
         interval: Sequence[arb],
@@ -147,7 +152,8 @@ class Orbit:
         arcs: Sequence[OrbitArc],
         order: int,
     ) -> None:
-        self.system, self.p, self.varied, self.interval = system, list(p), varied, tuple(interval)
+        self.system, self.law, self.p = system, law, list(p)
+        self.varied, self.interval = varied, tuple(interval)
         self.sequence, self.arcs, self.n = sequence, tuple(arcs), system.n_z + 1
         self.order = order
         spaces = [PhaseSpace(system, varied, step) for step in range(system.walker.steps_per_cycle())]
@@ -170,6 +176,19 @@ class Orbit:
         node, state = divmod(entry - self.nodes[j][0], self.n)
         return f"{names[state]} at node {node + 1} of arc {j + 1}"
 
+    @cached_property
+    def units(self) -> Array:
+        """Natural unit of every entry of a state y, the time included: relative sizes, which need not be exact."""
+        middle = np.array([float(value.mid()) for value in self.p])
+        dynamics = Dynamics(self.system, middle)
+        return np.append(dynamics.state_units, dynamics.scales.time)
+
+    @property
+    def unit_of_unknowns(self) -> Array:
+        """Natural unit of every unknown, shape (size,)."""
+        arcs = len(self.durations)
+        return np.append(np.tile(self.units, (self.size - arcs) // self.n), np.full(arcs, self.units[-1]))
+
     @property
     def is_long(self) -> bool:
         """Whether a parameter varies by more than its rounding."""
@@ -179,7 +198,8 @@ class Orbit:
         """The vector field of a mode with the leg and control law of arc ``j``."""
         key = (mode, self.arcs[j].segment, self._spaces[j])
         if key not in self._fields:
-            self._fields[key] = VectorField(self._spaces[j], mode, self.p, self._segment_data(j))
+            data = self.law.data[self.arcs[j].segment]
+            self._fields[key] = VectorField(self._spaces[j], mode, self.p, data, self.units)
         return self._fields[key]
 
     def arcs_of(self, step: int) -> list[int]:
@@ -242,15 +262,12 @@ class Orbit:
         if self.interval:
             cycle.blocks.append((row, self.size, matrix(1, [values[-1] for values in rows])))
 
-    def _segment_data(self, j: int) -> list[arb]:
-        """Data of the control law in arc ``j``."""
-        return [arb(float(value)) for value in self.system.data(self.arcs[j].segment)]
-
     @lru_cache(maxsize=256)  # noqa: B019 - as long as the equations
     def _event_and_reset(self, j: int) -> BallFunction:
         """y -> event of arc ``j``, the state from which the next arc starts, and the derivatives of both."""
-        breakpoints = [*self.system.control.breakpoints, 0.0]
-        constants = [self.p, self._segment_data(j), [arb(float(breakpoints[self.arcs[j].segment]))]]
+        segment = self.arcs[j].segment
+        breakpoints = [*self.law.breakpoints, arb(0)]
+        constants = [self.p, self.law.data[segment], [breakpoints[segment]]]
         return BallFunction(self._event_and_reset_function(j), constants)
 
     @building
@@ -420,7 +437,7 @@ def require_contraction(orbit: Orbit, box: TiltedBox, image: TiltedBox) -> None:
 
 
 def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Preconditioner) -> Matrix:
-    """Derivative DP of the return map on the section after the last impact, shape (n_xi, n_xi).
+    """Derivative DP of the return map on the section after the last impact, in natural units, shape (n_xi, n_xi).
 
     A kick to the section coordinates at the start of the cycle moves the periodic orbit by H = (1 - DP)^-1 there. All
     unknowns move by X = F_u^-1 kick. With Y = C kick, X = Y - E X; and as |E| w < w is proved for the half widths w,
@@ -450,9 +467,11 @@ def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Pre
     entries = matrix_entries(X)
     H = matrix(n_xi, [entries[k * n_xi + i] for k in section for i in range(n_xi)])
     try:
-        return exact_matrix(np.eye(n_xi)) - H.inv()
+        DP = exact_matrix(np.eye(n_xi)) - H.inv()
     except ZeroDivisionError as failure:
         raise NotProved("the derivative of the return map cannot be enclosed: a multiplier may be one") from failure
+    scales = np.exp2(np.round(np.log2(orbit.units[section])))  # powers of two have exact inverses
+    return exact_matrix(np.diag(1 / scales)) * DP * exact_matrix(np.diag(scales))
 
 
 def _width(X: Matrix) -> float:

@@ -5,36 +5,22 @@ centre of a box next to the orbit. For a family, boxes follow the orbit from one
 tilted along the tangent, longer after a success and shorter after a failure. Every box is checked by ``check``.
 """
 
-import platform
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
-from importlib.metadata import version
+from dataclasses import replace
 from math import floor, log10
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from flint import arb
-from ruamel.yaml import YAML
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode
 
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.control import Control
-from gaitopt.model.reference import BezierCurve, Reference
-from gaitopt.model.units import ANGLE_UNITS
+from gaitopt.model.open_loop import OpenLoop
+from gaitopt.model.reference import BezierCurve, CurveReference, Reference
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.writing import passed_types, write_problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
-from gaitopt.proof.certificate import (
-    EXACT_VALUE,
-    MOST_UNKNOWNS,
-    SCHEMA,
-    BoxRecord,
-    Statement,
-    read_certificate,
-    refuse_uncovered_walkers,
-    restore_statement,
-)
+from gaitopt.proof.certificate import MOST_UNKNOWNS, SCHEMA, BoxRecord, OrbitRecord, ProblemRecord, read_certificate
 from gaitopt.proof.check import (
     EXISTENCE,
     STATEMENT,
@@ -46,6 +32,7 @@ from gaitopt.proof.check import (
 )
 from gaitopt.proof.claims import ProofClaim
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox, deviations, exact_matrix, midpoint_jacobian
+from gaitopt.proof.statement import Statement, refuse_uncovered_walkers, restore_statement
 from gaitopt.proof.taylor import expand
 
 ORDER, ORDER_OF_FAMILY = 20, 16
@@ -55,9 +42,9 @@ SMALLEST_REMAINDER = 1e-300
 SAFETY, LARGEST_GROWTH, LARGEST_CUT = 0.9, 1.5, 0.6
 """Length of the next step relative to one with a remainder of 10^-order, and its bounds relative to the last step."""
 RADIUS = 1e-11
-"""Half width of the box of a single orbit, in every unknown."""
+"""Half width of the box of a single orbit in every unknown, in natural units."""
 TILT_SHARE, LEAST_RADIUS = 0.003, 1e-12
-"""First half widths on a long box: this part of the tilt, and at least this."""
+"""First half widths on a long box: this part of the tilt, and at least this in natural units."""
 INFLATION, INFLATIONS = 1.25, 4
 """Next half widths, relative to those of the image under Krawczyk's operator; and how often they are tried."""
 GROWTH, CUT = 1.25, 0.6
@@ -71,26 +58,45 @@ Approximation = tuple[Orbit, Sequence[arb], Sequence[arb]]
 DIGITS = 30
 """Digits of the numbers in a certificate."""
 BRACKET_WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
-"""Widths of brackets of special points, in the order in which they are tried."""
+"""Widths of brackets of special points, in the order in which they are tried; times a power of ten for parameters
+below 0.01 or above 100."""
+Solve: TypeAlias = Callable[[Problem], Gait]
 
 
 def silent(stage: str) -> None:
     """Show no progress."""
 
 
-def prove(gait: Gait, intervals: Mapping[str, str] | None = None, *, progress: Callable[[str], None] = silent) -> Proof:
+def prove(
+    gait: Gait,
+    intervals: Mapping[str, str] | None = None,
+    *,
+    solve: Solve | None = None,
+    progress: Callable[[str], None] = silent,
+) -> Proof:
     """Prove that a gait exists, is locally unique, has its mode sequence, and is stable or unstable.
 
-    ``gaitopt.prove`` calls this function and documents its arguments; ``progress`` is called with a text at each stage.
+    ``gaitopt.prove`` calls this function and documents its arguments.
+
+    Parameters
+    ----------
+    solve : returns the gait of a problem, for the proof of a gait that the control law follows; None to do without it.
+    progress : called with a text at each stage.
     """
-    proof = _prove(gait, intervals or {}, progress)
+    proof = _prove(gait, intervals or {}, solve, progress)
     if intervals and len(intervals) == 1 and not proof.claims[0].proved:  # the orbit moves along the interval
-        proof = _prove(gait, intervals, progress, varied=next(iter(intervals)))
+        proof = _prove(gait, intervals, solve, progress, varied=next(iter(intervals)))
     return proof
 
 
 def prove_special(
-    gait: Gait, parameter: str, kind: str, width: float | None = None, *, progress: Callable[[str], None] = silent
+    gait: Gait,
+    parameter: str,
+    kind: str,
+    width: float | None = None,
+    *,
+    solve: Solve | None = None,
+    progress: Callable[[str], None] = silent,
 ) -> Proof:
     """Prove that a family of gaits has a special point next to a gait.
 
@@ -100,9 +106,11 @@ def prove_special(
     parameter : dotted key of the varying parameter.
     kind : one of ``BRACKETED``: a bifurcation, or a change of the mode sequence or of the impact.
     width : width of the bracket in the parameter; None for the narrowest one whose ends can be distinguished.
+    solve, progress : as for ``prove``.
     """
     value = gait.dynamics.parameter(parameter)
-    for bracket_width in BRACKET_WIDTHS if width is None else (width,):
+    size = 10.0 ** floor(log10(abs(value))) if value and not 1e-2 <= abs(value) <= 1e2 else 1.0
+    for bracket_width in [size * each for each in BRACKET_WIDTHS] if width is None else (width,):
         places = 1 - floor(log10(bracket_width))
         lower, upper = (f"{end:.{places}f}" for end in (value - bracket_width / 2, value + bracket_width / 2))
         if float(lower) == float(upper):
@@ -110,7 +118,7 @@ def prove_special(
                 f"a bracket of width {bracket_width:g} around {value!r} has no length; use a wider one"
             )
         interval = {parameter: f"{lower}{INTERVAL}{upper}"}
-        proof = _prove(gait, interval, progress, varied=parameter, special=kind)
+        proof = _prove(gait, interval, solve, progress, varied=parameter, special=kind)
         if proof.proved:
             break
     return proof
@@ -119,41 +127,37 @@ def prove_special(
 def _prove(
     gait: Gait,
     intervals: Mapping[str, str],
+    solve: Solve | None,
     progress: Callable[[str], None],
     *,
     varied: str | None = None,
     special: str | None = None,
 ) -> Proof:
     """Search for boxes and conclude from them; a proof with a failed claim if there are none."""
-    texts = exact_texts(gait.problem, gait.dynamics.parameters)
-    for key, interval in intervals.items():
-        if key not in texts:
-            raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(texts)}")
-        texts[key] = INTERVAL.join(end.strip() for end in interval.split(INTERVAL))
-    header = certificate_header(gait, texts, varied, special)
+    for key in intervals:
+        if key not in gait.dynamics.parameters:
+            raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(gait.dynamics.parameters)}")
+    intervals = {key: INTERVAL.join(end.strip() for end in text.split(INTERVAL)) for key, text in intervals.items()}
+    header: dict[str, Any] = {}
     try:
         refuse_uncovered_walkers(gait.problem, gait.system)
-        if gait.problem.control.source[0] and gait.problem.control.phase_variable:
-            words = "the control law tracks another gait as a function of a phase variable: not covered"
-            raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
         if gait.timed:
             place = gait.cycle.phase_words(gait.timed[0])
             raise NotProved(f"{place} ends at a breakpoint of the control law, where the torques jump: not covered")
+        header = certificate_header(gait, intervals, varied, special) | {"arcs": arc_records(arcs_of(gait))}
+        statement = _statement(header, gait)
     except NotProved as failure:
         return Proof(gait.problem.name, (ProofClaim(STATEMENT, proved=False, words=str(failure)),), header)
+    except (ValueError, StorageError) as error:  # of an interval: everything else is that of the gait
+        raise ProblemError(f"{gait.problem.name}: {error}") from error
+    source = gait.problem.reference
+    if header["law"] is not None and statement.own_duration is None and solve is not None and source is not None:
+        progress(f"proving {source.name}, whose gait the control law follows")
+        proof = _prove(solve(source), {}, solve, progress)
+        if proof.proved:
+            header["reference"] = {name: proof.certificate[name] for name in OrbitRecord.model_fields}
+            statement = _statement(header, gait)
     with precision():
-        try:
-            record = read_certificate({**header, "arcs": arc_records(arcs_of(gait))})
-            problems = [gait.problem]  # their walkers need not be registered
-            while problems[-1].reference is not None:
-                problems.append(problems[-1].reference)
-            statement = restore_statement(
-                record,
-                list(dict.fromkeys(type(problem.walker) for problem in problems)),
-                list(dict.fromkeys(type(problem.control) for problem in problems)),
-            )
-        except (ValueError, StorageError) as error:  # of an interval: everything else is that of the gait
-            raise ProblemError(f"{gait.problem.name}: {error}") from error
         try:
             search = _BoxSearch(statement, gait, progress)
             boxes = list(search.boxes())
@@ -168,77 +172,73 @@ def _prove(
         return conclude(search.statement, [box for _, box in boxes], certificate)
 
 
+def _statement(certificate: Mapping[str, Any], gait: Gait) -> Statement:
+    """The statement of a certificate of a gait, whose classes need not be registered."""
+    walkers, controls = passed_types(gait.problem)
+    with precision():
+        return restore_statement(read_certificate(certificate), walkers, controls)
+
+
 def certificate_header(
-    gait: Gait, texts: Mapping[str, str], varied: str | None = None, special: str | None = None
+    gait: Gait, intervals: Mapping[str, str] | None = None, varied: str | None = None, special: str | None = None
 ) -> dict[str, Any]:
-    """All fields of a certificate, without arcs and boxes."""
+    """All fields of a certificate, without arcs, boxes and the proof of another gait."""
+    problem, intervals = stated_problem(gait), intervals or {}
+    unknowns = (*problem.free, *(f"control.{key}" for key in problem.control.unknowns(type(problem.walker))))
     return {
         "schema": SCHEMA,
-        "problem": gait.problem.name,
-        "resolved": replace(gait.problem, origin=None).resolved(),
-        "parameters": dict(texts),
-        "reference": reference_record(gait.system.control),
+        "problem": ProblemRecord.of(write_problem(problem)).model_dump(),
+        "intervals": dict(intervals),
+        "designed": {key: repr(gait.dynamics.parameter(key)) for key in unknowns if key not in intervals},
+        "law": law_record(gait),
+        "reference": None,
         "varied": varied,
         "special": special,
         "order": ORDER if varied is None or special is not None else ORDER_OF_FAMILY,
         "arcs": [],
         "boxes": [],
-        "versions": {name: version(name) for name in ("gaitopt", "casadi", "python-flint")}
-        | {"python": platform.python_version()},
     }
 
 
-def exact_texts(problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
-    """Every parameter of a system as the text of its exact value: ``0.14``, ``1 deg``.
-
-    The text is that of the file if it stands for the same double, otherwise the shortest decimal of the double.
-
-    Parameters
-    ----------
-    values : the parameters as doubles by dotted key.
-    """
-
-    def scalars(node: Node, path: tuple[str, ...] = ()) -> Iterator[tuple[str, str]]:
-        if isinstance(node, MappingNode):
-            for key, value in node.value:
-                yield from scalars(value, (*path, key.value))
-        elif isinstance(node, ScalarNode):
-            yield ".".join(path), node.value
-
-    written = dict(scalars(YAML(typ="safe", pure=True).compose(problem.text))) if problem.text else {}
-    texts = {}
-    for key, value in values.items():
-        text = " ".join(written.get(key, "").split())
-        number, _, unit = text.partition(" ")
-        is_exact = re.fullmatch(EXACT_VALUE, text) is not None
-        double = float(number) * ANGLE_UNITS[unit or "rad"] if is_exact else None
-        texts[key] = text if double == float(value) else repr(float(value))
-    return texts
+def stated_problem(gait: Gait) -> Problem:
+    """The problem that a theorem is about: with open-loop torques that a design finds, that of the design."""
+    problem, origin = gait.problem, gait.problem.origin
+    if origin is not None and isinstance(origin.control, OpenLoop) and origin.control.duration is None:
+        return origin
+    return replace(problem, origin=None)
 
 
-def reference_record(control: Control) -> dict[str, Any] | None:
-    """The data of a control law that its problem does not contain; None if there are none."""
-    for target in control.targets.values():
-        if isinstance(target, BezierCurve):
+def law_record(gait: Gait) -> dict[str, Any] | None:
+    """The data of a control law that no text can hold; None if there are none."""
+    problem = stated_problem(gait)
+    if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
+        assert isinstance(gait.system.control, OpenLoop)
+        return {"duration": gait.system.control.duration}
+    for name, target in gait.system.control.targets.items():
+        stated = problem.control.targets[name]
+        if isinstance(target, BezierCurve) and isinstance(stated, CurveReference) and stated.curve.duration is None:
             return {"duration": target.duration}
         if isinstance(target, Reference):
-            pieces = [
-                {
-                    "start": piece.start,
-                    "end": piece.end,
-                    "angles": piece.angles.tolist(),
-                    "rates": piece.rates.tolist(),
-                    "active": piece.active,
-                }
-                for piece in target.pieces
-            ]
-            return {"pieces": pieces, "horizon": None if np.isinf(target.horizon) else target.horizon}
+            return motion_record(target)
     return None
+
+
+def motion_record(motion: Reference) -> dict[str, Any]:
+    """The pieces of a tracked motion; the one beyond the end follows from them, unless the motion flows on."""
+    flows = bool(np.isfinite(motion.horizon))
+    pieces = motion.pieces if flows else motion.pieces[:-1]
+    ends = [piece.start for piece in motion.pieces[1:]] + ([motion.horizon] if flows else [])
+    return {
+        "pieces": [
+            {"start": piece.start, "end": end, "angles": piece.angles.tolist()}
+            for piece, end in zip(pieces, ends, strict=True)
+        ]
+    }
 
 
 def arc_records(arcs: Sequence[OrbitArc]) -> list[dict[str, Any]]:
     """Arcs as a certificate states them."""
-    return [{**asdict(arc), "mode": str(arc.mode), "fractions": list(arc.fractions)} for arc in arcs]
+    return [{"phase": arc.phase, "fractions": list(arc.fractions)} for arc in arcs]
 
 
 def arcs_of(gait: Gait) -> list[OrbitArc]:
@@ -287,12 +287,12 @@ class _BoxSearch:
             yield self._box((), self._start)[0]
             return
         lower, upper = (float(end.partition(" ")[0]) for end in statement.interval)
-        if statement.record.special is None:
+        if statement.special is None:
             yield from reversed(list(self._walk(self._value, lower)))
             yield from self._walk(self._value, upper)
             return
         ends = [self._box((end, end), self._start, at_end=True)[0] for end in statement.interval]
-        claim = sign_change_claim(statement.record.special, [box for _, box in ends])
+        claim = sign_change_claim(statement.special, [box for _, box in ends])
         if not claim.proved:
             raise NotProved(claim.words)
         yield ends[0]
@@ -336,16 +336,19 @@ class _BoxSearch:
             move = orbit.interval[0] - start_orbit.interval[0]
             centre = [(u + v * move).mid() for u, v in zip(centre, rate, strict=True)]
         middle = (orbit.interval[0], arb(0)) if orbit.interval else ()
-        middle_orbit = Orbit(orbit.system, orbit.p, orbit.varied, middle, orbit.sequence, orbit.arcs, orbit.order)
+        middle_orbit = Orbit(
+            orbit.system, orbit.law, orbit.p, orbit.varied, middle, orbit.sequence, orbit.arcs, orbit.order
+        )
         centre, rate = newton_step(middle_orbit, centre)
         half = orbit.interval[1].mid() if orbit.interval else arb(0)
         tilt = [(v * half).mid() for v in rate]
         # the orbit leaves its tangent by an amount of second order, which the last box has shown
-        radii = [RADIUS] * len(tilt)
+        units = orbit.unit_of_unknowns.tolist()
+        radii, least = [RADIUS * unit for unit in units], [LEAST_RADIUS * unit for unit in units]
         if half != 0 and self._curvature:
-            radii = [max(curvature * float(half) ** 2, LEAST_RADIUS) for curvature in self._curvature]
+            radii = [max(c * float(half) ** 2, r) for c, r in zip(self._curvature, least, strict=True)]
         elif half != 0:
-            radii = [TILT_SHARE * float(abs(v)) + LEAST_RADIUS for v in tilt]
+            radii = [TILT_SHARE * float(abs(v)) + r for v, r in zip(tilt, least, strict=True)]
         for _ in range(INFLATIONS):
             record = BoxRecord(
                 interval=list(interval),
@@ -358,12 +361,12 @@ class _BoxSearch:
                 break
             moves = deviations(box.outer, box.image)
             centre = [(u + move.mid()).mid() for u, move in zip(centre, moves, strict=True)]
-            radii = [INFLATION * float(move.rad()) + LEAST_RADIUS for move in moves]
+            radii = [INFLATION * float(move.rad()) + r for move, r in zip(moves, least, strict=True)]
         if half != 0 and box.inner is not None:
             self._curvature = [radius / float(half) ** 2 for radius in radii]
         doubtful = [claim.words for claim in box.claims if not claim.proved and not claim.refuted]
         moduli = [abs(m) for m in box.multipliers]
-        if self.statement.record.special is None and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli)):
+        if self.statement.special is None and not (all(m < 1 for m in moduli) or any(m > 1 for m in moduli)):
             doubtful.append("whether it is stable is not shown")
         can_be_shorter = False
         if interval:
@@ -407,7 +410,8 @@ def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[ar
             except NotProved:
                 h *= LARGEST_CUT
                 continue
-            remainder = max(float(c[-1].abs_upper()) for c in step.remainder)
+            pairs = zip(step.remainder, orbit.units, strict=False)  # a varying parameter has no remainder
+            remainder = max(float(c[-1].abs_upper()) / unit for c, unit in pairs)
             ratio = SAFETY * (10.0**-orbit.order / max(remainder, SMALLEST_REMAINDER)) ** (1 / orbit.order) / h
             if ratio < LARGEST_CUT:
                 h *= LARGEST_CUT

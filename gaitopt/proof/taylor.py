@@ -36,7 +36,7 @@ from gaitopt.threads import cached_property
 PICARD_ROUNDS = 8
 """Attempts to find a box that the motion does not leave within a step."""
 WIDENING, LEAST_WIDENING = 0.05, 1e-7
-"""Each attempt widens the rates by this part of their width, and at least by this [SI per second]."""
+"""Each attempt widens the rates by this part of their width, and at least by this in natural units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +77,15 @@ class VectorField:
     space : the states y.
     p : parameters in balls.
     r : data of the segment of the control law in balls.
+    units : natural units of z and t; those of time are the last.
     """
 
-    def __init__(self, space: PhaseSpace, mode: Mode, p: Sequence[arb], r: Sequence[arb]) -> None:
+    def __init__(
+        self, space: PhaseSpace, mode: Mode, p: Sequence[arb], r: Sequence[arb], units: Sequence[float]
+    ) -> None:
         self.mode, self.n = mode, space.n
         self._space, self._constants = space, (p, r)
+        self.widenings = [LEAST_WIDENING * float(unit) / float(units[-1]) for unit in (*units, 1.0)][: space.n]
 
     @cached_property
     def rate(self) -> BallFunction:
@@ -100,7 +104,7 @@ class VectorField:
 
     @cached_property
     def apparent_masses(self) -> BallFunction:
-        """y -> apparent masses [kg] of the foot in a forward slip and in a backward slip."""
+        """y -> apparent masses [kg] of the foot, C_tt + mu C_nt and C_tt - mu C_nt with the static coefficient mu."""
         return self._graph("apparent_masses")
 
     @cached_property
@@ -124,8 +128,14 @@ def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
         expression = system.margins(mode)(*inputs)
     elif name == "apparent_masses":
         slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
-        names = system.transitions.margin_names
-        expression = vertcat(*(system.margins(slip)(*inputs)[names(slip).index("painleve")] for slip in slips))
+        names, static = system.transitions.margin_names, SX(values)
+        if system.friction.may_drop:  # the margin of a slip has the kinetic coefficient
+            kinetic, largest = (
+                system.parameters.index(key) for key in (system.friction.kinetic, system.friction.static)
+            )
+            static[kinetic] = static[largest]
+        with_static = (*inputs[:2], static, r)
+        expression = vertcat(*(system.margins(slip)(*with_static)[names(slip).index("painleve")] for slip in slips))
     else:
         force, _, power, *_ = system.observation(mode)(*inputs)
         expression = vertcat(force, sum1(power))
@@ -218,7 +228,9 @@ def confine(field: VectorField, start: Sequence[arb], h: arb) -> list[arb]:
     elapsed = arb(0).union(h)
     (speeds,) = field.rate(start)
     for _ in range(PICARD_ROUNDS):
-        speeds = [v + arb(0, float(v.rad()) * WIDENING + LEAST_WIDENING) for v in speeds]
+        speeds = [
+            v + arb(0, float(v.rad()) * WIDENING + least) for v, least in zip(speeds, field.widenings, strict=True)
+        ]
         (rates,) = field.rate([y + elapsed * v for y, v in zip(start, speeds, strict=True)])
         if not all(rate.is_finite() for rate in rates):
             break

@@ -17,9 +17,7 @@ STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.0])
 
 def law(beyond_end: BeyondEnd) -> ProportionalDerivative:
     """theta1 follows 0.2 + t and theta2 follows -0.1, for half a second."""
-    piece = Piece(
-        start=0.0, end=0.5, angles=np.array([[0.45, 0.25], [-0.1, 0.0]]), rates=np.array([[1.0, 0.0], [0.0, 0.0]])
-    )
+    piece = Piece(start=0.0, end=0.5, angles=np.array([[0.45, 0.25], [-0.1, 0.0]]))
     return ProportionalDerivative(kp=KP, kd=KD, reference=continued([piece], 0.5, beyond_end))
 
 

@@ -25,12 +25,7 @@ def state_for(mode: Mode, z: Array) -> Array:
 
 def tracking_compass() -> tuple[HybridSystem, Array, Array]:
     """A compass whose torques depend on time, with parameters and segment data."""
-    piece = Piece(
-        start=0.0,
-        end=0.6,
-        angles=np.array([[0.1, 0.2, 0.05], [-0.1, 0.1, 0.0]]),
-        rates=np.array([[0.3, 0.4], [0.2, 0.1]]),
-    )
+    piece = Piece(start=0.0, end=0.6, angles=np.array([[0.1, 0.2, 0.05], [-0.1, 0.1, 0.0]]))
     control = ProportionalDerivative(kp=15.0, kd=4.0, reference=continued([piece], 0.6, BeyondEnd.LINEAR))
     return HybridSystem(CompassBiped, control), np.append(CASES["compass_biped"].p, [15.0, 4.0]), control.data(0)
 

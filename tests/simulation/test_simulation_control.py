@@ -175,7 +175,7 @@ def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:
 
 
 def test_a_reference_that_ends_before_touchdown_ends_the_motion() -> None:
-    piece = Piece(start=0, end=0.4, angles=np.zeros((2, 1)), rates=np.zeros((2, 1)))
+    piece = Piece(start=0, end=0.4, angles=np.zeros((2, 1)))
     law = ProportionalDerivative(kp=1.0, kd=1.0, reference=Reference(pieces=(piece,), horizon=0.4))
     trajectory = Simulator(Dynamics(HybridSystem(CompassBiped, law), np.array([*COMPASS, 0.5, 1.0, 1.0]))).run(START)
     assert trajectory.ending is Ending.NO_TOUCHDOWN

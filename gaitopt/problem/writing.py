@@ -1,0 +1,232 @@
+"""Writing: a problem as texts, from which it is read again on any machine, and the decimals that they give for numbers.
+
+A problem that comes from a file is its text with the values that were changed since, and with the files that the text
+names. Any other problem gets a text of its own: the data of the problem as JSON, which is YAML.
+"""
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from copy import deepcopy
+from dataclasses import dataclass, field
+from typing import Any
+
+from gaitopt.errors import ProblemError
+from gaitopt.model.units import ANGLE_UNITS
+from gaitopt.problem.faults import Fault, FilePlace, Key, raise_faults, shown
+from gaitopt.problem.problem import Controls, Problem, Walkers, build_problem, passed_classes
+from gaitopt.problem.source import parse_source
+from gaitopt.problem.statement import POINTS, changed_values, override, problem_data, reference_keys
+
+DECIMAL = r"[+-]?([0-9]{1,60}\.?[0-9]{0,60}|\.[0-9]{1,60})([eE][+-]?[0-9]{1,3})?"
+EXACT_VALUE = rf"{DECIMAL}( (deg|rad))?"
+"""A decimal number, or one with ``deg`` or ``rad``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProblemText:
+    """A problem as texts.
+
+    Attributes
+    ----------
+    text : of its file, or the one that ``write_problem`` makes.
+    changes : values that replace those of the text, by dotted key.
+    files : contents of the robots and tables that the text names, by the name in it.
+    problems : the problem whose gait the control law needs, by the name in the text.
+    """
+
+    text: str
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    problems: Mapping[str, "ProblemText"] = field(default_factory=dict)
+
+
+def read_problem(source: ProblemText, *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
+    """The problem of some texts; nothing else is read.
+
+    Raises
+    ------
+    ProblemError
+        If the texts are no problem, one that it names is missing, or one is not named.
+    """
+    yaml = parse_source(source.text, "problem")
+    data, faults, place = yaml.data, list(yaml.faults), FilePlace("problem", yaml.marks)
+    if not isinstance(data, dict):
+        raise ProblemError("problem: the text is not a mapping of keys")
+    named = list(_named_files(data))
+    for path, name in named:
+        _section(data, path)[path[-1]] = {"file": name, "text": _content(source.files, name)}
+    references = [(section, key) for section, key in reference_keys(data) if section[key] is not None]
+    wanted = {str(section[key]) for section, key in references}
+    unused = sorted(({*source.files} - {name for _, name in named}) | ({*source.problems} - wanted))
+    if unused:
+        raise ProblemError(f"problem: its text does not name {shown(unused[0])}")
+    known = {name: read_problem(_content(source.problems, name), walkers=walkers, controls=controls) for name in wanted}
+    classes = passed_classes(walkers, controls)
+    problem = build_problem(data, place, faults, classes, (), text=source.text, known=known)
+    if source.changes:
+        changed, faults = problem_data(problem), list[Fault]()
+        raise_faults(faults, override(changed, source.changes, faults))
+        if [path for path, _ in _named_files(changed)] or {str(s[key]) for s, key in reference_keys(changed)} != wanted:
+            raise ProblemError("problem: its changes name another file: give a text that names it")
+        problem = problem.replace(source.changes)
+    return problem
+
+
+def _content(contents: Mapping[str, Any], name: str) -> Any:
+    if name not in contents:
+        raise ProblemError(f"problem: {shown(name)}, which its text names, is missing")
+    return contents[name]
+
+
+def _section(data: Any, path: Key) -> Any:
+    for key in path[:-1]:
+        data = data[key]
+    return data
+
+
+def _named_files(data: Mapping[str, Any]) -> Iterator[tuple[Key, str]]:
+    """Places in the data of a problem that name a robot's file or a table, with the name."""
+    walker, control = data.get("walker"), data.get("control")
+    places: list[tuple[Key, object]] = [(("walker", "urdf"), walker)]
+    places += (
+        [(("control", key, "table"), entry) for key, entry in control.items()] if isinstance(control, dict) else []
+    )
+    for path, section in places:
+        name = section.get(path[-1]) if isinstance(section, Mapping) else None
+        if isinstance(name, str):
+            yield path, name
+
+
+def write_problem(problem: Problem) -> ProblemText:
+    """The texts of a problem: its file with the changed values if these suffice, otherwise a text of its own.
+
+    Guesses do not count: the problem that is read may have others.
+
+    Raises
+    ------
+    ProblemError
+        If no text gives the problem.
+    """
+    walkers, controls = passed_types(problem)
+    for write in (_with_changes, _as_data):
+        try:
+            source = write(problem)
+            if source is not None and _equal(read_problem(source, walkers=walkers, controls=controls), problem):
+                return source
+        except ProblemError:  # of a text that no longer belongs to the problem
+            continue
+    raise ProblemError(f"{problem.name}: no text gives this problem")
+
+
+def passed_types(problem: Problem) -> tuple[list[Any], list[Any]]:
+    """The classes of walkers and control laws of a problem and of its reference, which need not be registered.
+
+    Robots from files are not among them: their text gives the class.
+    """
+    problems = [problem]
+    while problems[-1].reference is not None:
+        problems.append(problems[-1].reference)
+    walkers = dict.fromkeys(type(each.walker) for each in problems if "urdf" not in each.walker.statement())
+    return list(walkers), list(dict.fromkeys(type(each.control) for each in problems))
+
+
+def _equal(one: Problem, other: Problem) -> bool:
+    """Whether two problems are equal but for their guesses and descriptions."""
+    if one.reference is not None and other.reference is not None and not _equal(one.reference, other.reference):
+        return False
+    same = type(one.walker) is type(other.walker) and type(one.control) is type(other.control)
+    return same and (one.reference is None) == (other.reference is None) and _compared(one) == _compared(other)
+
+
+def _compared(problem: Problem) -> dict[str, Any]:
+    data = problem_data(problem)
+    data["gait"].pop("guess", None)
+    return {key: value for key, value in data.items() if key != "about"}
+
+
+def _with_changes(problem: Problem) -> ProblemText | None:
+    """The text of the problem's file, and the values that differ from it; None if there is no such text."""
+    if not problem.text:
+        return None
+    data, after = parse_source(problem.text, problem.name).data, problem_data(problem)
+    files = {name: _section(after, path)[path[-1]]["text"] for path, name in _named_files(data)}
+    reference = problem.reference
+    names = {str(section[key]) for section, key in reference_keys(data)} if reference is not None else ()
+    problems = {name: write_problem(reference) for name in names if reference is not None}
+    walkers, controls = passed_types(problem)
+    source = ProblemText(text=problem.text, files=files, problems=problems)
+    before = _compared(read_problem(source, walkers=walkers, controls=controls))
+    changes: dict[str, Any] = {}
+    for key, value in _compared(problem).items():
+        if before.get(key) == value:
+            continue
+        leaves = changed_values({key: before.get(key)}, {key: value})
+        values = {leaf: _at(after, leaf) for leaf in leaves}
+        changes |= {key: after[key]} if key == "gait" or None in values.values() or not values else values
+    return ProblemText(text=problem.text, changes=deepcopy(changes), files=files, problems=problems)
+
+
+def _at(data: Any, key: str) -> Any:
+    """The value of a dotted key; None if there is none."""
+    file_key, parameter_key = POINTS
+    for form in (key, key.replace(parameter_key, file_key)):
+        value = data
+        for part in form.split("."):
+            if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
+                value = value[int(part)]
+            else:
+                value = value.get(part) if isinstance(value, Mapping) else None
+        if value is not None:
+            return value
+    return None
+
+
+def _as_data(problem: Problem) -> ProblemText:
+    """The data of the problem as JSON, with robots and tables as files."""
+    data, files = problem_data(problem), dict[str, str]()
+    walker, control = data["walker"], data["control"]
+    for section, key in ((walker, "urdf"), *((entry, "table") for entry in control.values())):
+        content = section.get(key) if isinstance(section, dict) else None
+        if isinstance(content, Mapping):
+            name = next(
+                n for n in (content["file"], f"other-{content['file']}") if files.get(n) in (None, content["text"])
+            )
+            files[name], section[key] = content["text"], name
+    problems = {}
+    if problem.reference is not None:
+        problems = {problem.control.source[0]: write_problem(problem.reference)}
+    return ProblemText(text=json.dumps(data, indent=1, ensure_ascii=False) + "\n", files=files, problems=problems)
+
+
+class ExactValues:
+    """The decimals that the texts of a problem give for its numbers, by dotted key; of lists by index, from 0."""
+
+    def __init__(self, source: ProblemText) -> None:
+        written = {
+            ".".join(map(str, path)): text for path, text in parse_source(source.text, "problem").scalars.items()
+        }
+        for key, value in source.changes.items():
+            written = {k: text for k, text in written.items() if k != key and not k.startswith(f"{key}.")}
+            written |= dict(_leaves(key, value))
+        self._written = {key.replace(*POINTS): " ".join(text.split()) for key, text in written.items()}
+
+    def __call__(self, key: str, value: float) -> str:
+        """The text of the number with this key, ``0.14`` or ``1 deg``, if it stands for the double ``value``.
+
+        Otherwise the shortest decimal of the double: the text does not state the number, or not as a decimal.
+        """
+        text = self._written.get(key, "")
+        if re.fullmatch(EXACT_VALUE, text):
+            number, _, unit = text.partition(" ")
+            if float(number) * ANGLE_UNITS[unit or "rad"] == value:
+                return text
+        return repr(value)
+
+
+def _leaves(key: str, value: Any) -> Iterator[tuple[str, str]]:
+    if isinstance(value, Mapping | list | tuple):
+        for k, entry in value.items() if isinstance(value, Mapping) else enumerate(value):
+            yield from _leaves(f"{key}.{k}", entry)
+    else:
+        yield key, value if isinstance(value, str) else repr(value)

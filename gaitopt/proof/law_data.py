@@ -1,0 +1,131 @@
+"""Law data that come from another gait fit a proved gait of the problem that the text names.
+
+    duration    |duration - T| <= 1e-12 T, with the enclosed period T of that gait; of open-loop torques with that of
+                the orbit itself, within 1e-9 T
+    motion      |theta_r(t) - theta(t)| <= 1e-9 for every tracked angle, from the impact to the end of the step
+
+On a short part of a Taylor step both angles are polynomials in the time from its middle, u. The sum of |d_k| r^k over
+the coefficients d_k of their difference bounds it for |u| <= r.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import ceil, isfinite
+
+from casadi import Function
+from flint import arb, arb_poly
+
+from gaitopt.building import building
+from gaitopt.model.reference import Piece, Reference
+from gaitopt.model.system import HybridSystem
+from gaitopt.proof.arithmetic import BallFunction, NotProved, hull
+from gaitopt.proof.claims import ProofClaim, seconds
+from gaitopt.proof.law import piece_rows
+from gaitopt.proof.orbit import CycleEnclosure, Orbit
+from gaitopt.proof.statement import Statement, natural_length
+from gaitopt.proof.taylor import PhaseSpace, TaylorStep, expand
+
+LAW_DATA = "law data"
+"""Name of the claim."""
+DURATION_ERROR, OWN_DURATION_ERROR = 1e-12, 1e-9
+"""Largest relative differences between a duration and the period of the gait that gives it, or of the orbit itself."""
+ANGLE_ERROR = 1e-9
+"""Largest difference between a tracked angle and that of the gait, in natural units."""
+PART = 1 / 64
+"""Length of a part relative to its piece: polynomials of degree 32 that agree on the piece then stay together."""
+
+
+def duration_claim(duration: float, period: arb, error: float, whose: str) -> ProofClaim:
+    """Whether a duration is the period of a gait."""
+    difference = abs(arb(duration) - period)
+    words = f"the duration {seconds(arb(duration))} differs by at most {difference.upper().str(3, radius=False)} s"
+    words += f" from the period of {whose}"
+    return ProofClaim(LAW_DATA, proved=bool(difference <= error * period), words=words)
+
+
+def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, until: arb) -> ProofClaim:
+    """Whether the tracked curve is the motion of the gait in ``cycle``, up to the time ``until``.
+
+    Parameters
+    ----------
+    statement : of the law that tracks the curve.
+    orbit, cycle : equations and enclosure of the tracked gait.
+    """
+    (motion,) = (target for target in statement.system.control.targets.values() if isinstance(target, Reference))
+    (stated,) = statement.problem.control.targets.values()
+    followed = stated.followed(type(statement.problem.walker))
+    name = statement.problem.control.source[0]
+    try:
+        distances = _distances(motion, followed, orbit, cycle, until)
+    except NotProved as failure:
+        return ProofClaim(LAW_DATA, proved=False, words=f"the motion of {name} cannot be enclosed: {failure}")
+    worst = max(distances, key=lambda joint: float(distances[joint]))
+    words = f"the tracked curve differs by at most {distances[worst].str(3, radius=False)} in {worst} from the motion "
+    words += f"of a proved gait of {name}"
+    proved = all(distance <= ANGLE_ERROR for distance in distances.values())
+    return ProofClaim(LAW_DATA, proved=proved, words=words)
+
+
+def _distances(
+    motion: Reference, followed: Mapping[str, str], orbit: Orbit, cycle: CycleEnclosure, until: arb
+) -> dict[str, arb]:
+    """Upper bounds of the difference of every tracked angle, in natural units."""
+    system, largest = orbit.system, dict.fromkeys(motion.names, arb(0))
+    length = natural_length(system, orbit.p)
+    pieces = motion.pieces if isfinite(motion.horizon) else motion.pieces[:-1]  # without the continuation
+    rows = {k: dict(zip(motion.names, piece_rows(piece), strict=True)) for k, piece in enumerate(pieces)}
+    angles = BallFunction(_angles(system), [orbit.p])
+    for step in _steps(orbit, cycle, until if isfinite(motion.horizon) else arb(0)):
+        start, series = hull(step.start[system.n_z][0]), step.along(angles)
+        for k, piece in enumerate(pieces):
+            for middle, radius in _parts(piece, start, hull(step.h)):
+                for joint in motion.names:
+                    moved = arb_poly(series[system.angle_names.index(followed[joint])])(arb_poly([middle, 1]))
+                    difference = moved - _chebyshev(rows[k][joint], piece, start + middle)
+                    bound = sum((abs(c) * radius**n for n, c in enumerate(difference.coeffs())), arb(0)).upper()
+                    unit = length if joint in system.walker.lengths else 1.0
+                    largest[joint] = max(largest[joint], arb(bound) / unit)
+    return largest
+
+
+@building
+def _angles(system: HybridSystem) -> Function:
+    """(y, p) -> the angles of ``angle_names``."""
+    y, p, values = PhaseSpace(system, None).symbols()
+    return Function("angles", [y, p], [system.angles(y[: system.n_z], values)[0]])
+
+
+def _steps(orbit: Orbit, cycle: CycleEnclosure, until: arb) -> Iterator[TaylorStep]:
+    """The steps of a cycle of one step, and those of its last motion without an impact up to a time."""
+    for steps in cycle.steps:
+        yield from steps
+    last, y = len(orbit.arcs) - 1, cycle.ends[-1]
+    h = arb(hull(cycle.steps[-1][-1].h).upper())
+    while y[orbit.system.n_z] < until:
+        step = expand(orbit.field(orbit.arcs[last].mode, last), y, h, orbit.order)
+        yield step
+        y = [hull(value) for value in step.end]
+
+
+def _parts(piece: Piece, start: arb, h: arb) -> Iterator[tuple[arb, arb]]:
+    """Middles and half lengths of short parts that cover the time that a step has in common with a piece [s].
+
+    Times count from the start of the step, at ``start``.
+    """
+    lower, upper = (arb(piece.start) - start).lower(), (arb(piece.end) - start).upper()
+    lower, upper = max(arb(lower), arb(0)), min(arb(upper), arb(h.upper()))
+    if not lower < upper:
+        return
+    n = ceil(float((upper - lower).upper()) / (PART * (piece.end - piece.start)))
+    width = (upper - lower) / n
+    for k in range(n):
+        yield (lower + width * (2 * k + 1) / 2).mid(), arb((width * (1 + arb(2) ** -60) / 2).upper())
+
+
+def _chebyshev(row: Sequence[arb], piece: Piece, time: arb) -> arb_poly:
+    """A series of a piece as a polynomial in the time from ``time``, by Clenshaw's recurrence."""
+    length = arb(piece.end) - arb(piece.start)
+    s = arb_poly([2 * (time - arb(piece.start)) / length - 1, 2 / length])
+    one, two = arb_poly([0]), arb_poly([0])
+    for c in reversed(row[1:]):
+        one, two = 2 * s * one - two + c, one
+    return s * one - two + row[0]

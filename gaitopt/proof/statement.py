@@ -1,0 +1,581 @@
+"""The statement of a theorem, derived from the texts of a certificate by the project's own reader.
+
+Walker, parameters, control law, friction, mode sequence, events and segments follow from the texts. Designed values are
+compared with their bounds. Of law data the rates are derived, and their pieces have to meet. Exact values are decimals
+as the texts write them, with pi where they write ``deg``.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import packages_distributions, version
+from itertools import pairwise
+from math import isfinite
+from typing import Any, TypedDict
+
+import numpy as np
+from casadi import Function
+from flint import arb
+
+from gaitopt.model.closure import is_linear
+from gaitopt.model.control import OWN_PACKAGE, Control
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.declaration import is_default
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import CONTACTS
+from gaitopt.model.open_loop import OpenLoop
+from gaitopt.model.reference import (
+    BeyondEnd,
+    BezierCurve,
+    BezierMotion,
+    CurveReference,
+    FreeCurves,
+    GaitCurves,
+    GaitReference,
+    Piece,
+    Reference,
+    TableCurves,
+    Target,
+    continued,
+)
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import Transitions
+from gaitopt.model.urdf import UrdfWalker
+from gaitopt.model.walker import Walker
+from gaitopt.problem.faults import shown
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import digest_of
+from gaitopt.problem.writing import ExactValues, ProblemText, read_problem
+from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball
+from gaitopt.proof.certificate import (
+    MOST_UNKNOWNS,
+    ArcRecord,
+    BoxRecord,
+    CertificateRecord,
+    DurationRecord,
+    MotionRecord,
+    OrbitRecord,
+    sha256,
+)
+from gaitopt.proof.law import ExactLaw, derivative_row, end_value, exact_law, piece_rows, start_value
+from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
+
+LARGEST_JUMP = 1e-9
+"""Largest jump of a tracked angle where two of its pieces meet, in natural units; and of its rate, times the length of
+the piece."""
+LINK_NUMBERS = ("mass", "com", "inertia", "position", "tip", "foot_radius", "damping", "zero")
+"""Numbers of a link that the statement about a robot from a file prints."""
+
+
+class Hypotheses(TypedDict, total=False):
+    """The printed statement of a theorem: its hypotheses, and what is not proved.
+
+    Attributes
+    ----------
+    sha256 : digest of the problem.
+    texts : SHA-256 of the problem's text, and of every file that it names, by name.
+    changed : values that replace those of the text, by dotted key.
+    walker : model of the walker.
+    walker_data : of a robot from a file the numbers of its links; of a walker or law from another package its module,
+        distribution and version; and the SHA-256 of the expressions that CasADi builds of it.
+    friction, impact_law, mode_sequence : laws of the contact, and the modes.
+    control : type of the control law.
+    law : everything that the law's keys say besides parameters, by key: durations, spans, tables, tracked curves.
+    parameters : exact values by dotted key; an interval for the varying one.
+    designed : keys of the parameters that the problem leaves free.
+    """
+
+    sha256: str
+    texts: dict[str, str]
+    changed: dict[str, Any]
+    walker: str
+    walker_data: dict[str, str]
+    friction: str
+    impact_law: str
+    mode_sequence: str
+    control: str
+    law: dict[str, str]
+    parameters: dict[str, str]
+    designed: list[str]
+    not_proved: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """What is to be proved.
+
+    Attributes
+    ----------
+    record : the choices, law data and search data of the certificate.
+    problem : with designed torques fixed.
+    law : breakpoints and segment data in balls.
+    p : parameters in balls.
+    arcs : in order of time.
+    varied : index of the varying parameter; None if none varies.
+    interval : ends of the varying parameter as texts; empty if none varies.
+    special : type of the special point in the interval; None if it is none.
+    reference : the same about the gait from which the law's data come; None if the certificate does not hold it.
+    printed : the hypotheses of the theorem, and what is not proved.
+    """
+
+    record: OrbitRecord
+    problem: Problem
+    system: HybridSystem
+    law: ExactLaw
+    p: Sequence[arb]
+    arcs: Sequence[OrbitArc]
+    varied: int | None
+    interval: tuple[str, ...]
+    special: str | None
+    reference: "Statement | None"
+    printed: Hypotheses
+
+    @property
+    def cycle(self) -> Cycle:
+        """The mode sequence."""
+        return self.problem.cycle
+
+    @property
+    def own_duration(self) -> float | None:
+        """The duration of open-loop torques that a design finds [s]; None of other laws."""
+        law = self.record.law
+        return law.duration if isinstance(law, DurationRecord) and isinstance(self.problem.control, OpenLoop) else None
+
+    def orbit(self, interval: Sequence[str]) -> Orbit:
+        """The equations of the orbit on an interval of the varying parameter."""
+        ends = [ball(text) for text in interval]
+        middle_and_half: tuple[arb, ...] = ()
+        if ends:
+            half = arb(0) if interval[0] == interval[1] else (ends[1] - ends[0]) / 2
+            middle_and_half = ((ends[0] + ends[1]) / 2, half)
+        return Orbit(
+            self.system, self.law, self.p, self.varied, middle_and_half, self.cycle, self.arcs, self.record.order
+        )
+
+
+def restore_statement(
+    record: CertificateRecord, walkers: Sequence[type[Walker]] = (), controls: Sequence[type[Control]] = ()
+) -> Statement:
+    """The statement of a certificate.
+
+    Parameters
+    ----------
+    walkers, controls : classes that the problem may name besides those that are registered.
+
+    Raises
+    ------
+    ValueError
+        If the texts are no problem, or choices, law data or search data contradict them.
+    NotProved
+        If the claims do not cover the walker, its law or one of its modes.
+    """
+    source = record.problem.source
+    problem = read_problem(source, walkers=walkers, controls=controls)
+    return _restore(record, problem, source, record.intervals, record.varied, record.special)
+
+
+def _restore(
+    record: OrbitRecord,
+    problem: Problem,
+    source: ProblemText,
+    intervals: Mapping[str, str],
+    varied: str | None = None,
+    special: str | None = None,
+) -> Statement:
+    """The statement about one problem; raises as ``restore_statement``."""
+    if problem.is_open:
+        raise ValueError(f"{problem.name}: the mode sequence is open")
+    exact, designed = ExactValues(source), _designed(problem, record.designed, intervals)
+    stated, problem = problem, _with_torques(problem, record)
+    control = _completed(problem.control, problem, record)
+    system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
+    refuse_uncovered_walkers(problem, system)
+    texts = _parameter_texts(problem, system, exact, record.designed, intervals)
+    law, p = exact_law(control, exact), [ball(texts[key]) for key in system.parameters]
+    if isinstance(record.law, MotionRecord):
+        _require_joints(control, natural_length(system, p), system)
+    if varied is not None and varied not in intervals:
+        raise ValueError(f"{varied} varies, but it has no interval")
+    if varied is None and special is not None:
+        raise ValueError(f"a special point of type {special}, but no parameter that varies")
+    interval = () if varied is None else tuple(text.strip() for text in intervals[varied].split(INTERVAL))
+    return Statement(
+        record=record,
+        problem=problem,
+        system=system,
+        law=law,
+        p=p,
+        arcs=_arcs(record.arcs, problem.cycle, system.transitions, control),
+        varied=None if varied is None else system.parameters.index(varied),
+        interval=interval,
+        special=special,
+        reference=_restore_reference(record, problem, source),
+        printed=_hypotheses(stated, system, law, source, record, exact, texts, sorted(designed)),
+    )
+
+
+def _restore_reference(record: OrbitRecord, problem: Problem, source: ProblemText) -> Statement | None:
+    """The statement about the gait from which the law's data come."""
+    if record.reference is None:
+        return None
+    if record.law is None or problem.reference is None:
+        raise ValueError("it holds the proof of another gait, from which its law takes nothing")
+    (text,) = source.problems.values()
+    return _restore(record.reference, problem.reference, text, {})
+
+
+def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[str, str]) -> set[str]:
+    """Keys of the parameters that the problem leaves free, each with a value or an interval within its bounds."""
+    unknowns = {key: (free.lower, free.upper) for key, free in problem.free.items()}
+    unknowns |= {f"control.{key}": span for key, span in problem.control.unknowns(type(problem.walker)).items()}
+    given = {**values, **{key: text for key, text in intervals.items() if key in unknowns}}
+    if len(given) < len(values) + len({*intervals} & {*unknowns}) or {*given} != {*unknowns}:
+        different = ", ".join(sorted({*given} ^ {*unknowns})[:5] or sorted({*values} & {*intervals})[:5])
+        raise ValueError(f"the designed values are not those that its problem leaves free: {different[:200]}")
+    for key, (lower, upper) in unknowns.items():
+        for text in given[key].split(INTERVAL):
+            value = float(ball(text.strip()).mid())
+            if not lower <= value <= upper:
+                raise ValueError(f"{key} is designed to be {text}, outside of its bounds [{lower!r}, {upper!r}]")
+            if key in problem.free and (objection := problem.objection(key, value)):
+                raise ValueError(f"{key} cannot be {text}: {objection}")
+    return {*unknowns}
+
+
+def _with_torques(problem: Problem, record: OrbitRecord) -> Problem:
+    """The problem with the values of open-loop torques, if it leaves them free, fixed in time."""
+    law = problem.control
+    if not isinstance(law, OpenLoop) or law.duration is not None:
+        return problem
+    if not isinstance(record.law, DurationRecord):
+        raise ValueError(f"the torques of {problem.name} are unknowns, but the certificate states no duration of them")
+    values = {key: float(text) for key, text in record.designed.items()}
+    return replace(problem, control=law.fixed(values, record.law.duration))
+
+
+def _completed(law: Control, problem: Problem, record: OrbitRecord) -> Control:
+    """The control law of a problem, completed by the law data of a certificate.
+
+    Raises
+    ------
+    ValueError
+        If the law needs other data, or the data contradict the problem.
+    """
+    targets = {name: _completed_target(target, law, problem, record.law) for name, target in law.targets.items()}
+    used = isinstance(law, OpenLoop) or any(
+        isinstance(target, Reference) or (isinstance(target, BezierCurve) and law.targets[name].curve.duration is None)
+        for name, target in targets.items()
+    )
+    if record.law is not None and not used:
+        raise ValueError(f"it states data of a control law, of which the {law.type} of its problem needs none")
+    bound = {name: target for name, target in targets.items() if target is not law.targets[name]}
+    return law.model_copy(update=bound) if bound else law
+
+
+def _completed_target(
+    target: Target, law: Control, problem: Problem, data: MotionRecord | DurationRecord | None
+) -> Target:
+    """A reference completed by the law data of a certificate; raises as ``_completed``."""
+    walker = type(problem.walker)
+    if isinstance(target, FreeCurves):
+        zeros = dict.fromkeys(target.followers(walker), (0.0,) * (target.curve.degree + 1))
+        if phase := law.phase_variable:
+            span = target.span if isinstance(target, CurveReference) else tuple(getattr(law, "span", ()))
+            if span is None:
+                raise NotProved(
+                    f"the curves over {phase} take their span from another gait; state it: span: [START, END]"
+                )
+            return BezierMotion(bezier=target.unknown(zeros), phase=phase, span=(span[0], span[1]))
+        assert isinstance(target, CurveReference)  # others run over a phase
+        duration = target.curve.duration
+        if duration is None:
+            if not isinstance(data, DurationRecord):
+                raise ValueError("its curve takes as long as a step of another gait, but it states no duration")
+            duration = data.duration
+        return BezierCurve(
+            points=zeros,
+            duration=duration,
+            beyond_end=BeyondEnd(target.beyond_end or BeyondEnd.HOLD),
+            within=target.curve.within,
+        )
+    if not isinstance(target, GaitCurves):
+        return target
+    if law.phase_variable or not isinstance(target, GaitReference):
+        words = "the control law tracks another gait as a function of a phase variable: not covered"
+        raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
+    if not isinstance(data, MotionRecord):
+        raise ValueError("its problem tracks the motion of another gait, which it does not contain")
+    return _tracked_motion(data, target.followers(walker), BeyondEnd(target.beyond_end or BeyondEnd.HOLD))
+
+
+def _tracked_motion(record: MotionRecord, joints: tuple[str, ...], beyond_end: BeyondEnd) -> Reference:
+    """The tracked motion: its pieces follow each other and are series of every joint; it ends as the problem says."""
+    edges = [0.0, *(piece.end for piece in record.pieces)]
+    if any(
+        piece.start != edge or not piece.end > piece.start for piece, edge in zip(record.pieces, edges, strict=False)
+    ):
+        raise ValueError("the pieces of its reference do not follow each other from time zero")
+    for k, piece in enumerate(record.pieces, start=1):
+        if len(piece.angles) != len(joints) or len({len(row) for row in piece.angles}) > 1:
+            raise ValueError(f"piece {k} of its reference does not state the motion of {len(joints)} joints")
+    pieces = tuple(
+        Piece(start=piece.start, end=piece.end, angles=np.array(piece.angles, dtype=float)) for piece in record.pieces
+    )
+    if beyond_end is BeyondEnd.FLOW:
+        return Reference(pieces=pieces, horizon=pieces[-1].end, names=joints)
+    return continued(pieces, pieces[-1].end, beyond_end, joints)
+
+
+def _require_joints(control: Control, length: float, system: HybridSystem) -> None:
+    """Require that tracked angles and their rates are continuous where two pieces meet."""
+    for motion in control.targets.values():
+        if not isinstance(motion, Reference):
+            continue
+        stated = motion.pieces if isfinite(motion.horizon) else motion.pieces[:-1]  # without the continuation
+        for k, (one, other) in enumerate(pairwise(stated), start=2):
+            before, after = (arb(piece.end) - arb(piece.start) for piece in (one, other))
+            for name, row, following in zip(motion.names, piece_rows(one), piece_rows(other), strict=True):
+                jump = end_value(row) - start_value(following)
+                rate = end_value(derivative_row(row, before)) - start_value(derivative_row(following, after))
+                largest = LARGEST_JUMP * (length if name in system.walker.lengths else 1.0)
+                if not (abs(jump) < largest and abs(rate * before) < largest):
+                    raise ValueError(f"the reference of {name} jumps where its piece {k} starts, at {other.start!r} s")
+
+
+def natural_length(system: HybridSystem, p: Sequence[arb]) -> float:
+    """Length of a leg, about [m]."""
+    return Dynamics(system, np.array([float(value.mid()) for value in p])).scales.length
+
+
+def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
+    """Refuse walkers and modes whose resets and conditions are not among the claims.
+
+    Raises
+    ------
+    NotProved
+        If the walker has several contacts, joint stops, flight, switches, a push-off or a closure that is not linear,
+        or a mode is not that one foot sticks or slips.
+    """
+    walker = system.walker
+    if walker.contacts:
+        raise NotProved(f"{problem.name}: a {walker.model} has several contacts; proofs do not cover that")
+    reasons = {
+        "joint stops": walker.stops,
+        "flight": walker.flies,
+        "switches": walker.switches,
+        "a push-off": walker.pushes,
+        "a posture after its impact that Newton's method solves for": is_default(walker, "after_impact")
+        and not is_linear(walker),
+    }
+    unknown = " and ".join(reason for reason, present in reasons.items() if present)
+    if unknown:
+        raise NotProved(f"{problem.name}: a {walker.model} has {unknown}; proofs do not cover that")
+    for mode in (*problem.cycle.phases, *problem.cycle.impacts):
+        if mode not in CONTACTS:
+            raise NotProved(f"{problem.name}: proofs do not cover a phase or an impact with {mode}")
+
+
+def _parameter_texts(
+    problem: Problem,
+    system: HybridSystem,
+    exact: ExactValues,
+    designed: Mapping[str, str],
+    intervals: Mapping[str, str],
+) -> dict[str, str]:
+    """The exact value of every parameter: an interval, a designed value, or the number of the problem's text."""
+    known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
+    unknown = [key for key in intervals if key not in system.parameters]
+    if unknown:
+        raise ValueError(f"no parameter is called {shown(unknown[0])}")
+    for key, text in intervals.items():
+        ends = [end.strip() for end in text.split(INTERVAL)]
+        if type(known[key]) is int or not ball(ends[0]) < ball(ends[1]):
+            raise ValueError(f"{key} cannot be the interval {text}")
+        for end in ends:
+            objection = key in problem.parameters and problem.objection(key, float(ball(end).mid()))
+            if objection:
+                raise ValueError(f"{key} cannot be {end}: {objection}")
+    given = {**designed, **intervals}
+    return {key: given[key] if key in given else exact(key, known[key]) for key in system.parameters}
+
+
+def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, control: Control) -> list[OrbitArc]:
+    """The arcs: two of one phase meet at a breakpoint of the law, the last one of a phase ends with its event.
+
+    Raises
+    ------
+    ValueError
+        If they do not follow the mode sequence, or need more breakpoints than the law has.
+    """
+    phases = [record.phase for record in records]
+    if phases != sorted(phases) or set(phases) != set(range(len(sequence.phases))):
+        raise ValueError("the arcs do not follow the mode sequence of the problem")
+    arcs, segment = list[OrbitArc](), 0
+    for record, after in zip(records, [*phases[1:], None], strict=True):
+        mode = sequence.phases[record.phase]
+        is_inside = after == record.phase
+        event = BREAKPOINT if is_inside else table.between(mode, sequence.after(record.phase)).guard
+        if is_inside and segment >= len(control.breakpoints):
+            raise ValueError(
+                f"arc {len(arcs) + 1} ends with a breakpoint, but the control has {len(control.breakpoints)}"
+            )
+        arcs.append(OrbitArc(mode, segment, record.phase, event, tuple(record.fractions)))
+        segment = 0 if event == "touchdown" else segment + is_inside
+    return arcs
+
+
+def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedBox]:
+    """The equations on the interval of a box, and the box.
+
+    Raises
+    ------
+    ValueError
+        If the box does not fit the equations.
+    """
+    if len(record.interval) != len(statement.interval):
+        raise ValueError(f"a box states {len(record.interval)} ends of the parameter, not {len(statement.interval)}")
+    if len(set(record.interval)) == 2 and not ball(record.interval[0]) < ball(record.interval[1]):
+        raise ValueError(f"a box from {record.interval[0]} to {record.interval[1]}: the smaller end comes first")
+    orbit = statement.orbit(record.interval)
+    if orbit.size > MOST_UNKNOWNS:
+        raise ValueError(f"{orbit.size} nodes and durations are more than {MOST_UNKNOWNS}")
+    # decimals become balls; the theorem is about the box with these exact centres and radii
+    centre, tilt = ([arb(text).mid() for text in texts] for texts in (record.centre, record.tilt))
+    deviation = [arb(0, arb(text).lower()) for text in record.radii]
+    if not len(centre) == len(tilt) == len(deviation) == orbit.size:
+        raise ValueError(f"a box of {len(centre)} entries does not fit {orbit.size} nodes and durations")
+    if not orbit.is_long and any(not v.is_zero() for v in tilt):
+        raise ValueError("a box is tilted, but no parameter varies along it")
+    return orbit, TiltedBox(centre, tilt, deviation)
+
+
+# the printed statement
+
+
+def _hypotheses(
+    problem: Problem,
+    system: HybridSystem,
+    law: ExactLaw,
+    source: ProblemText,
+    record: OrbitRecord,
+    exact: ExactValues,
+    texts: Mapping[str, str],
+    designed: list[str],
+) -> Hypotheses:
+    """The printed statement, from the problem and what completes it."""
+    scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
+    not_proved = [scuffing]
+    if isinstance(record.law, MotionRecord) and record.reference is None:
+        name = problem.control.source[0]
+        not_proved.append(f"whether the tracked curve is the motion of {name}, which the problem names")
+    if problem.objective or problem.constraints:
+        not_proved.append("whether the problem's constraints are met, and its objective is least")
+    return {
+        "sha256": problem.digest,
+        "texts": dict(_text_digests(problem.name, source)),
+        "changed": dict(source.changes),
+        "walker": problem.walker.model,
+        "walker_data": _provenance(problem, system),
+        "friction": "static and kinetic; sticking is chosen where both are consistent"
+        if system.friction.may_drop
+        else "coulomb",
+        "impact_law": str(problem.impact_law),
+        "mode_sequence": str(problem.cycle),
+        "control": problem.control.type,
+        "law": _law_words(problem.control, system.control, law, record, exact),
+        "parameters": {key: texts[key] for key in system.parameters},
+        "designed": [key for key in system.parameters if key in designed],
+        "not_proved": not_proved,
+    }
+
+
+def _text_digests(name: str, source: ProblemText) -> list[tuple[str, str]]:
+    digests = [(name, sha256(source.text)), *((file, sha256(text)) for file, text in source.files.items())]
+    for reference, text in source.problems.items():
+        digests += _text_digests(reference, text)
+    return digests
+
+
+def _law_words(
+    law: Control, completed: Control, numbers: ExactLaw, record: OrbitRecord, exact: ExactValues
+) -> dict[str, str]:
+    """Everything that a law's keys say besides its parameters, with exact values; tables in full."""
+    words = dict[str, str]()
+
+    def add(key: str, value: Any) -> None:
+        if f"control.{key}" in parameters:
+            return
+        if isinstance(value, Mapping) and {*value} == {"file", "text"}:
+            words[key] = f"{value['file']}, SHA-256 {sha256(value['text'])}"
+            return
+        if isinstance(value, Mapping | list):
+            for name, entry in value.items() if isinstance(value, Mapping) else enumerate(value):
+                add(f"{key}.{name}", entry)
+        else:
+            number = isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool))
+            words[key] = exact(f"control.{key}", value) if number else str(value)
+
+    parameters = {f"control.{key}" for key in (*law.parameters, *completed.parameters)}
+    parameters |= {key.replace("control.reference.", "control.reference.bezier.") for key in parameters}
+    for key, value in law.record.items():
+        if key != "type":
+            add(key, value)
+    for name, target in completed.targets.items():
+        if isinstance(target, TableCurves):
+            for column, cells in target.table.decimals.items():
+                words[f"{name}.table.{column}"] = ", ".join(cells)
+            if target.degree is None:
+                words[f"{name}.curve"] = "cubic spline through all rows, twice differentiable, not-a-knot"
+    if isinstance(record.law, DurationRecord):
+        words["duration"] = f"{record.law.duration!r}, an exact double"
+    elif isinstance(record.law, MotionRecord):
+        words["curve_sha256"] = digest_of(record.law.model_dump(mode="json"))
+        words["curve"] = "Chebyshev series with exact doubles; rates are their derivatives"
+        words["pieces"] = ", ".join(repr(piece.start) for piece in record.law.pieces)
+        words["end"] = repr(record.law.pieces[-1].end)
+    return words
+
+
+def _provenance(problem: Problem, system: HybridSystem) -> dict[str, str]:
+    """What identifies equations that are not this package's: links of a robot's file, modules, and a digest."""
+    words, walker = dict[str, str](), type(problem.walker)
+    if issubclass(walker, UrdfWalker):
+        words["walker"] = f"robot in the file {walker.file}, with the feet {' and '.join(walker.feet)}"
+        for link in walker.bodies:
+            numbers = ((name, getattr(link, name)) for name in LINK_NUMBERS)
+            words[f"link {link.name}"] = ", ".join(
+                f"{name} {_plain(value)}" for name, value in numbers if value is not None
+            )
+    for kind, plugin in (("walker", walker), ("control", type(problem.control))):
+        if not f"{plugin.__module__}.".startswith(OWN_PACKAGE):
+            words[kind] = _origin(plugin)
+    if words:
+        words["expressions_sha256"] = expressions_digest(system, problem.cycle)
+    return words
+
+
+def _plain(value: Any) -> str:
+    return repr(np.asarray(value, dtype=float).tolist()).replace("'", "")
+
+
+def _origin(plugin: type) -> str:
+    """Module, distribution and version of a class from another package."""
+    names = packages_distributions().get(plugin.__module__.partition(".")[0], [])
+    distribution = f"{names[0]} {version(names[0])}" if names else "no distribution"
+    return f"{plugin.__module__}:{plugin.__qualname__}, {distribution}, version {getattr(plugin, 'version', 'none')}"
+
+
+def expressions_digest(system: HybridSystem, cycle: Cycle) -> str:
+    """SHA-256 of the scalar operations of flow, margins and impacts, with their constants."""
+    functions: list[Function] = []
+    for mode in dict.fromkeys(cycle.phases):
+        functions += [system.flow(mode), system.margins(mode)]
+    functions += [system.reset(mode) for mode in dict.fromkeys(cycle.impacts)]
+    digest = hashlib.sha256()
+    for function in functions:
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            parts = operation, function.instruction_input(k), function.instruction_output(k)
+            constant = function.instruction_constant(k) if not parts[1] else ""
+            digest.update(repr((*parts, constant)).encode())
+    return digest.hexdigest()
