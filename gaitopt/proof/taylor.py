@@ -77,7 +77,7 @@ class VectorField:
     space : the states y.
     p : parameters in balls.
     r : data of the segment of the control law in balls.
-    units : natural units of z and t; those of time are the last.
+    units : natural units of z and t; those of time are the last. A varying parameter counts as it is.
     """
 
     def __init__(
@@ -85,7 +85,8 @@ class VectorField:
     ) -> None:
         self.mode, self.n = mode, space.n
         self._space, self._constants = space, (p, r)
-        self.widenings = [LEAST_WIDENING * float(unit) / float(units[-1]) for unit in (*units, 1.0)][: space.n]
+        self.units = [*map(float, units), 1.0][: space.n]
+        self.widenings = [LEAST_WIDENING * unit / float(units[-1]) for unit in self.units]
 
     @cached_property
     def rate(self) -> BallFunction:
@@ -177,14 +178,15 @@ class TaylorStep:
     def variation(self) -> Matrix:
         """Derivative Phi(h) of the end in the start, shape (n, n).
 
-        By Gronwall's inequality every entry of Phi(t) - 1 is at most exp(L h) - 1, with the largest row sum L of
-        |DF| on B.
+        By Gronwall's inequality every entry of Phi(t) - 1 is at most exp(L h) - 1 in the units u of the states, with
+        the largest row sum L of |u_j DF_ij / u_i| on B.
         """
         n = self.field.n
         start, later = _matrices(self.field, self.start), _matrices(self.field, self.remainder)
-        lipschitz = max(sum((abs(later[0][i, j]) for j in range(n)), arb(0)).upper() for i in range(n))
+        u = [arb(unit) for unit in self.field.units]
+        lipschitz = max(sum((abs(later[0][i, j]) * u[j] for j in range(n)), arb(0)).upper() / u[i] for i in range(n))
         deviation = arb(0, ((lipschitz * hull(self.h)).exp() - 1).upper())
-        phi = arb_mat(n, n, [deviation + int(i == j) for i in range(n) for j in range(n)])
+        phi = arb_mat(n, n, [deviation * u[i] / u[j] + int(i == j) for i in range(n) for j in range(n)])
         terms = [*_variations(start, self.order - 1), _variations(later, self.order)[-1] * phi]
         return evaluate(terms, self.h)
 
