@@ -20,8 +20,8 @@ import gaitopt as go
 from gaitopt.api.verbs import check_proof
 from gaitopt.engines.plant import tree_record
 from gaitopt.gait.measures import observe
-from gaitopt.problem.statement import digest_of
-from gaitopt.proof.prove import exact_texts
+from gaitopt.problem.writing import ExactValues, write_problem
+from gaitopt.proof.prove import stated_problem
 from gaitopt.show.film import skeleton
 from gaitopt.show.gaits import MODE_COLOURS
 from gaitopt.show.motion import resampled
@@ -76,7 +76,8 @@ def write_orbit(name: str) -> None:
     if not gait.converged or not go.verify(gait).passed:
         raise SystemExit(f"{name} is {gait.status}, or its verification fails: {gait.message}")
     file = FOLDER / "certificates" / f"{name}.json"
-    exact = exact_texts(gait.problem, gait.dynamics.parameters)
+    decimals = ExactValues(write_problem(stated_problem(gait)))
+    exact = {key: decimals(key, value) for key, value in gait.dynamics.parameters.items()}
     theorem, unproved = prove(gait, exact, file)
     certificate = {"file": f"certificates/{name}.json", "sha256": sha256(file)} if theorem else None
     record = orbit_record(gait, exact, theorem=theorem, certificate=certificate, unproved=unproved)
@@ -107,15 +108,13 @@ def at_start(mjcf: str, start: dict, friction: float) -> str:
 
 def prove(gait: go.Gait, exact: dict[str, str], file: Path) -> tuple[dict | None, str | None]:
     """The theorem about a gait, whose certificate is in ``file``; or why there is none."""
-    kept = json.loads(file.read_text()) if file.exists() else {"resolved": {}}
-    same = digest_of(kept["resolved"]) == gait.problem.digest
-    holds = same and kept["parameters"] == exact  # designed values may change by rounding
-    proof = check_proof(file) if holds else None
-    if proof is None or not proof.proved:
+    proof = check_proof(file) if file.exists() else None
+    kept = {} if proof is None or not proof.proved else proof.statement  # designed values may change by rounding
+    if (kept.get("sha256"), kept.get("parameters")) != (gait.problem.digest, exact):
         proof = go.prove(gait, progress=False)
         if not proof.proved:
             return None, "; ".join(claim.words for claim in proof.claims if not claim.proved)
-        file.write_text(json.dumps({**proof.certificate, "theorem": proof.to_record()}, indent=1) + "\n")
+        file.write_text(json.dumps(proof.certificate, indent=1) + "\n")
     return json.loads(json.dumps(proof.to_record())), None
 
 

@@ -283,7 +283,7 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
     """
     arc, law = orbit.arcs[j], orbit.law
     edge, time, segment, words = law.edges[arc.segment], y[orbit.system.n_z], arc.segment, ""
-    if arc.event == BREAKPOINT:
+    if arc.event == BREAKPOINT and edge is not None:
         return f"the arc ends with the breakpoint at {seconds(edge)}", None
     while edge is not None and segment < len(law.breakpoints) and time.overlaps(edge):
         if not all(one == other for one, other in zip(*law.data[segment : segment + 2], strict=True)):

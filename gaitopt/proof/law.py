@@ -70,8 +70,8 @@ def exact_law(control: Control, exact: Exact) -> ExactLaw:
     if isinstance(control, OpenLoop) and control.duration is not None:
         duration, n = ball(exact("control.duration", control.duration)), control.intervals
         starts = [duration * k / n for k in range(n)]
-        data = [(start, duration / n, *law.data[k][2:]) for k, start in enumerate(starts)]
-        law = ExactLaw(tuple(starts[1:]), None, tuple(data))
+        intervals = [(start, duration / n, *law.data[k][2:]) for k, start in enumerate(starts)]
+        law = ExactLaw(tuple(starts[1:]), None, tuple(intervals))
     elif isinstance(control, ProportionalDerivative):
         law = _target(control.reference, exact, law)
     elif isinstance(control, VirtualConstraints):
@@ -198,11 +198,10 @@ def _spline(table: Table, beyond_end: BeyondEnd) -> ExactLaw:
     """The splines through the rows of a table, and their continuation."""
     times, *columns = table_columns(table).values()
     slopes = [_spline_slopes(times, column) for column in columns]
-    pieces = [
-        (start, end, [_hermite(*column[k : k + 2], *slope[k : k + 2], end - start) for column, slope in pairs], True)
-        for pairs in [list(zip(columns, slopes, strict=True))]
-        for k, (start, end) in enumerate(pairwise(times))
-    ]
+    pieces = []
+    for k, (start, end) in enumerate(pairwise(times)):
+        rows = [_hermite(y[k], y[k + 1], s[k], s[k + 1], end - start) for y, s in zip(columns, slopes, strict=True)]
+        pieces.append((start, end, rows, True))
     held, active = beyond_end is not BeyondEnd.LINEAR, beyond_end is not BeyondEnd.OFF
     return _law_of_pieces([*pieces, _continuation(pieces, held=held, active=active)], None)
 

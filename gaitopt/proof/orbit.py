@@ -199,7 +199,7 @@ class Orbit:
         key = (mode, self.arcs[j].segment, self._spaces[j])
         if key not in self._fields:
             data = self.law.data[self.arcs[j].segment]
-            self._fields[key] = VectorField(self._spaces[j], mode, self.p, data, self.units)
+            self._fields[key] = VectorField(self._spaces[j], mode, self.p, data, self.units.tolist())
         return self._fields[key]
 
     def arcs_of(self, step: int) -> list[int]:

@@ -262,10 +262,9 @@ def _completed(law: Control, problem: Problem, record: OrbitRecord) -> Control:
         If the law needs other data, or the data contradict the problem.
     """
     targets = {name: _completed_target(target, law, problem, record.law) for name, target in law.targets.items()}
-    used = isinstance(law, OpenLoop) or any(
-        isinstance(target, Reference) or (isinstance(target, BezierCurve) and law.targets[name].curve.duration is None)
-        for name, target in targets.items()
-    )
+    given = (law.targets[name] for name, target in targets.items() if isinstance(target, Reference | BezierCurve))
+    used = any(not isinstance(target, CurveReference) or target.curve.duration is None for target in given)
+    used = used or (isinstance(law, OpenLoop) and isinstance(record.law, DurationRecord) and bool(record.designed))
     if record.law is not None and not used:
         raise ValueError(f"it states data of a control law, of which the {law.type} of its problem needs none")
     bound = {name: target for name, target in targets.items() if target is not law.targets[name]}

@@ -28,6 +28,7 @@ from casadi import SX, Function, cse, jacobian, sum1, vertcat
 from flint import arb, arb_mat, arb_series, ctx
 
 from gaitopt.building import built_once
+from gaitopt.model.friction import Friction
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import BallFunction, Matrix, NotProved, Number, assemble, entries_of, hull, matrix
@@ -130,11 +131,9 @@ def _function(space: PhaseSpace, mode: Mode, name: str) -> Function:
     elif name == "apparent_masses":
         slips = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD)
         names, static = system.transitions.margin_names, SX(values)
-        if system.friction.may_drop:  # the margin of a slip has the kinetic coefficient
-            kinetic, largest = (
-                system.parameters.index(key) for key in (system.friction.kinetic, system.friction.static)
-            )
-            static[kinetic] = static[largest]
+        law = system.friction
+        if isinstance(law, Friction) and law.may_drop:  # the margin of a slip has the kinetic coefficient
+            static[system.parameters.index(law.kinetic)] = static[system.parameters.index(law.static)]
         with_static = (*inputs[:2], static, r)
         expression = vertcat(*(system.margins(slip)(*with_static)[names(slip).index("painleve")] for slip in slips))
     else:

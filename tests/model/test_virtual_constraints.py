@@ -131,7 +131,7 @@ def test_the_torque_is_that_of_the_formula_written_out_by_hand():
     dynamics = dynamics_of({})
     for z in random_states():
         z[-1] = 0.0
-        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])
+        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
         assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, torque(z[:2], z[3:5])], rel=1e-11)
 
 
@@ -150,13 +150,13 @@ def test_outputs_obey_a_linear_equation_in_the_mode_that_the_law_knows(model, mo
     flow, known = dynamics.system.flow(mode), dynamics.system.quantities(mode)
 
     def rate_of_output(z):
-        return float(known(t=0, z=z, p=dynamics.p, r=[])["rates"])
+        return float(known(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["rates"])
 
     for z in random_states():
         z[-1] *= mode.direction
-        dz, h = np.asarray(flow(t=0, z=z, p=dynamics.p, r=[])["dz"]).ravel(), 1e-5
+        dz, h = np.asarray(flow(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["dz"]).ravel(), 1e-5
         second = (rate_of_output(z + h * dz) - rate_of_output(z - h * dz)) / (2 * h)
-        y = float(known(t=0, z=z, p=dynamics.p, r=[])["outputs"])
+        y = float(known(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["outputs"])
         error = abs(second + KD * rate_of_output(z) + KP * y)
         assert error < 1e-7 * (1 + abs(second)) if exact else error > 1e-3
 
@@ -179,14 +179,14 @@ def test_pd_torques_are_gains_times_outputs_of_the_motor_that_is_named():
         s = z[0] / width + 0.5
         y = z[0] + z[1] - bezier(points, s)
         dy = z[3] + z[4] - bezier(points, s, 1) * z[3] / width
-        known = dynamics.system.observation(Mode.SLIP_FORWARD)(t=0, z=z, p=dynamics.p, r=[])
+        known = dynamics.system.observation(Mode.SLIP_FORWARD)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
         assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, -40 * y - 3 * dy], rel=1e-12)
 
 
 def test_curves_continue_as_polynomials_outside_of_their_span():
     dynamics = dynamics_of({})
     z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
-    y = float(dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])["outputs"])
+    y = float(dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))["outputs"])
     assert y == pytest.approx(0.3 - bezier(POINTS, 1.25), rel=1e-12)
 
 
@@ -202,7 +202,7 @@ def test_a_clamp_holds_the_curves_outside_of_their_span(width):
         bend = width**2 / 2 * (first**-3 - second**-3)
         curves = [bezier(POINTS, clamped, order) for order in range(3)]
         chain = (curves[0], curves[1] * slope / (2 * END), (curves[2] * slope**2 + curves[1] * bend) / (2 * END) ** 2)
-        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])
+        known = dynamics.system.observation(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
         expected = torque(z[:2], z[3:5], chain)
         assert np.asarray(known["torque"]).ravel() == pytest.approx([0.0, expected], rel=1e-10)
         if abs(s - 0.5) > 1:
@@ -404,13 +404,15 @@ def test_constants_need_no_tracked_joint():
     """y = q - c; a pd law does what the law ``pd`` does with the same constants."""
     dynamics = dynamics_of({"control.outputs": ["hip"], "control.reference": {"constant": {"hip": 0.1}}})
     z = np.array([0.15, 0.3, 0, 0.4, -0.2, 0])
-    known = dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=[])
+    known = dynamics.system.quantities(Mode.STICK)(t=0, z=z, p=dynamics.p, r=dynamics.system.data(0))
     assert float(known["outputs"]) == pytest.approx(0.15 + 0.3 - 0.1, rel=1e-12)
     constant = {"reference": {"constant": {"theta2": "5 deg"}}}
     gains = {"kp": 40, "kd": 3}
     mine = dynamics_of({"control.law": "pd", "control.gains": gains, "control.reference": constant["reference"]})
     other = dynamics_of({"control": {"type": "pd", **gains, **constant}})
-    torques = [np.asarray(d.system.observation(Mode.STICK)(0, z, d.p, [])[1]).ravel() for d in (mine, other)]
+    torques = [
+        np.asarray(d.system.observation(Mode.STICK)(0, z, d.p, d.system.data(0))[1]).ravel() for d in (mine, other)
+    ]
     assert torques[0] == pytest.approx(torques[1], rel=1e-12)
 
 

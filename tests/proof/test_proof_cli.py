@@ -69,7 +69,7 @@ def test_a_certificate_that_proves_nothing_is_exit_4(run, certificate):
     assert not json.loads(out)["proved"]
 
 
-@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-5"}'])
+@pytest.mark.parametrize("content", ["no json", "[]", '{"schema": "gaitopt-proof-6"}'])
 def test_what_is_no_certificate_is_exit_6(run, empty_folder, content):
     Path("proof.json").write_text(content)
     code, _, err = run("prove", "--check", "proof.json")
@@ -113,7 +113,8 @@ def test_a_parameter_may_be_an_interval(run, empty_folder):
     code, out, _ = run("prove", "rimless-wheel-stick", "--set", "friction=0.95..1", "--json", "--quiet")
     assert code == 0
     record = json.loads(Path(json.loads(out)["certificate"]).read_text())
-    assert record["parameters"]["friction"] == "0.95..1"
+    assert record["intervals"] == {"friction": "0.95..1"}
+    assert json.loads(out)["statement"]["parameters"]["friction"] == "0.95..1"
     code, _, err = run("prove", "rimless-wheel-stick", "--set", "friction=0.95..much")
     assert code == 3
     assert "--set friction" in err

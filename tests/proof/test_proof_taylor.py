@@ -29,12 +29,14 @@ from gaitopt.proof.claims import POSITIVE, TOUCHDOWN, check_pattern, sign_parts 
 from gaitopt.proof.taylor import PhaseSpace, VectorField, expand, taylor_coefficients  # noqa: E402
 
 ORDER = 20
+UNITS = [1.0, 1.0, 1.6, 2.5, 2.5, 4.0, 0.4]
+"""Of the compass and of the time, about."""
 
 
 class Plane:
     """A vector field of two states in the terms of ``VectorField``."""
 
-    mode, n = Mode.STICK, 2
+    mode, n, units, widenings = Mode.STICK, 2, [1.0, 1.0], [1e-7, 1e-7]
 
     def __init__(self, acceleration):
         y = SX.sym("y", 2)
@@ -115,7 +117,14 @@ def test_a_spoiled_remainder_is_noticed(monkeypatch):
 def slipping_field():
     system = HybridSystem(CompassBiped, NoControl())
     p = [arb(float(value)) for value in system.values(load_problem("compass-passive-a").parameters)]
-    return VectorField(PhaseSpace(system, None), Mode.SLIP_BACKWARD, p, []), [0.14, 0.16, 0.0, 0.68, -0.46, -0.01]
+    return VectorField(PhaseSpace(system, None), Mode.SLIP_BACKWARD, p, [], UNITS), [
+        0.14,
+        0.16,
+        0.0,
+        0.68,
+        -0.46,
+        -0.01,
+    ]
 
 
 def points_of_a_stiff_slip(count):
@@ -162,7 +171,7 @@ def test_the_graph_of_a_flow_has_the_values_of_casadi(mode):
     system = HybridSystem(CompassBiped, NoControl())
     p = system.values(load_problem("compass-passive-a").parameters)
     rng = np.random.default_rng(3)
-    field = VectorField(PhaseSpace(system, None), mode, [arb(float(value)) for value in p], [])
+    field = VectorField(PhaseSpace(system, None), mode, [arb(float(value)) for value in p], [], UNITS)
     for z in 0.3 * rng.normal(size=(5, system.n_z)):
         balls = field.rate([*(arb(float(value)) for value in z), arb(0)])[0]
         expected = np.asarray(system.flow(mode)(0, z, p, [])).ravel()
