@@ -490,7 +490,7 @@ def build_problem(
     place: Place,
     faults: list[Fault],
     classes: Known,
-    files: Sequence[Path],
+    files: Sequence[Path] | None,
     *,
     text: str = "",
     known: Mapping[str, Problem] | None = None,
@@ -501,7 +501,8 @@ def build_problem(
     ----------
     faults : of the text of the file.
     classes : those that the data may name in addition to the registered ones.
-    files : the file of the problem at the end, after the files that refer to it; empty if there is none.
+    files : the file of the problem at the end, after the files that refer to it; empty if there is none. With None
+        nothing is loaded: the data contain robots and tables, ``known`` contains references.
     known : references by name, which are not loaded.
 
     Raises
@@ -518,7 +519,10 @@ def build_problem(
     name, key = control.source if control else ("", ())
     if name:
         try:
-            reference = (known or {}).get(name) or _load(name, classes, files)
+            reference = (known or {}).get(name)
+            if reference is None and files is None:
+                raise UnknownNameError("its text is missing")
+            reference = reference or _load(name, classes, files or ())
         except (UnknownNameError, ProblemError) as error:
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and walker:

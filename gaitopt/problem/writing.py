@@ -63,13 +63,15 @@ def read_problem(source: ProblemText, *, walkers: Walkers = (), controls: Contro
         raise ProblemError(f"problem: its text does not name {shown(unused[0])}")
     known = {name: read_problem(_content(source.problems, name), walkers=walkers, controls=controls) for name in wanted}
     classes = passed_classes(walkers, controls)
-    problem = build_problem(data, place, faults, classes, (), text=source.text, known=known)
+    problem = build_problem(data, place, faults, classes, None, text=source.text, known=known)
     if source.changes:
         changed, faults = problem_data(problem), list[Fault]()
         raise_faults(faults, override(changed, source.changes, faults))
         if [path for path, _ in _named_files(changed)] or {str(s[key]) for s, key in reference_keys(changed)} != wanted:
             raise ProblemError("problem: its changes name another file: give a text that names it")
-        problem = problem.replace(source.changes)
+        tracked, problem = problem.reference, problem.replace(source.changes)
+        if problem.reference is not tracked:
+            raise ProblemError("problem: its changes name another gait: give a text that names it")
     return problem
 
 

@@ -186,11 +186,11 @@ def _restore(
     if problem.is_open:
         raise ValueError(f"{problem.name}: the mode sequence is open")
     exact, designed = ExactValues(source), _designed(problem, record.designed, intervals)
-    stated, problem = problem, _with_torques(problem, record)
-    control = _completed(problem.control, problem, record)
+    stated, problem = problem, _with_torques(problem, record, designed)
+    control = _completed(problem.control, problem, record, is_fixed=problem is not stated)
     system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
     refuse_uncovered_walkers(problem, system)
-    texts = _parameter_texts(problem, system, exact, record.designed, intervals)
+    texts = _parameter_texts(problem, system, exact, designed, intervals)
     law, p = exact_law(control, exact), [ball(texts[key]) for key in system.parameters]
     if isinstance(record.law, MotionRecord):
         _require_joints(control, natural_length(system, p), system)
@@ -224,14 +224,14 @@ def _restore_reference(record: OrbitRecord, problem: Problem, source: ProblemTex
     return _restore(record.reference, problem.reference, text, {})
 
 
-def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[str, str]) -> set[str]:
-    """Keys of the parameters that the problem leaves free, each with a value or an interval within its bounds."""
+def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[str, str]) -> dict[str, str]:
+    """Values or intervals of the parameters that the problem leaves free, within their bounds."""
     unknowns = {key: (free.lower, free.upper) for key, free in problem.free.items()}
     unknowns |= {f"control.{key}": span for key, span in problem.control.unknowns(type(problem.walker)).items()}
-    given = {**values, **{key: text for key, text in intervals.items() if key in unknowns}}
-    if len(given) < len(values) + len({*intervals} & {*unknowns}) or {*given} != {*unknowns}:
-        different = ", ".join(sorted({*given} ^ {*unknowns})[:5] or sorted({*values} & {*intervals})[:5])
-        raise ValueError(f"the designed values are not those that its problem leaves free: {different[:200]}")
+    twice, given = {*values} & {*intervals}, {**values, **{key: intervals[key] for key in intervals if key in unknowns}}
+    if different := sorted(twice | ({*given} ^ {*unknowns})):
+        words = ", ".join(different[:5])[:200]
+        raise ValueError(f"the designed values are not those that its problem leaves free: {words}")
     for key, (lower, upper) in unknowns.items():
         for text in given[key].split(INTERVAL):
             value = float(ball(text.strip()).mid())
@@ -239,22 +239,26 @@ def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[st
                 raise ValueError(f"{key} is designed to be {text}, outside of its bounds [{lower!r}, {upper!r}]")
             if key in problem.free and (objection := problem.objection(key, value)):
                 raise ValueError(f"{key} cannot be {text}: {objection}")
-    return {*unknowns}
+    return given
 
 
-def _with_torques(problem: Problem, record: OrbitRecord) -> Problem:
+def _with_torques(problem: Problem, record: OrbitRecord, designed: Mapping[str, str]) -> Problem:
     """The problem with the values of open-loop torques, if it leaves them free, fixed in time."""
     law = problem.control
     if not isinstance(law, OpenLoop) or law.duration is not None:
         return problem
     if not isinstance(record.law, DurationRecord):
         raise ValueError(f"the torques of {problem.name} are unknowns, but the certificate states no duration of them")
-    values = {key: float(text) for key, text in record.designed.items()}
+    values = {key: float(ball(text).mid()) for key, text in designed.items()}
     return replace(problem, control=law.fixed(values, record.law.duration))
 
 
-def _completed(law: Control, problem: Problem, record: OrbitRecord) -> Control:
+def _completed(law: Control, problem: Problem, record: OrbitRecord, *, is_fixed: bool) -> Control:
     """The control law of a problem, completed by the law data of a certificate.
+
+    Parameters
+    ----------
+    is_fixed : whether the law data have been used, for the duration of torques.
 
     Raises
     ------
@@ -264,8 +268,7 @@ def _completed(law: Control, problem: Problem, record: OrbitRecord) -> Control:
     targets = {name: _completed_target(target, law, problem, record.law) for name, target in law.targets.items()}
     given = (law.targets[name] for name, target in targets.items() if isinstance(target, Reference | BezierCurve))
     used = any(not isinstance(target, CurveReference) or target.curve.duration is None for target in given)
-    used = used or (isinstance(law, OpenLoop) and isinstance(record.law, DurationRecord) and bool(record.designed))
-    if record.law is not None and not used:
+    if record.law is not None and not (used or is_fixed):
         raise ValueError(f"it states data of a control law, of which the {law.type} of its problem needs none")
     bound = {name: target for name, target in targets.items() if target is not law.targets[name]}
     return law.model_copy(update=bound) if bound else law

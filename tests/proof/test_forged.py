@@ -264,7 +264,7 @@ def test_a_problem_names_nothing_but_the_texts_of_its_certificate():
         assert "is missing" in refusals(certificate)["statement"]
         changed = spoiled(original)
         changed["problem"]["set"] = {"control.reference.gait": name}
-        assert "names another file" in refusals(changed)["statement"]
+        assert "its changes name another file" in refusals(changed)["statement"]
     surplus = spoiled(proved("rimless-wheel-stick"))
     surplus["problem"]["files"] = {"x.csv": {"text": "t", "sha256": sha256("t")}}
     assert "does not name 'x.csv'" in refusals(surplus)["statement"]
