@@ -595,6 +595,10 @@ def _theorem_rows(words: Record) -> list[tuple[str, str]]:
     rows = [
         (k, value[:SHOWN_DIGEST] if k == "sha256" else value) for k, value in words.items() if isinstance(value, str)
     ]
+    rows += [(f"text {name}", value[:SHOWN_DIGEST]) for name, value in words.get("texts", {}).items()]
+    rows += [(f"changed {key}", str(value)) for key, value in words.get("changed", {}).items()]
+    rows += [*words.get("walker_data", {}).items()]
+    rows += [(f"control.{key}", value) for key, value in words.get("law", {}).items()]
     designed = words.get("designed", ())
     rows += [
         (key, f"{value} (designed)" if key in designed else value) for key, value in words.get("parameters", {}).items()
