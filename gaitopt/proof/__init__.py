@@ -4,9 +4,12 @@ docs/proof.md states the theorem and names the function that checks each of its 
 
 - ``arithmetic``: balls, numbers that depend on a parameter, CasADi's expressions in both
 - ``taylor``: validated steps of an ordinary differential equation
+- ``law``: breakpoints and segment data of a control law in balls, from the decimals of its problem
 - ``orbit``: the equations of a periodic orbit, Krawczyk's test, the return map and its eigenvalues
 - ``claims``: the claims that make an orbit a gait with its mode sequence; bounds of its measures
-- ``certificate``: the file format; the statement and the boxes that a certificate is about
+- ``certificate``: the file format
+- ``statement``: the hypotheses of a theorem, derived from the texts of a certificate; its boxes
+- ``law_data``: the claim that data of a control law fit a proved gait
 - ``check``: the checker, and what the boxes of a certificate prove together
 - ``prove``: the prover, which searches for boxes
 

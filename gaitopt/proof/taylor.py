@@ -282,10 +282,18 @@ def _variations(slopes: list[Matrix], order: int) -> list[Matrix]:
 
 
 def _compose(function: BallFunction, motion: list[list[Number]]) -> list[list[Number]]:
-    """Taylor coefficients of the outputs of a function along a motion, as many as the motion has."""
+    """Taylor coefficients of the outputs of a function along a motion, as many as the motion has.
+
+    Raises
+    ------
+    NotProved
+        If a series is shorter: a quotient whose divisor vanishes at the start, such as sin(t) / t, loses terms.
+    """
     count = ctx.cap = len(motion[0])
 
     def coefficients(value: Number) -> list[arb]:
+        if isinstance(value, arb_series) and value.prec < count:
+            raise NotProved(f"a series has {value.prec} terms instead of {count}: a divisor vanishes at its start")
         known = value.coeffs()[:count] if isinstance(value, arb_series) else [arb(value)]
         return [*known, *[arb(0)] * (count - len(known))]
 

@@ -225,3 +225,13 @@ def test_what_is_negative_beyond_the_end_of_an_arc_refutes_nothing():
     assert not isinstance(failure.value, Refuted)
     with pytest.raises(Refuted, match="is false"):
         check_pattern("margin", list(sign_parts([(line(0.5, -1), length)], monotone=False)), POSITIVE)
+
+
+def test_a_series_that_has_lost_terms_is_refused():
+    """sin(t) / t of a series in t has one term less; a zero in its place would be wrong."""
+    y = SX.sym("y", 2)
+    quotient = BallFunction(Function("quotient", [y], [sin(y[0]) / y[0]]), [])
+    with pytest.raises(NotProved, match="has 4 terms instead of 5"):
+        taylor._compose(quotient, [[arb(0), arb(1), arb(0), arb(0), arb(0)]] * 2)
+    right = taylor._compose(quotient, [[arb(1), arb(1), arb(0), arb(0), arb(0)]] * 2)
+    assert right[0][0].overlaps(arb(1).sin())

@@ -158,6 +158,9 @@ def test_the_gait_is_proved(gait: go.Gait, tmp_path: Path) -> None:
     pytest.importorskip("flint")
     proof = go.prove(gait, output=tmp_path / "proof.json", progress=False)
     assert proof.proved, proof
+    words = proof.statement["walker_data"]
+    assert "HipDamper, no distribution" in words["control"]
+    assert len(words["expressions_sha256"]) == 64
     refused = go.check_proof(tmp_path / "proof.json")
     assert not refused.proved
     assert "no control law is called 'hip_damper'" in refused.claims[0].words
