@@ -114,7 +114,7 @@ def prove(gait: go.Gait, exact: dict[str, str], file: Path) -> tuple[dict | None
         proof = go.prove(gait, progress=False)
         if not proof.proved:
             return None, "; ".join(claim.words for claim in proof.claims if not claim.proved)
-        file.write_text(json.dumps(proof.certificate, indent=1) + "\n")
+        file.write_text(compact(proof.certificate))
     return json.loads(json.dumps(proof.to_record())), None
 
 
