@@ -236,7 +236,7 @@ def _checked_boxes(statement: Statement) -> Iterator[CheckedBox]:
             return
 
 
-def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -> CheckedBox:
+def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True, is_source: bool = False) -> CheckedBox:
     """What is proved on one box of a certificate.
 
     For a single orbit, margins and multipliers are enclosed on the image of the box under Krawczyk's operator. Inside a
@@ -245,6 +245,7 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
     Parameters
     ----------
     at_end : whether the box is the first or the last one of the certificate.
+    is_source : whether only existence, modes and motion matter, as of a gait that gives law data.
     """
     orbit, outer = restore_box(statement, record)
     box, special = CheckedBox(outer, record.interval), statement.special
@@ -258,13 +259,17 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
         radius = max(w.abs_upper() for w in outer.deviation).str(3, radius=False)
         words = f"exactly one periodic orbit lies within {radius} of the centre in every unknown"
         box = replace(box, claims=(ProofClaim(EXISTENCE, proved=True, words=words),))
-        if not orbit.is_long:  # the image holds the orbit too, and gives narrower bounds of everything else
+        if (
+            not orbit.is_long and not is_source
+        ):  # the image holds the orbit too, and gives narrower bounds of everything else
             narrow = TiltedBox(outer.centre, outer.tilt, [move.union(arb(0)) for move in deviations(outer, image)])
             cycle = orbit.enclose(narrow)
             inverse = precondition(orbit, cycle)
             image = krawczyk(orbit, narrow, cycle, inverse)
-        derivative = return_map(orbit, outer, cycle, inverse)
-        derivatives = [at(derivative, s) for s in (SPLIT if orbit.is_long else [arb(0)])]
+        derivatives = list[arb_mat]()
+        if not is_source:
+            derivative = return_map(orbit, outer, cycle, inverse)
+            derivatives = [at(derivative, s) for s in (SPLIT if orbit.is_long else [arb(0)])]
         if at_end or special not in MARGIN_CHANGES:
             box = replace(box, claims=(*box.claims, *mode_sequence_claims(orbit, cycle)))
         unknowns = image.hull
@@ -274,9 +279,9 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True) -
             inner=image,
             state=dict(zip(orbit.system.state_names, unknowns, strict=False)),
             durations=orbit.phase_durations(durations),
-            measures=measure_bounds(orbit, cycle, sum(durations, arb(0))),
+            measures={} if is_source else measure_bounds(orbit, cycle, sum(durations, arb(0))),
             derivatives=derivatives,
-            multipliers=() if special is not None and not at_end else multipliers(derivatives),
+            multipliers=() if is_source or (special is not None and not at_end) else multipliers(derivatives),
             cycle=cycle,
         )
     except NotProved as failure:
@@ -325,7 +330,7 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
         if not brackets_margin and not proof.proved:
             return proof
         claims.append(connection_claim(boxes, statement.interval))
-    if isinstance(statement.record.law, DurationRecord) or statement.reference is not None:
+    if _has_law_data(statement):
         claims.append(_law_data(statement, boxes))
     if special is not None:
         claims.append(sign_change_claim(special, boxes))
@@ -344,6 +349,11 @@ def _is_minimal(statement: Statement, box: CheckedBox) -> bool:
     return not any(all(a.overlaps(b) for a, b in zip(starts[0], other, strict=True)) for other in starts[1:])
 
 
+def _has_law_data(statement: Statement) -> bool:
+    """Whether data of the law come from another gait that has to be proved, or from the orbit itself."""
+    return isinstance(statement.record.law, DurationRecord) or statement.reference is not None
+
+
 def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
     """Whether the data of the law that come from another gait fit a proved gait of its problem."""
     data, source = statement.record.law, statement.reference
@@ -354,12 +364,15 @@ def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
         return ProofClaim(LAW_DATA, proved=False, words="the proof of the gait that gives the duration is missing")
     name = source.problem.name
     try:
-        (box,) = _checked_boxes(source)
+        (record,) = source.record.boxes
+        box = check_box(source, record, is_source=True)
     except ValueError as fault:
-        return ProofClaim(LAW_DATA, proved=False, words=f"{name}: {fault}")
-    proof = conclude(source, [box], {})
-    failed = [f"{claim.name}: {claim.words}" for claim in proof.claims if not claim.proved]
-    if failed or box.cycle is None or box.inner is None:
+        return ProofClaim(LAW_DATA, proved=False, words=f"{name}: its proof has not one box that fits: {fault}")
+    claims = [*box.claims, *([_law_data(source, [box])] if _has_law_data(source) and box.inner else [])]
+    needed = (EXISTENCE, *mode_claim_names(source.system, source.law, source.cycle, source.arcs))
+    failed = [f"{claim.name}: {claim.words}" for claim in claims if not claim.proved]
+    failed += [f"{name} is missing" for name in needed if name not in {claim.name for claim in claims}]
+    if failed or box.cycle is None:
         return ProofClaim(LAW_DATA, proved=False, words=f"the gait of {name} is not proved: {failed[0]}")
     if isinstance(data, DurationRecord):
         return duration_claim(data.duration, sum(box.durations, arb(0)), DURATION_ERROR, f"a proved gait of {name}")
