@@ -81,7 +81,7 @@ def test_a_designed_curve_over_a_phase_variable_is_proved_or_refused_in_words():
     text = go.load_problem("compass-passive-stick").text.replace("name: compass-passive-stick", "name: over-phase")
     text = text.replace("slope: 1 deg", "slope: 0.5 deg").replace("friction: 0.2", "friction: 0.4")
     curve = "curve: {degree: 3, start: compass-passive-stick, within: 1}, joints: {theta2: theta2}, phase: theta1"
-    for span, words in ((", span: [-0.15, 0.15]", ""), ("", "state it, span: [START, END]")):
+    for span, words in ((", span: [-0.15, 0.15]", ""), ("", "state it: span: [START, END]")):
         law = f"control: {{type: pd, kp: 30, kd: 4, reference: {{{curve}{span}}}}}\nobjective: torque_squared\n"
         gait = go.solve(go.parse_problem(text + law), progress=False)
         assert gait.converged, gait.message

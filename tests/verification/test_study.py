@@ -108,7 +108,7 @@ def test_problem_starts_from_its_guess() -> None:
 
 
 def test_unknown_coordinate_is_named_with_those_that_there_are() -> None:
-    with pytest.raises(UnknownNameError, match=r"theta3.*use theta1, dtheta1, dtheta2, dx"):
+    with pytest.raises(UnknownNameError, match=r"theta3.*the section is theta1, dtheta1, dtheta2, dx"):
         go.simulate(gait(), {"theta3": 0.1})
 
 
