@@ -341,11 +341,9 @@ class ContactForces:
         if self._mechanics_rate is None:
             self._mechanics_rate = Buffers(self._system.mechanics_rate)
         (rates,) = self._mechanics_rate(z, dz, self.dynamics.p)
-        moving = self._mechanics_from(rates * (self._scale * self._time), ddq)
-        M, force, E, springs, J, convective, dq = (
-            value + 1j * IMAGINARY * rate for value, rate in zip(mechanics, moving, strict=True)
-        )
-        return Mechanics(M, force, E, springs, J, convective, dq)
+        values = np.concatenate([part.ravel() for part in mechanics[:-1]])
+        moving = values + (1j * IMAGINARY * self._time) * (rates * self._scale)
+        return self._mechanics_from(moving, mechanics.dq + 1j * IMAGINARY * ddq)
 
     def torques(self, t: float, z: Array, segment: int, held: Array, actual: Array, dz: Array | None) -> Array:
         """Torques [N m] from the accelerations that the law may use; complex along the motion dz/dt.
@@ -419,8 +417,8 @@ class ContactInstant:
         if modes.slides and friction.viscous.any():
             drag = -(modes.slip != 0) * friction.viscous * mechanics.velocities[:, 0]
             loads = loads + drag @ J[::2]
-        driven, n_shape = mechanics.E.shape[1] > 0, len(forces.walker.shape)
-        free = np.zeros((n_shape, 1 + mechanics.E.shape[1]))
+        n_u, n_shape = mechanics.E.shape[1], len(forces.walker.shape)
+        free = np.zeros((n_shape, 1 + n_u)) if n_u else mechanics.E
         if holds:
             one = forces.of((held,))
             load = mechanics.force + one.springs @ mechanics.springs.T
@@ -431,7 +429,7 @@ class ContactInstant:
             weights = np.array([[1, *torque] for torque in each])[:, :, None]
             motion, lambdas = (ddq @ weights)[:, :, 0], (lambdas @ weights)[:, :, 0]
         else:
-            if driven:
+            if n_u:
                 torque = forces.torques(self._t, self._z, self._segment, free, np.zeros_like(free.real), dz)
                 loads = loads + mechanics.E @ torque
             K, inverse = self._systems(mechanics, modes)
@@ -461,6 +459,8 @@ class ContactInstant:
     def _systems(self, mechanics: Mechanics, modes: Candidates) -> tuple[Array, Array]:
         """The matrices of some modes, and the inverses of their real parts, which are kept."""
         K = systems(mechanics.M, mechanics.J, modes, self._forces.friction.kinetic)
-        if any(mode not in self._inverses for mode in modes.modes):
-            self._inverses |= dict(zip(modes.modes, inverses(K.real), strict=True))
-        return K, np.array([self._inverses[mode] for mode in modes.modes])
+        if len(modes.modes) == 1 and modes.modes[0] in self._inverses:
+            return K, self._inverses[modes.modes[0]][None]
+        found = inverses(K.real)
+        self._inverses |= dict(zip(modes.modes, found, strict=True))
+        return K, found

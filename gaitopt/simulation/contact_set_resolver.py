@@ -320,13 +320,13 @@ class ContactSetResolver:
         lifted = [name for name in touching if name not in mode.touching]
         return (
             not any(motion.slips_back(self._place[name]) for name, slip in mode.directions.items() if slip)
-            and not motion.lacks_force()
             and all(
                 self._is_pulled(instant, mode.with_states({name: "stick"}), name, held, found)
                 if name in self._massless
                 else motion.separates(self._place[name])
                 for name in lifted
             )
+            and not motion.lacks_force()  # last, because rates of forces take the most time
         )
 
     def _is_pulled(self, instant: ContactInstant, closed: Mode, name: str, held: Mode, found: Solutions) -> bool:
