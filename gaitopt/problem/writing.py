@@ -18,7 +18,7 @@ from gaitopt.problem.problem import Controls, Problem, Walkers, build_problem, p
 from gaitopt.problem.source import parse_source
 from gaitopt.problem.statement import POINTS, changed_values, override, problem_data, reference_keys
 
-DECIMAL = r"[+-]?([0-9]{1,60}\.?[0-9]{0,60}|\.[0-9]{1,60})([eE][+-]?[0-9]{1,3})?"
+DECIMAL = r"[+-]?([0-9]{1,4000}\.?[0-9]{0,4000}|\.[0-9]{1,4000})([eE][+-]?[0-9]{1,3})?"
 EXACT_VALUE = rf"{DECIMAL}( (deg|rad))?"
 """A decimal number, or one with ``deg`` or ``rad``."""
 
@@ -211,7 +211,8 @@ class ExactValues:
         for key, value in source.changes.items():
             written = {k: text for k, text in written.items() if k != key and not k.startswith(f"{key}.")}
             written |= dict(_leaves(key, value))
-        self._written = {key.replace(*POINTS): " ".join(text.split()) for key, text in written.items()}
+        spaced = {key: re.sub(r"\s*(deg|rad)$", r" \1", text.strip()) for key, text in written.items()}
+        self._written = {key.replace(*POINTS): text for key, text in spaced.items()}
 
     def __call__(self, key: str, value: float) -> str:
         """The text of the number with this key, ``0.14`` or ``1 deg``, if it stands for the double ``value``.

@@ -38,7 +38,7 @@ Value = Annotated[str, Field(pattern=rf"^{EXACT_VALUE}$", max_length=140)]
 ValueInterval = Annotated[str, Field(pattern=rf"^{EXACT_VALUE} *\.\. *{EXACT_VALUE}$", max_length=300)]
 Name = Annotated[str, Field(max_length=1000)]
 Real = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
-Row = Annotated[list[Real], Field(min_length=1, max_length=1000)]
+Row = Annotated[list[Real], Field(min_length=1, max_length=200)]
 Entries = Annotated[list[Number], Field(max_length=MOST_UNKNOWNS)]
 
 

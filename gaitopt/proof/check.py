@@ -312,7 +312,9 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
             state={name: _union([box.state[name] for box in boxes]) for name in boxes[0].state},
             durations=tuple(map(_union, zip(*(box.durations for box in boxes), strict=True))),
             measures={name: _union([box.measures[name] for box in boxes]) for name in boxes[0].measures},
-            multipliers=union_of_multipliers(box.multipliers for box in boxes if box.multipliers),
+            multipliers=()
+            if special is not None
+            else union_of_multipliers(box.multipliers for box in boxes if box.multipliers),
             minimal_period=all(_is_minimal(statement, box) for box in boxes),
         )
     missing = [
@@ -377,7 +379,8 @@ def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
     if isinstance(data, DurationRecord):
         return duration_claim(data.duration, sum(box.durations, arb(0)), DURATION_ERROR, f"a proved gait of {name}")
     orbit, _ = restore_box(source, source.record.boxes[0])
-    return motion_claim(statement, orbit, box.cycle, max(arb(period.upper()) for period in periods))
+    until = max(arb(each.upper()) for each in periods)
+    return motion_claim(statement, orbit, box.cycle, sum(box.durations, arb(0)), until)
 
 
 def _merge_claims(claims_by_box: Iterable[Sequence[ProofClaim]]) -> Iterator[ProofClaim]:

@@ -335,7 +335,8 @@ def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, ar
             if not any(margin < 0 for margin in margins.values()):
                 shown = ", ".join(f"{name} {margin.str(6)}" for name, margin in margins.items())
                 raise NotProved(f"an impact with {other} is not shown to be inconsistent: {shown}")
-    first = " where sticking takes precedence" if mode.sticks and orbit.system.friction.may_drop else ""
+    precedes = orbit.system.friction.may_drop or orbit.system.law is ImpactLaw.FRICTIONLESS
+    first = " where sticking takes precedence" if mode.sticks and precedes else ""
     return f"{mode} is the only consistent impact{first}, and the former stance foot lifts", smallest_margin
 
 

@@ -33,14 +33,14 @@ from gaitopt.model.reference import (
 )
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.virtual_constraints import VirtualConstraints
-from gaitopt.proof.arithmetic import ball
+from gaitopt.proof.arithmetic import NotProved, ball
 
 Exact: TypeAlias = Callable[[str, float], str]
 """Dotted key and double -> the decimal that the double stands for; see ``gaitopt.problem.writing.ExactValues``."""
 Rows: TypeAlias = list[list[arb]]
 """Chebyshev coefficients of one piece, by joint."""
 GUARD = 1e-9
-"""Relative difference between a ball and its double from which on there is a fault in this module."""
+"""Largest difference between a ball and its double, relative to the largest number of a segment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +64,27 @@ class ExactLaw:
         return (*self.breakpoints, self.horizon)
 
 
-def exact_law(control: Control, exact: Exact) -> ExactLaw:
-    """Breakpoints and segment data of a law; those of laws from other packages are doubles."""
+def exact_law(control: Control, exact: Exact, duration: float | None = None) -> ExactLaw:
+    """Breakpoints and segment data of a law; those of laws from other packages are doubles.
+
+    Parameters
+    ----------
+    duration : of curves or torques, an exact double; None if the texts give it [s].
+
+    Raises
+    ------
+    NotProved
+        If balls and doubles do not agree: a table or a piece is too ill-conditioned.
+    """
     law = _in_doubles(control)
     if isinstance(control, OpenLoop) and control.duration is not None:
-        duration, n = ball(exact("control.duration", control.duration)), control.intervals
-        starts = [duration * k / n for k in range(n)]
-        intervals = [(start, duration / n, *law.data[k][2:]) for k, start in enumerate(starts)]
+        stated, n = control.duration, control.intervals
+        whole = arb(stated) if duration is not None else ball(exact("control.duration", stated))
+        starts = [whole * k / n for k in range(n)]
+        intervals = [(start, whole / n, *law.data[k][2:]) for k, start in enumerate(starts)]
         law = ExactLaw(tuple(starts[1:]), None, tuple(intervals))
     elif isinstance(control, ProportionalDerivative):
-        law = _target(control.reference, exact, law)
+        law = _target(control.reference, exact, law, duration)
     elif isinstance(control, VirtualConstraints):
         numbers = [ball(exact(f"control.span.{k}", value)) for k, value in enumerate(control.span)]
         numbers += [] if control.clamp is None else [ball(exact("control.clamp", control.clamp))]
@@ -95,19 +106,17 @@ def _in_doubles(control: Control) -> ExactLaw:
 
 
 def _compare(law: ExactLaw, control: Control) -> None:
-    """Guard this module: balls and doubles say the same, up to rounding."""
-    for k, data in enumerate(law.data):
-        doubles = control.data(k)
-        scale = GUARD * max(1.0, float(np.abs(doubles).max(initial=0)))
-        assert len(data) == doubles.size, (control.type, k)
-        assert all(abs(a - arb(float(b))) < scale for a, b in zip(data, doubles, strict=True)), (control.type, k)
-    assert len(law.breakpoints) == len(control.breakpoints)
-    assert all(
-        abs(a - arb(float(b))) <= GUARD * abs(b) for a, b in zip(law.breakpoints, control.breakpoints, strict=True)
-    )
+    """Require that balls and doubles say the same, up to rounding."""
+    rows = [*law.data, law.breakpoints]
+    doubles = [*(control.data(k) for k in range(len(law.data))), np.array(control.breakpoints, dtype=float)]
+    for balls, numbers in zip(rows, doubles, strict=True):
+        scale = GUARD * max(1.0, float(np.abs(numbers).max(initial=0)))
+        pairs = zip(balls, numbers.tolist(), strict=True)
+        if not all(abs(a - arb(b)) < scale for a, b in pairs):
+            raise NotProved(f"the numbers of the {control.type} law are too ill-conditioned: a table or a piece of it")
 
 
-def _target(target: Target, exact: Exact, law: ExactLaw) -> ExactLaw:
+def _target(target: Target, exact: Exact, law: ExactLaw, duration: float | None) -> ExactLaw:
     """Breakpoints and segment data of a reference."""
     if isinstance(target, Reference):
         return _pieces(target)
@@ -122,7 +131,9 @@ def _target(target: Target, exact: Exact, law: ExactLaw) -> ExactLaw:
     elif isinstance(target, GivenCurves):
         start, end, points = arb(0), ball(exact("control.reference.duration", target.domain[1])), []
     elif isinstance(target, BezierCurve):
-        start, end, points = arb(0), arb(target.duration), []
+        stated = arb(target.duration)
+        end = stated if duration is not None else ball(exact("control.reference.curve.duration", target.duration))
+        start, points = arb(0), []
     else:
         return law
     if target.phase_variable:

@@ -9,6 +9,7 @@ the coefficients d_k of their difference bounds it for |u| <= r.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import ceil, isfinite
 
 from casadi import Function
@@ -30,6 +31,8 @@ DURATION_ERROR, OWN_DURATION_ERROR = 1e-12, 1e-9
 """Largest relative differences between a duration and the period of the gait that gives it, or of the orbit itself."""
 ANGLE_ERROR = 1e-9
 """Largest difference between a tracked angle and that of the gait, in natural units."""
+MOST_STEPS = 500
+"""Steps of the integration beyond the end of a tracked gait."""
 PART = 1 / 64
 """Length of a part relative to its piece: polynomials of degree 32 that agree on the piece then stay together."""
 
@@ -42,16 +45,20 @@ def duration_claim(duration: float, period: arb, error: float, whose: str) -> Pr
     return ProofClaim(LAW_DATA, proved=bool(difference <= error * period), words=words)
 
 
-def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, until: arb) -> ProofClaim:
+def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, period: arb, until: arb) -> ProofClaim:
     """Whether the tracked curve is the motion of the gait in ``cycle``, up to the time ``until``.
 
     Parameters
     ----------
     statement : of the law that tracks the curve.
-    orbit, cycle : equations and enclosure of the tracked gait.
+    orbit, cycle, period : equations and enclosures of the tracked gait.
     """
     (motion,) = (target for target in statement.system.control.targets.values() if isinstance(target, Reference))
     (stated,) = statement.problem.control.targets.values()
+    if not isfinite(motion.horizon):  # beyond the period it is continued by a rule
+        ends = duration_claim(motion.pieces[-1].start, period, DURATION_ERROR, f"a proved gait of {stated.source[0]}")
+        if not ends.proved:
+            return replace(ends, words=f"the tracked curve does not end with a step: {ends.words}")
     followed = stated.followed(type(statement.problem.walker))
     name = statement.problem.control.source[0]
     try:
@@ -99,11 +106,14 @@ def _steps(orbit: Orbit, cycle: CycleEnclosure, until: arb) -> Iterator[TaylorSt
     for steps in cycle.steps:
         yield from steps
     last, y = len(orbit.arcs) - 1, cycle.ends[-1]
-    h = arb(hull(cycle.steps[-1][-1].h).upper())
-    while y[orbit.system.n_z] < until:
+    h = max(arb(hull(step.h).upper()) for step in cycle.steps[-1])
+    for _ in range(MOST_STEPS):
+        if not y[orbit.system.n_z] < until:
+            return
         step = expand(orbit.field(orbit.arcs[last].mode, last), y, h, orbit.order)
         yield step
         y = [hull(value) for value in step.end]
+    raise NotProved(f"the motion beyond its end needs more than {MOST_STEPS} steps")
 
 
 def _parts(piece: Piece, start: arb, h: arb) -> Iterator[tuple[arb, arb]]:

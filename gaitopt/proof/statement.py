@@ -6,6 +6,7 @@ as the texts write them, with pi where they write ``deg``.
 """
 
 import hashlib
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import packages_distributions, version
@@ -17,14 +18,17 @@ import numpy as np
 from casadi import Function
 from flint import arb
 
+from gaitopt.errors import ProblemError
 from gaitopt.model.closure import is_linear
 from gaitopt.model.control import OWN_PACKAGE, Control
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import is_default
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.friction import Friction
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import (
+    FORMS,
     BeyondEnd,
     BezierCurve,
     BezierMotion,
@@ -63,6 +67,8 @@ from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 LARGEST_JUMP = 1e-9
 """Largest jump of a tracked angle where two of its pieces meet, in natural units; and of its rate, times the length of
 the piece."""
+REFERENCE_KEYS = {*FORMS, "joints", "degree", "duration", "span", "phase", "beyond_end"}
+"""Names that would be taken for the key of a number that is not a control point."""
 LINK_NUMBERS = ("mass", "com", "inertia", "position", "tip", "foot_radius", "damping", "zero")
 """Numbers of a link that the statement about a robot from a file prints."""
 
@@ -83,6 +89,7 @@ class Hypotheses(TypedDict, total=False):
     law : everything that the law's keys say besides parameters, by key: durations, spans, tables, tracked curves.
     parameters : exact values by dotted key; an interval for the varying one.
     designed : keys of the parameters that the problem leaves free.
+    reference : the same of the gait from which the law's data come, if the certificate holds its proof.
     """
 
     sha256: str
@@ -98,6 +105,7 @@ class Hypotheses(TypedDict, total=False):
     parameters: dict[str, str]
     designed: list[str]
     not_proved: list[str]
+    reference: "Hypotheses"
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +199,8 @@ def _restore(
     system = HybridSystem(type(problem.walker), control, problem.impact_law, problem.friction_law)
     refuse_uncovered_walkers(problem, system)
     texts = _parameter_texts(problem, system, exact, designed, intervals)
-    law, p = exact_law(control, exact), [ball(texts[key]) for key in system.parameters]
+    duration = record.law.duration if isinstance(record.law, DurationRecord) else None
+    law, p = exact_law(control, exact, duration), [ball(texts[key]) for key in system.parameters]
     if isinstance(record.law, MotionRecord):
         _require_joints(control, natural_length(system, p), system)
     if varied is not None and varied not in intervals:
@@ -199,6 +208,12 @@ def _restore(
     if varied is None and special is not None:
         raise ValueError(f"a special point of type {special}, but no parameter that varies")
     interval = () if varied is None else tuple(text.strip() for text in intervals[varied].split(INTERVAL))
+    reference = _restore_reference(record, problem, source)
+    printed = _hypotheses(stated, system, source, record, exact, texts, sorted(designed))
+    if reference is not None:
+        name, silent = reference.problem.name, reference.printed["not_proved"]
+        printed["reference"] = reference.printed
+        printed["not_proved"] += [f"{name}: {words}" for words in silent if words not in printed["not_proved"]]
     return Statement(
         record=record,
         problem=problem,
@@ -209,8 +224,8 @@ def _restore(
         varied=None if varied is None else system.parameters.index(varied),
         interval=interval,
         special=special,
-        reference=_restore_reference(record, problem, source),
-        printed=_hypotheses(stated, system, law, source, record, exact, texts, sorted(designed)),
+        reference=reference,
+        printed=printed,
     )
 
 
@@ -235,10 +250,16 @@ def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[st
     for key, (lower, upper) in unknowns.items():
         for text in given[key].split(INTERVAL):
             value = float(ball(text.strip()).mid())
-            if not lower <= value <= upper:
+            exact = ball(text.strip())
+            if exact < ball(repr(lower)) or exact > ball(repr(upper)):  # bounds are decimals too
                 raise ValueError(f"{key} is designed to be {text}, outside of its bounds [{lower!r}, {upper!r}]")
             if key in problem.free and (objection := problem.objection(key, value)):
                 raise ValueError(f"{key} cannot be {text}: {objection}")
+    if problem.free:
+        try:  # all of them together
+            problem.with_fixed({key: float(ball(given[key]).mid()) for key in problem.free})
+        except ProblemError as error:
+            raise ValueError(f"the designed values contradict each other: {error}") from error
     return given
 
 
@@ -279,6 +300,9 @@ def _completed_target(
 ) -> Target:
     """A reference completed by the law data of a certificate; raises as ``_completed``."""
     walker = type(problem.walker)
+    for name in target.names:
+        if name in REFERENCE_KEYS:
+            raise NotProved(f"a joint is called {name}, which is a key of references: not covered; rename it")
     if isinstance(target, FreeCurves):
         zeros = dict.fromkeys(target.followers(walker), (0.0,) * (target.curve.degree + 1))
         if phase := law.phase_variable:
@@ -398,7 +422,14 @@ def _parameter_texts(
             if objection:
                 raise ValueError(f"{key} cannot be {end}: {objection}")
     given = {**designed, **intervals}
-    return {key: given[key] if key in given else exact(key, known[key]) for key in system.parameters}
+    texts = {key: given[key] if key in given else exact(key, known[key]) for key in system.parameters}
+    law = system.friction
+    if isinstance(law, Friction) and law.may_drop:
+        static, kinetic = texts[law.static], texts[law.kinetic]
+        equal = static == kinetic and INTERVAL not in static
+        if not equal and not ball(kinetic) <= ball(static):
+            raise ValueError(f"kinetic friction, {kinetic}, may be above static friction, {static}")
+    return texts
 
 
 def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, control: Control) -> list[OrbitArc]:
@@ -457,7 +488,6 @@ def restore_box(statement: Statement, record: BoxRecord) -> tuple[Orbit, TiltedB
 def _hypotheses(
     problem: Problem,
     system: HybridSystem,
-    law: ExactLaw,
     source: ProblemText,
     record: OrbitRecord,
     exact: ExactValues,
@@ -475,7 +505,7 @@ def _hypotheses(
     return {
         "sha256": problem.digest,
         "texts": dict(_text_digests(problem.name, source)),
-        "changed": dict(source.changes),
+        "changed": dict(_changes("", source)),
         "walker": problem.walker.model,
         "walker_data": _provenance(problem, system),
         "friction": "static and kinetic; sticking is chosen where both are consistent"
@@ -484,7 +514,7 @@ def _hypotheses(
         "impact_law": str(problem.impact_law),
         "mode_sequence": str(problem.cycle),
         "control": problem.control.type,
-        "law": _law_words(problem.control, system.control, law, record, exact),
+        "law": _law_words(problem.control, system.control, record, exact),
         "parameters": {key: texts[key] for key in system.parameters},
         "designed": [key for key in system.parameters if key in designed],
         "not_proved": not_proved,
@@ -492,15 +522,22 @@ def _hypotheses(
 
 
 def _text_digests(name: str, source: ProblemText) -> list[tuple[str, str]]:
-    digests = [(name, sha256(source.text)), *((file, sha256(text)) for file, text in source.files.items())]
+    """Digests of all texts; a file is named after the problem that names it."""
+    digests = [(name, sha256(source.text)), *((f"{name}: {file}", sha256(text)) for file, text in source.files.items())]
     for reference, text in source.problems.items():
-        digests += _text_digests(reference, text)
+        digests += _text_digests(f"{name}: {reference}", text)
     return digests
 
 
-def _law_words(
-    law: Control, completed: Control, numbers: ExactLaw, record: OrbitRecord, exact: ExactValues
-) -> dict[str, str]:
+def _changes(above: str, source: ProblemText) -> list[tuple[str, Any]]:
+    """Changed values of a problem and of those that it names, by dotted key after their names."""
+    changes = [(f"{above}{key}", value) for key, value in source.changes.items()]
+    for reference, text in source.problems.items():
+        changes += _changes(f"{above}{reference}: ", text)
+    return changes
+
+
+def _law_words(law: Control, completed: Control, record: OrbitRecord, exact: ExactValues) -> dict[str, str]:
     """Everything that a law's keys say besides its parameters, with exact values; tables in full."""
     words = dict[str, str]()
 
@@ -515,7 +552,9 @@ def _law_words(
                 add(f"{key}.{name}", entry)
         else:
             number = isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool))
-            words[key] = exact(f"control.{key}", value) if number else str(value)
+            is_double = number and not law.__module__.startswith(OWN_PACKAGE)
+            text = f"{value!r}, a double" if is_double else exact(f"control.{key}", value) if number else str(value)
+            words[key] = text
 
     parameters = {f"control.{key}" for key in (*law.parameters, *completed.parameters)}
     parameters |= {key.replace("control.reference.", "control.reference.bezier.") for key in parameters}
@@ -549,7 +588,8 @@ def _provenance(problem: Problem, system: HybridSystem) -> dict[str, str]:
                 f"{name} {_plain(value)}" for name, value in numbers if value is not None
             )
     for kind, plugin in (("walker", walker), ("control", type(problem.control))):
-        if not f"{plugin.__module__}.".startswith(OWN_PACKAGE):
+        included = getattr(sys.modules.get(plugin.__module__), plugin.__name__, None) is plugin
+        if not (f"{plugin.__module__}.".startswith(OWN_PACKAGE) and included) and kind not in words:
             words[kind] = _origin(plugin)
     if words:
         words["expressions_sha256"] = expressions_digest(system, problem.cycle)
@@ -568,11 +608,13 @@ def _origin(plugin: type) -> str:
 
 
 def expressions_digest(system: HybridSystem, cycle: Cycle) -> str:
-    """SHA-256 of the scalar operations of flow, margins and impacts, with their constants."""
+    """SHA-256 of the scalar operations of flow, margins, impacts and section, with their constants."""
     functions: list[Function] = []
     for mode in dict.fromkeys(cycle.phases):
         functions += [system.flow(mode), system.margins(mode)]
-    functions += [system.reset(mode) for mode in dict.fromkeys(cycle.impacts)]
+    functions += [system.lift]
+    for mode in dict.fromkeys(cycle.impacts):
+        functions += [system.reset(mode), system.impact_margins(mode)]
     digest = hashlib.sha256()
     for function in functions:
         for k in range(function.n_instructions()):

@@ -603,7 +603,9 @@ def _theorem_rows(words: Record) -> list[tuple[str, str]]:
     rows += [
         (key, f"{value} (designed)" if key in designed else value) for key, value in words.get("parameters", {}).items()
     ]
-    return rows + [("not proved", text) for text in words.get("not_proved", ())]
+    rows += [("not proved", text) for text in words.get("not_proved", ())]
+    inner = _theorem_rows(words["reference"]) if "reference" in words else []
+    return rows + [(f"law's gait: {key}", value) for key, value in inner]
 
 
 def _words(name: str) -> str:
