@@ -6,8 +6,8 @@ extrapolates the deviation from a gait before its impact linearly to the time st
 
 import numpy as np
 
+from gaitopt.engines.outcome import run
 from gaitopt.engines.plant import Body, Foot, Tree
-from gaitopt.engines.replay import run
 
 G = 9.81
 ANGLE, SPEED = 2e-5, 5e-6

@@ -51,7 +51,8 @@ from gaitopt.workers.jobs import Job, ResumableJobs, make_workers, run_jobs
 if TYPE_CHECKING:
     from gaitopt.branches.request import Request
     from gaitopt.design.neighbourhood import Neighbourhood
-    from gaitopt.engines.replay import Replay, Simulator
+    from gaitopt.engines.outcome import Simulator
+    from gaitopt.engines.replay import Replay
     from gaitopt.proof.check import Proof
     from gaitopt.runs.attractors import Attractors
     from gaitopt.runs.basin import Basin

@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import IO, Any
 
 from gaitopt.callbacks import Stop
+from gaitopt.engines.outcome import Outcome, Simulator, run
 from gaitopt.engines.plant import Reference
-from gaitopt.engines.replay import Outcome, Simulator, run
 from gaitopt.errors import GaitoptError, ProblemError
 from gaitopt.gait.gait import Gait
 

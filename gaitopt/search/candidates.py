@@ -11,7 +11,7 @@ Three searches propose them:
   candidate.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, floor, log10
@@ -24,13 +24,13 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait, Method, Status
-from gaitopt.gait.records import CandidateRecord, PhaseRecord, SearchRecord, phase_record, phase_records
-from gaitopt.gait.trajectory import Step
+from gaitopt.gait.records import CandidateRecord, SearchRecord, phase_record
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
-from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
+from gaitopt.search.candidate import candidate_record, cycle_record
+from gaitopt.search.contact_walks import SMALLEST_SCALE, contact_candidates
 from gaitopt.simulation.engine import Engine, choose_engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.solver.solve import free_parameters
@@ -44,8 +44,6 @@ ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
 RATE_OF_FLIGHT = 2.0
 """Half width of rates for walkers that fly, which come down from some height."""
-SMALLEST_SCALE = 0.3
-"""Smallest size of the sampled boxes relative to the default box: walkers make small steps too."""
 FASTEST = 5.0
 """Bound of the rates and slip velocities of a box that grows, in natural units; a running person reaches three."""
 MARGIN, SMALLEST_MARGIN = 0.5, 5e-3
@@ -55,8 +53,6 @@ WALL = 0.1
 """Distance from the wall of a box, relative to its width, below which a state lies near the wall."""
 SHORTEST_STEP = 0.05
 """Minimum period of a step in natural units; two feet that rest side by side solve the equations with period 0."""
-SAME = 1e-3
-"""Relative difference below which two states are the same."""
 PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
 TYPICAL_PERIOD = 1.7
@@ -115,8 +111,6 @@ class SearchJob:
 def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
     """Candidates of one job of a search, and the number of its starts."""
     if job.problem.walker.contacts:
-        from gaitopt.search.contact_walks import contact_candidates  # most walkers stand on one foot at a time
-
         stop = should_stop or (lambda: False)
         candidates, starts = contact_candidates(job.problem, job.number, job.seed, job.n_steps, stop)
         return {"method": job.method, "starts": starts, "candidates": candidates}
@@ -279,7 +273,9 @@ def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list
                     for step, durations in zip(result.cycle.steps, result.durations, strict=True)
                 ]
                 start = f"{job.method} {job.number}.{number}"
-                candidates.append(_record(dynamics.system, sequences, list(result.states), result.freed, start))
+                candidates.append(
+                    candidate_record(dynamics.system, sequences, list(result.states), result.freed, start)
+                )
     return candidates, GUESSES * job.n_steps
 
 
@@ -319,32 +315,3 @@ def family(gait: Gait, request: Request, should_stop: Stop) -> Iterator[BranchPo
         yield from follow_family(gait, request, should_stop=should_stop)
     except (ProblemError, SolveError):
         return
-
-
-def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> CandidateRecord:
-    """The candidate of a simulated cycle."""
-    sequences = [(phase_records(step), step.final_impact.mode) for step in steps]
-    return _record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
-
-
-def _record(
-    system: HybridSystem,
-    steps: Sequence[tuple[list[PhaseRecord], Mode]],
-    states: Sequence[Array],
-    freed: Mapping[str, float],
-    start: str,
-) -> CandidateRecord:
-    """The candidate of a cycle without repetitions, starting at its smallest state in lexical order."""
-    least, size = system.walker.steps_per_cycle(), np.abs(states[0]).max()
-
-    def repeats(n: int) -> bool:
-        return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
-
-    n = next(n for n in range(least, len(steps) + 1, least) if len(steps) % n == 0 and repeats(n))
-    first = min(range(0, n, least), key=lambda k: tuple(states[k]))
-    return {
-        "steps": [{"phases": phases, "impact": impact.words} for phases, impact in (*steps[first:n], *steps[:first])],
-        "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),
-        "parameters": dict(freed),
-        "start": start,
-    }

@@ -19,7 +19,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import contact_section
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidates import SMALLEST_SCALE, cycle_record
+from gaitopt.search.candidate import cycle_record
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
@@ -30,6 +30,8 @@ CYCLES = 6
 """Cycles of a walk: a stable gait is met after a few, an unstable one in the first."""
 PLACE, RATE = 0.1, 0.3
 """Range of the starts around the guess, in natural units of coordinates and rates."""
+SMALLEST_SCALE = 0.3
+"""Smallest size of the sampled boxes relative to the default box: walkers make small steps too."""
 TOUCHING = 1e-3
 """A contact of the guess touches the ground if its height and velocity are below this, in natural units."""
 

@@ -21,9 +21,9 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
+from gaitopt.search.candidate import SAME
 from gaitopt.search.candidates import (
     GUESSES,
-    SAME,
     WALKS,
     WALL,
     SearchJob,

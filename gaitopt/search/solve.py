@@ -15,7 +15,7 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Attractor, Gait, Method, Status
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidates import cycle_record
+from gaitopt.search.candidate import cycle_record
 from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.following import follow

@@ -17,6 +17,7 @@ import gaitopt as go
 from gaitopt.api.stored import stored_replays
 from gaitopt.cli.main import main
 from gaitopt.engines import replay as engines
+from gaitopt.engines.outcome import Outcome, run
 from gaitopt.engines.plant import Reference
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 
@@ -38,7 +39,7 @@ REBOUND = {"mujoco": 0.15}
 
 
 def outcome(name, simulator, dt, settings):
-    return engines.run(Reference(go.solve(name, progress=False)), simulator, dt, settings)
+    return run(Reference(go.solve(name, progress=False)), simulator, dt, settings)
 
 
 def test_a_simulator_of_ones_own_converges_to_the_gait():
@@ -83,7 +84,7 @@ STEPS = [4e-3, 2e-3, 1e-3, 5e-4]
 def judged(error, slip=0.0, endings=None, steps=STEPS, effect=0.1):
     """The judgement of an engine with errors of first and second order, and these as the time step tends to zero."""
     outcomes = tuple(
-        engines.Outcome(
+        Outcome(
             dt=dt,
             ending="completed" if endings is None else endings[k],
             deviation=tuple(np.array([error, 0.1 * error, 0.0, 0.0]) + 0.3 * dt + 2.0 * dt**2),

@@ -1,0 +1,268 @@
+"""One run of a gait in a physics engine at one time step, measured against the gait.
+
+The engine starts from the gait's state just after an impact and walks one cycle, and ``SETTLED`` of a period more, in
+which the last impact is over. There the states are compared: a point contact ends its impact within an instant, a soft
+one within some time steps.
+
+    state_error   largest difference of angles, rates and the foot's place and speed, in natural units
+    error_before_impact   the same ``SETTLED`` of a period before the last impact
+    slip          path of the stance foot forward and backward
+    creep         path of the foot while the gait's foot sticks, without a tenth of the phase at both ends
+    slip_missed, slip_invented   fraction of the cycle in which only the gait slips, or only the engine
+    impact_error  difference of the impulse at the landing foot up to the comparison, relative to that of the gait
+    energy_error  difference of the energy at the comparison, relative to weight times length
+"""
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.arrays import Array
+from gaitopt.engines.plant import Reference, Tree
+
+SETTLED = 0.05
+"""Time after the last impact at which states are compared, relative to the period."""
+SLIPS = 2.5e-4
+"""Speed, in natural units, from which a foot counts as slipping: about a millimetre per second."""
+SHORTEST = 0.01
+"""Fraction of the cycle below which a mode of the engine does not count."""
+TRIMMED = 0.1
+"""Fraction of a sticking phase at both ends that does not count as creep."""
+DIVERGED = 1e3
+"""Rate, in natural units, of a motion that has diverged."""
+LONGEST_REASON = 120
+"""Characters of an engine's error message that are kept."""
+MIDDLES = 100
+"""Intervals of the midpoint rule for the gait's impulse after its impact."""
+KEPT = 160
+"""Maximum number of samples of a motion that are kept for pictures."""
+COMPLETED = "completed"
+
+
+class Simulator(Protocol):
+    """A walker in an engine, as an adapter defines it.
+
+    Attributes
+    ----------
+    name, version : of the engine.
+    settings : its settings by name.
+    """
+
+    name: ClassVar[str]
+    version: ClassVar[str]
+    settings: ClassVar[Mapping[str, Mapping[str, Any]]]
+
+    def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
+        """Build the walker on level ground; gravity is inclined."""
+
+    def place(self, q: Array, v: Array) -> None:
+        """Set coordinates and rates."""
+
+    def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
+        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """One run at one time step; numbers are None where the run did not get that far.
+
+    Attributes
+    ----------
+    dt : time step [s].
+    ending : ``completed``, ``no touchdown``, ``diverged``, ``failed: ERROR``, or ``crashed: SIGNAL``.
+    sequence : modes that the engine's stance foot goes through, step by step.
+    motion : times [s], path of the stance foot [m] and shape coordinates, thinned for pictures.
+    deviation : difference of the state before the last impact, of which ``error_before_impact`` is the largest entry.
+    """
+
+    dt: float
+    ending: str
+    state_error: float | None = None
+    error_before_impact: float | None = None
+    slip: Mapping[str, float] = field(default_factory=dict)
+    creep: float | None = None
+    slip_missed: float | None = None
+    slip_invented: float | None = None
+    sequence: tuple[tuple[str, ...], ...] = ()
+    sequence_matches: bool = False
+    impact_error: float | None = None
+    energy_error: float | None = None
+    seconds_per_second: float | None = None
+    motion: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    deviation: tuple[float, ...] = ()
+
+
+def run(reference: Reference, simulator: type[Simulator], dt: float, settings: Mapping[str, Any]) -> Outcome:
+    """Walk one cycle in an engine and measure it.
+
+    Parameters
+    ----------
+    settings : those of the adapter; besides them ``friction`` and ``gravity`` are factors, for tests.
+    """
+    changed = dict(settings)
+    tree, mu = reference.tree, reference.friction * changed.pop("friction", 1.0)
+    factor = changed.pop("gravity", 1.0)
+    tree = Tree(bodies=tree.bodies, feet=tree.feet, gravity=(factor * tree.gravity[0], factor * tree.gravity[1]))
+    walk, (q, v) = simulator(tree, mu, dt, changed), reference.coordinates(0.0)
+    walk.place(q, v)
+    cycle = len(reference.gait.steps)
+    period = float(reference.starts[-1])
+    n = int(np.ceil((1 + SETTLED) * period / dt)) + 1
+    times, places, rates, forces = dt * np.arange(n + 1, dtype=float), [q], [v], list[Array]()
+    step, began, landings, spent = 0, 0.0, list[float](), 0.0
+    for t in times[:-1]:
+        local = float(t) - began
+        force, touching = reference.torques(step, local, q, v), reference.touching(step, local)
+        start = time.perf_counter()
+        try:
+            q, v, f = walk.step(force, touching)
+        except RuntimeError as error:  # of compiled code, as where a contact solver does not converge
+            return Outcome(dt=dt, ending=f"failed: {str(error).splitlines()[0][:LONGEST_REASON]}")
+        spent += time.perf_counter() - start
+        if not np.isfinite(v).all() or np.abs(v).max() * reference.time > DIVERGED:
+            return Outcome(dt=dt, ending="diverged")
+        places.append(q.copy())
+        rates.append(v.copy())
+        forces.append(f)
+        swing = 1 - reference.stance(step)
+        if step < cycle and local >= reference.windows[step][1] and f[swing, 1] > 0:
+            step, began = step + 1, float(t)
+            landings.append(float(t))
+    if len(landings) < cycle:
+        motion = _motion(reference, times, places, rates, [*landings, np.inf])
+        return Outcome(dt=dt, ending="no touchdown", motion=motion, seconds_per_second=spent / float(times[-1]))
+    last = np.array([*forces, forces[-1]])
+    measured = _measured(reference, times, np.array(places), np.array(rates), last, landings)
+    motion = _motion(reference, times, places, rates, landings)
+    return Outcome(dt=dt, ending=COMPLETED, seconds_per_second=spent / float(times[-1]), motion=motion, **measured)
+
+
+def _measured(
+    reference: Reference, times: Array, places: Array, rates: Array, forces: Array, landings: Sequence[float]
+) -> dict[str, Any]:
+    """The numbers of an outcome from coordinates, rates (m, n + 2) and forces (m, 2, 2) at times (m,)."""
+    cycle, period, tree = len(reference.gait.steps), float(reference.starts[-1]), reference.tree
+    end = (1 + SETTLED) * period
+
+    def at(t: float, values: Array) -> Array:
+        k = min(int(np.searchsorted(times, t, side="right")) - 1, len(times) - 2)
+        s = (t - times[k]) / (times[k + 1] - times[k])
+        return (1 - s) * values[k] + s * values[k + 1]
+
+    deviation = _state(reference, cycle, at(end, places), at(end, rates)) - _state(
+        reference, cycle, *reference.coordinates(end)
+    )
+    before = min((1 - SETTLED) * period, 0.99 * min(landings[-1:]))
+    compared = _state(reference, cycle - 1, at(before, places), at(before, rates))
+    early = compared - _state(reference, cycle - 1, *reference.coordinates(before))
+    energies = [
+        reference.energy(cycle, at(end, places), at(end, rates)),
+        reference.energy(cycle, *reference.coordinates(end)),
+    ]
+    weight = tree.mass * float(np.hypot(*tree.gravity)) * reference.length
+    slip, sequence, expected = {"slip_forward": 0.0, "slip_backward": 0.0}, list[Any](), list[Any]()
+    creep = missed = invented = 0.0
+    for step in range(cycle):
+        foot = reference.stance(step)
+        first, last = float(reference.starts[step]), min(float(reference.starts[step + 1]), landings[step])
+        first = max(first, landings[step - 1] + SETTLED * period) if step else first
+        inside = np.flatnonzero((times >= first) & (times <= last))
+        moved = [tree.foot(foot, places[k], rates[k]) for k in inside]
+        x, speed = np.array([place[0] for place, _ in moved]), np.array([velocity[0] for _, velocity in moved])
+        path = np.diff(x)
+        slip["slip_forward"] += float(path[path > 0].sum())
+        slip["slip_backward"] -= float(path[path < 0].sum())
+        window = max(1, round(SHORTEST * period / (times[1] - times[0])))  # a contact may chatter from step to step
+        carried = np.convolve(forces[inside, foot, 1] > 0, np.ones(window), mode="same") > 0
+        modes = np.where(carried, _modes(reference, speed), "off")
+        stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step]))
+        slides, slips = (np.char.startswith(words, "slip") for words in (modes, stated))
+        missed += float((slips & ~slides).sum() * (times[1] - times[0]) / period)
+        invented += float((slides & ~slips).sum() * (times[1] - times[0]) / period)
+        sequence.append(_runs(modes, window))
+        expected.append(_runs(stated, window))
+        for arc in (arc for arc in reference.gait.steps[step].arcs if arc.mode.sticks):
+            margin = TRIMMED * arc.duration
+            began, ended = (reference.starts[step] + t for t in (arc.start + margin, arc.end - margin))
+            if began < ended < times[inside[-1]]:
+                creep += abs(float(np.interp(ended, times[inside], x) - np.interp(began, times[inside], x)))
+    return {
+        "state_error": float(np.abs(deviation).max()),
+        "error_before_impact": float(np.abs(early).max()),
+        "slip": slip,
+        "creep": creep,
+        "slip_missed": missed,
+        "slip_invented": invented,
+        "sequence": tuple(sequence),
+        "sequence_matches": sequence == expected,
+        "impact_error": _impact_error(reference, times, forces, end),
+        "energy_error": (energies[0] - energies[1]) / weight,
+        "deviation": tuple(early.tolist()),
+    }
+
+
+def _state(reference: Reference, step: int, q: Array, v: Array) -> Array:
+    """Angles, rates, place and speed of the stance foot in a step, in natural units."""
+    place, velocity = reference.tree.foot(reference.stance(step), q, v)
+    angles, rates = reference.tree.angles(q), reference.tree.angles(v)
+    length, unit = reference.length, reference.time
+    return np.concatenate([angles, rates * unit, place[:1] / length, velocity[:1] * unit / length])
+
+
+def _impact_error(reference: Reference, times: Array, forces: Array, end: float) -> float:
+    """Relative difference of the impulses at the landing foot, the forces after the impact included."""
+    cycle, period = len(reference.gait.steps), float(reference.starts[-1])
+    foot = reference.stance(cycle)
+    spans = np.clip(end - times, 0.0, times[1] - times[0]) * (times > (1 - SETTLED) * period)
+    impulse = spans @ forces[:, foot]
+    middles = period + (end - period) * (np.arange(MIDDLES) + 0.5) / MIDDLES
+    stated = reference.gait.steps[-1].final_impact.impulse
+    expected = stated + (end - period) * np.mean([reference.force(float(t)) for t in middles], axis=0)
+    return float(np.linalg.norm(impulse - expected) / np.linalg.norm(stated))
+
+
+def _modes(reference: Reference, speed: Array) -> NDArray[np.str_]:
+    """What a foot does at these speeds (m,) [m/s]."""
+    slow = SLIPS * reference.length / reference.time
+    return np.where(speed >= slow, "slip_forward", np.where(speed <= -slow, "slip_backward", "stick"))
+
+
+def _runs(modes: NDArray[np.str_], shortest: float) -> tuple[str, ...]:
+    """The modes in order, without those that are too short."""
+    edges = np.flatnonzero(modes[1:] != modes[:-1]) + 1
+    pieces = np.split(modes, edges)
+    return _distinct(str(piece[0]) for piece in pieces if len(piece) >= shortest)
+
+
+def _distinct(modes: Iterable[str]) -> tuple[str, ...]:
+    """Without repetitions of neighbours."""
+    result = list[str]()
+    for mode in modes:
+        if not result or result[-1] != mode:
+            result.append(mode)
+    return tuple(result)
+
+
+def _motion(
+    reference: Reference, times: Array, places: Sequence[Array], rates: Sequence[Array], landings: Sequence[float]
+) -> dict[str, list[float]]:
+    """Times, place of the stance foot from its start in each step, and shape coordinates, as the gait's steps count."""
+    shown = np.unique(np.linspace(0, len(times) - 1, KEPT).round().astype(int))
+    names, origin, last = reference.system.walker.shape, 0.0, 0
+    columns: dict[str, list[float]] = {"t": [], "x": [], **{name: [] for name in names}}
+    for k in shown:
+        step = int(np.searchsorted(landings, times[k], side="right"))
+        if step > len(reference.gait.steps) - 1 and times[k] > reference.starts[-1]:
+            break
+        z = reference.shape_state(step, places[k], rates[k])
+        if step != last or k == 0:
+            origin, last = float(z[len(names)]), step
+        columns["t"].append(float(times[k]))
+        columns["x"].append(float(z[len(names)]) - origin)
+        for name, value in zip(names, z, strict=False):
+            columns[name].append(float(value))
+    return columns
