@@ -269,12 +269,14 @@ def _time_to_jump(arc: Arc, after: Mode) -> float:
     row = table.margin_names(arc.mode).index(table.between(arc.mode, after).guard)
     unit, times = arc.dynamics.margin_units(arc.mode)[row], list[float]()
 
-    def guard(segment: int) -> float:
-        return float(arc.dynamics.margins(arc.mode, segment, arc.times[-1:], arc.states[-1:])[0, row] / unit)
+    def guard(segment: int, time: float) -> float:
+        return float(arc.dynamics.margins(arc.mode, segment, np.array([time]), arc.states[-1:])[0, row] / unit)
 
-    for neighbour, b, sign in ((arc.segment - 1, arc.segment - 1, -1), (arc.segment + 1, arc.segment, 1)):
-        if 0 <= b < len(breakpoints) and not abs(guard(neighbour) - guard(arc.segment)) <= JUMP:
-            times.append(sign * (breakpoints[b] - arc.end))
+    for neighbour, k, sign in ((arc.segment - 1, arc.segment - 1, -1), (arc.segment + 1, arc.segment, 1)):
+        if 0 <= k < len(breakpoints):
+            b = breakpoints[k]  # away from it, torques with a mere kink there differ as well
+            if not abs(guard(neighbour, b) - guard(arc.segment, b)) <= JUMP:
+                times.append(sign * (b - arc.end))
     return min(times, default=np.inf)
 
 

@@ -309,7 +309,7 @@ def basin(
     with terminal.working("tiles") as (progress, interrupted):
         result = verbs.basin(
             gait if gait.converged else gait.problem, ranges, steps=steps, engine=engine, workers=workers,
-            scheduler=scheduler, output=folder, progress=progress, should_stop=interrupted,
+            scheduler=scheduler, output=output or folder, progress=progress, should_stop=interrupted,
         )  # fmt: skip
     record = {**result.to_record(), "run": str(result.folder), **_drawn(result, ())}
     terminal.show(record, print_basin, "run")

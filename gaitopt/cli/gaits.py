@@ -196,7 +196,8 @@ def verify(
 ) -> int:
     """Verify a gait by forward simulation.
 
-    The simulation does not know the mode sequence; it selects the modes from the forces.
+    The simulation does not know the mode sequence; it selects the modes from the forces. A finished RUN stays as it is;
+    -o stores its gait with the new verification in another folder.
     """
     from gaitopt.api import verbs
     from gaitopt.simulation.engine import choose_engine
@@ -209,7 +210,8 @@ def verify(
     if not fresh or engine != "auto":
         terminal.say("verifying by forward simulation")
         gait = gait.verified(verbs.verify(gait, engine=engine).to_record())
-        if fresh:
+        if fresh or output is not None:
+            folder = output or folder
             gait.save(folder)
     if not optimum:
         return report(gait, folder, terminal)

@@ -175,11 +175,12 @@ class NonlinearProgram(Plotted, Program, ABC):
             raise ValueError(f"p: {self.p_labels[k]} is {values[k]}, which is not a finite number")
         moved = zip(self.p_labels, values.tolist(), self.p0.tolist(), strict=True)
         changed = {key: new for key, new, old in moved if new != old and key not in self.free}
-        problem, point = self.problem.replace(changed) if changed else self.problem, self._checked(w)
+        problem, point = self.problem.replace(changed) if changed else self.problem, _numbers(w, "a point")
         unknown = np.flatnonzero(~np.isfinite(point))
         if unknown.size:
-            label = self.x_labels[unknown[0]]
-            words = f"the point is not finite: {label.name} is {point[unknown[0]]}"
+            row, named = int(unknown[0]), point.size == self.x0.size
+            label = self.x_labels[row] if named else Label(name=f"entry {row}" if point.size > 1 else "it")
+            words = f"the point is not finite: {label.name} is {point[row]}"
             words += "" if label.node is None else f" at node {label.node}"
             words += f", and {unknown.size - 1} more" if unknown.size > 1 else ""
             return Gait(
@@ -190,7 +191,7 @@ class NonlinearProgram(Plotted, Program, ABC):
                 solver={"method": EXTERNAL},
                 causes=(Cause(what="point", words=words),),
             )
-        return self._gait(problem, point, values)
+        return self._gait(problem, self._checked(point), values)
 
     def _missed(self, point: Array, p: Array) -> Cause | None:
         """The bound of a constraint or of a freed parameter that is missed most; None if all are met."""

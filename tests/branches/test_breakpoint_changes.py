@@ -15,10 +15,26 @@ from gaitopt.errors import StorageError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint, branch_table, collected
 from gaitopt.gait.records import CheckedPoint
 from gaitopt.model.cycle import BREAKPOINT
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.solve import solve_gait
 from gaitopt.store.gaits import branch_point, special_point
 from gaitopt.verification.verify import confirm, verify
+
+
+class Polygon(jumping.Staircase):
+    """Torques of the ankle that are linear between the levels at the breakpoints, where they have kinks."""
+
+    type = "polygon_of_the_ankle"
+
+    def torques(self, now):
+        return {"ankle": now.r[0] + now.r[1] * now.t}
+
+    def data(self, segment):
+        times, levels = (0.0, *self.times, 9.0), (self.levels[0], *self.levels, self.levels[-1])
+        slope = (levels[segment + 1] - levels[segment]) / (times[segment + 1] - times[segment])
+        return np.array([levels[segment] - slope * times[segment], slope])
 
 
 def family(gait, to, **options):
@@ -60,6 +76,19 @@ def test_a_switch_that_meets_a_breakpoint_is_a_special_point_in_both_directions(
     assert all((point.gait.timed == (0,)) == (point.value < AT_ONCE) for point in points([*down, *up]))
     there, back = second.gait, specials(up)[0].gait
     np.testing.assert_allclose(there.state, back.state, atol=1e-9)
+
+
+def test_a_switch_passes_a_breakpoint_where_the_torques_only_have_a_kink():
+    """Away from the breakpoint the torques of its two sides differ, as they do at a jump."""
+    times = (0.55, 0.597, 0.6, 0.66)
+    system = HybridSystem(CompassBiped, Polygon(times=times, levels=(-1.0, 11.0, 12.0, -1.0)))
+    down = family(solve_gait(problem(0.185, "stick"), system), 0.168)
+    assert [special.type for special in specials(down)] == ["mode_change", "mode_change", "end"]
+    assert specials(down)[-1].reason == "reached friction = 0.168"
+    slips = [point.gait.phases for point in points(down) if len(point.gait.phases) == 4]
+    onsets = [phases[0][1] + phases[1][1] for phases in slips]
+    assert onsets[-1] < times[1] < onsets[0]
+    assert all(point.gait.verification["passed"] for point in points(down))
 
 
 def test_the_simulator_slips_at_the_breakpoint_on_one_side_of_the_special_point_alone():

@@ -127,6 +127,26 @@ def test_a_finished_run_is_verified_from_its_files_alone(run, monkeypatch):
         assert {key: verified[key] for key in figures} == pytest.approx(figures, abs=1e-12)
 
 
+def test_a_finished_run_is_verified_into_another_folder(run):
+    run("solve", PROBLEM, "-o", "solved")
+    stored = Path("solved/gait.json").read_bytes()
+    code, out, _ = run("verify", "solved", "--engine", "scipy", "--json", "-o", "again")
+    assert code == 0
+    assert json.loads(out)["run"] == "again"
+    assert Path("solved/gait.json").read_bytes() == stored
+    code, out, _ = run("verify", "again", "--json")
+    assert code == 0
+    assert json.loads(out)["state"] == json.loads(stored)["state"]
+
+
+def test_a_basin_of_a_finished_run_is_stored_in_another_folder(run):
+    run("solve", PROBLEM, "-o", "solved")
+    code, out, _ = run("basin", "solved", "--over", "dtheta=0.9:1.1:2", "--steps", "2", "--json", "-o", "states")
+    assert code == 0
+    assert Path(json.loads(out)["run"]).parent == Path("states")
+    assert not list(Path("solved").glob("basin-*"))
+
+
 def test_a_spoiled_run_does_not_pass_verification(run):
     _, out, _ = run("solve", PROBLEM, "--json")
     path = Path(json.loads(out)["run"]) / "trajectory.csv"

@@ -275,6 +275,8 @@ def test_a_point_that_is_not_finite_is_named(value):
     gait = nlp.gait(point)
     assert gait.status is go.Status.NOT_CONVERGED
     assert gait.message == f"the point is not finite: theta2 is {value} at node 1, and 1 more"
+    assert nlp.gait(value).message == f"the point is not finite: it is {value}"
+    assert nlp.gait([1.0, value]).message == f"the point is not finite: entry 1 is {value}"
     parameters = nlp.p0.copy()
     parameters[0] = value
     with pytest.raises(ValueError, match=r"p: walker\.leg_length is .*, which is not a finite number"):
