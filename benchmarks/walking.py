@@ -11,7 +11,7 @@ from timing import Row, compared, watched_memory
 from gaitopt import load_problem, return_map, solve
 from gaitopt.gait.gait import Gait
 from gaitopt.model.modes import Mode
-from gaitopt.simulation.engine import Engine
+from gaitopt.requests import Engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator

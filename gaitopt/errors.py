@@ -46,6 +46,19 @@ class ProblemError(GaitoptError, ValueError):
     exit_code = 3
 
 
+class ArgumentError(ProblemError):
+    """An argument of a verb, or an option of a command, whose value is wrong; the message begins with its name."""
+
+    exit_code = 2
+
+    def __init__(self, argument: str, words: str) -> None:
+        super().__init__(argument, words)
+        self.argument, self.words = argument, words
+
+    def __str__(self) -> str:
+        return f"{self.argument} {self.words}"
+
+
 class SolveError(GaitoptError):
     """A failed solve was given where a gait is needed."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Gait, Method, Status
+from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.control import Control
@@ -40,6 +40,7 @@ from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
 from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion

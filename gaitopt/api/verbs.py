@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
@@ -32,14 +31,23 @@ from gaitopt.api.stored import compared, save, stored_gait
 from gaitopt.callbacks import Stop
 from gaitopt.errors import GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
-from gaitopt.gait.gait import Attractor, Gait, Method, method_of, require_gait
+from gaitopt.gait.gait import Attractor, Gait, require_gait
 from gaitopt.model.control import Control
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.problem.statement import Until
+from gaitopt.requests import (
+    BasinRequest,
+    Engine,
+    FindRequest,
+    Method,
+    ProveRequest,
+    ReplayRequest,
+    SimulateRequest,
+    choice,
+)
 from gaitopt.search import solve as single
-from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
-from gaitopt.simulation.engine import Engine
+from gaitopt.search.find import Gaits, SearchPlan, search, with_open_modes
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.store.run import Run
 from gaitopt.systems import problem_program, solve_sequence
@@ -69,8 +77,6 @@ Over = Mapping[str, tuple[float | str, float | str, int]]
 
 CERTIFICATE_FILE = "proof.json"
 """The certificate of a proof in the run folder of its gait."""
-SHORTEST_STEP, LONGEST_STEP = 1e-6, 0.1
-"""Bounds of an engine's time step [s]."""
 STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
 """Size of the arcs of one step, in memory and as rows of a table."""
 
@@ -126,7 +132,7 @@ def solve(
     StorageError
         If the folder belongs to something else or cannot be written.
     """
-    wanted, question = method_of(method), problem if isinstance(problem, Attractor) else _loaded(problem)
+    wanted, question = choice(Method, method), problem if isinstance(problem, Attractor) else _loaded(problem)
     loaded = question.problem if isinstance(question, Attractor) else question
     folder = None if isinstance(question, Attractor) else _folder(question, output)
     if reuse:
@@ -226,9 +232,7 @@ def simulate(
     """
     from gaitopt.runs.grid import check_room
 
-    number: object = steps
-    if number is not None and not isinstance(number, Integral):
-        raise ProblemError(f"steps is {steps!r}, but must be a whole number")
+    request = SimulateRequest(steps=steps, dense=dense, engine=choice(Engine, engine))
     if not isinstance(until, Until | None):
         raise ProblemError(f"until is {until!r}, but must be Until(time=SECONDS), Until(steps=N) or Until(events=N)")
     begin = start if isinstance(start, Gait) else _loaded(start, needs_gait=False)
@@ -236,9 +240,11 @@ def simulate(
     folder = _folder(problem, output)
     if folder is not None:
         Run(folder).check(problem)
-    disk, count = 0 if folder is None else STEP_BYTES_DISK, steps or (1 if until is None else until.steps or 1)
+    disk, count = 0 if folder is None else STEP_BYTES_DISK, request.steps or (1 if until is None else until.steps or 1)
     check_room(count, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
-    walk = simulate_walk(begin, state, steps, until=until, dense=dense, engine=engine, should_stop=should_stop)
+    walk = simulate_walk(
+        begin, state, request.steps, until=until, dense=dense, engine=request.engine, should_stop=should_stop
+    )
     if compare or folder is not None:
         walk = compared(walk)
     if folder is not None:
@@ -270,7 +276,7 @@ def find(
     problem: Problem | str | Path,
     *,
     steps: int | None = None,
-    starts: int = STARTS,
+    starts: int = 1000,
     seed: int = 0,
     within: Mapping[str, tuple[float, float]] | None = None,
     method: str = Method.AUTO,
@@ -313,9 +319,10 @@ def find(
     GaitoptWarning
         If gaits are near the wall of the last box of start states, or outside it.
     """
+    request = FindRequest(steps=steps, starts=starts, seed=seed, within=within or {}, method=choice(Method, method))
     unknown = with_open_modes(_loaded(problem))
-    unknown = unknown if steps is None else unknown.replace({"gait.steps": steps})
-    plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=within or {}, solver=method_of(method))
+    unknown = unknown if request.steps is None else unknown.replace({"gait.steps": request.steps})
+    plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=request.within, method=request.method)
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
     with shown(progress, job_progress, "parts of the search") as show:
         if folder is None:
@@ -323,7 +330,7 @@ def find(
         else:
             from gaitopt.runs.jobs import FindPlan
 
-            kept = FindPlan(problem=plan.problem, search=plan, folder=folder)
+            kept = FindPlan(**vars(plan), folder=folder)
             gaits = kept.complete(processes, progress=show, should_stop=should_stop)
     for sentence in gaits.searched["warnings"]:
         warnings.warn(sentence, GaitoptWarning, stacklevel=2)
@@ -333,7 +340,7 @@ def find(
 def explain(
     problem: Problem | str | Path,
     *,
-    starts: int = STARTS,
+    starts: int = 1000,
     seed: int = 0,
     workers: int | None = 1,
     progress: TextProgress = True,
@@ -420,7 +427,7 @@ def continuation(
 
     request = Request(
         parameter=parameter,
-        to=_targets(to),
+        to=(to,) if isinstance(to, int | float) else tuple(to),
         lower=lower,
         upper=upper,
         events=events or {},
@@ -484,7 +491,7 @@ def continuation_records(
 
     request = Request(
         parameter=parameter,
-        to=_targets(to),
+        to=(to,) if isinstance(to, int | float) else tuple(to),
         lower=lower,
         upper=upper,
         max_points=max_points,
@@ -493,10 +500,6 @@ def continuation_records(
         follow={"doublings": doublings, "branch_points": branch_points, "mode_changes": mode_changes},
     )
     return _kept_records(start, request, output, should_stop)
-
-
-def _targets(to: float | Sequence[float]) -> tuple[float, ...]:
-    return (float(to),) if isinstance(to, int | float) else tuple(map(float, to))
 
 
 def _kept_records(
@@ -551,7 +554,7 @@ def prove(
     UnknownNameError
         If a key is not a parameter of the gait, or no special point of this type can be proved.
     ValueError
-        If an interval is malformed, or ``parameter`` is missing.
+        If an interval is malformed, ``parameter`` is missing, or ``width`` is out of its bounds.
     SolveError
         If ``start`` is a failed solve, or there is no gait at the special point.
     StorageError
@@ -564,6 +567,7 @@ def prove(
     from gaitopt.store.formats import json_text
 
     require_gait(start, "prove")
+    width = ProveRequest(width=width).width
     gait = start.gait if isinstance(start, SpecialPoint) else start
     file = None if isinstance(output, bool) else Path(output)
     if file is not None:
@@ -675,17 +679,14 @@ def replay(
     from gaitopt.api.stored import save_replays
     from gaitopt.engines import replay as engines
 
+    request = ReplayRequest(time_steps=None if time_steps is None else tuple(time_steps))
     simulator = engines.adapter(engine)
     known = simulator.settings
     if isinstance(settings, str) and settings not in known:
         words = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
         raise UnknownNameError(words).concerning("setting")
     named = known if settings is None else {settings: known[settings]} if isinstance(settings, str) else settings
-    steps = sorted({*(engines.TIME_STEPS if time_steps is None else time_steps)}, reverse=True)
-    wrong = [dt for dt in steps if not SHORTEST_STEP <= dt <= LONGEST_STEP]
-    if wrong or not steps:
-        words = f"{wrong[0]:g} s is" if wrong else "none is given, but each must be"
-        raise ProblemError(f"time step: {words} not between {SHORTEST_STEP:g} s and {LONGEST_STEP:g} s")
+    steps = sorted({*(request.time_steps or engines.TIME_STEPS)}, reverse=True)
     gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
     if not gait.converged:
         error = SolveError(f"{gait.problem.name} is {gait.status}: {gait.message}")
@@ -756,7 +757,7 @@ def sweep(
     loaded, grid, processes = _loaded(problem), _grid(over), make_workers(workers, scheduler)
     folder = Run.of(loaded, output).folder
     plan = SweepPlan(
-        problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess, method=method_of(method)
+        problem=loaded, grid=grid, warm=warm, folder=folder, from_guess=from_guess, method=choice(Method, method)
     )
     with shown(progress, job_progress, "jobs") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
@@ -800,15 +801,10 @@ def attractors(
     """
     from gaitopt.runs.attractors import AttractorsPlan
 
-    loaded, axes, processes = _loaded(problem), _grid(over).axes, make_workers(workers, scheduler)
-    if len(axes) != 1:
-        raise ProblemError("attractors are computed over one key")
-    for name, number, least in (("starts", starts, 1), ("transient", transient, 1), ("keep", keep, 2)):
-        if number < least:
-            raise ProblemError(f"{name}: {number} is less than {least}")
+    loaded, axis, processes = _loaded(problem), _grid(over).axis, make_workers(workers, scheduler)
     plan = AttractorsPlan(
-        problem=loaded, axis=axes[0], starts=starts, transient=transient, keep=keep, seed=seed, engine=engine,
-        folder=Run.of(loaded, output).folder,
+        problem=loaded, axis=axis, starts=starts, transient=transient, keep=keep, seed=seed,
+        engine=choice(Engine, engine), folder=Run.of(loaded, output).folder,
     )  # fmt: skip
     with shown(progress, job_progress, "values") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
@@ -846,7 +842,7 @@ def basin(
     origin = start if isinstance(start, Gait) else _loaded(start)
     grid, processes = _grid(over), make_workers(workers, scheduler)
     folder = Run.of(origin.problem if isinstance(origin, Gait) else origin, output).folder
-    plan = BasinPlan.around(origin, grid, max_steps=steps, engine=engine, folder=folder)
+    plan = BasinPlan.around(origin, grid, BasinRequest(steps=steps, engine=choice(Engine, engine)), folder)
     with shown(progress, job_progress, "tiles") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
@@ -876,10 +872,8 @@ def front(
     """
     from gaitopt.runs.front import FrontPlan
 
-    loaded, axes = _loaded(problem), _grid(over).axes
-    if len(axes) != 1:
-        raise ProblemError("a front runs along one key")
-    plan = FrontPlan(problem=loaded, axis=axes[0], folder=Run.of(loaded, output).folder)
+    loaded = _loaded(problem)
+    plan = FrontPlan(problem=loaded, axis=_grid(over).axis, folder=Run.of(loaded, output).folder)
     with shown(progress, job_progress, "designs") as show:
         return plan.complete(progress=show, should_stop=should_stop)
 

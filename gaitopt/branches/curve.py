@@ -23,12 +23,13 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import ContinuationState
-from gaitopt.gait.gait import Gait, Method
+from gaitopt.gait.gait import Gait
 from gaitopt.integration import bracketed_root
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.mesh import Mesh, MeshArc
 from gaitopt.solver.newton import Solution, extrapolation, halved, refine

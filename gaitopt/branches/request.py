@@ -5,7 +5,7 @@ equal ones in ``friction``: the gait is then the same under the other friction l
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Any
 
@@ -21,6 +21,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.schema import FrictionCoefficients
+from gaitopt.requests import ContinueRequest, entries
 from gaitopt.systems import problem_dynamics
 
 FOLLOWS = {
@@ -32,30 +33,20 @@ FOLLOWS = {
 """The key of ``Request.follow`` for the branches that begin at each type of special point."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
+@dataclass(frozen=True, kw_only=True)
+class Request(ContinueRequest):
     """The parameter of a family, its range, and which of the branches that begin on the family are followed too.
+
+    By default the target is a bound, and the other bound is as far from the first gait on its other side. A branch that
+    reaches a limit of points or time can be resumed.
 
     Attributes
     ----------
-    parameter : dotted key of a scalar of walker, friction or control.
-    to : values of the parameter at which to stop; each of them is approached from the first gait.
-    lower, upper : bounds of the parameter, for families with folds. By default the target is a bound, and the other
-        bound is as far from the first gait on its other side.
     events : functions of a gait, continuous along the family; their zeros are special points with these names.
-    max_points, max_seconds : limits of the work towards each target; a branch that reaches one can be resumed.
-    verify_every : the simulator verifies every N-th point; 0 for none.
     follow : for each kind of branch (the values of ``FOLLOWS``), how many times in turn such branches are followed.
     """
 
-    parameter: str
-    to: tuple[float, ...]
-    lower: float | None = None
-    upper: float | None = None
     events: Mapping[str, TestFunction] = field(default_factory=dict)
-    max_points: int = 2000
-    max_seconds: float | None = None
-    verify_every: int = 10
     follow: Mapping[str, int] = field(default_factory=dict)
 
     def first_gait(self, start: Gait | SpecialPoint) -> Gait:
@@ -145,8 +136,7 @@ class Request:
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object, the first line of a stored branch; without the events, which are functions."""
-        plain = asdict(replace(self, events={}, follow={}))
-        record = {key: value for key, value in plain.items() if key not in ("events", "follow")}
+        record = {name: getattr(self, name) for name in entries(ContinueRequest)}
         followed = {kind: times for kind, times in self.follow.items() if times}
         return {"record": "continuation", **record, "to": list(self.to), **followed}
 

@@ -26,10 +26,12 @@ from gaitopt.cli.options import (
     counts,
     grid,
     number,
+    option,
 )
 from gaitopt.cli.runs import gait_of, load, report
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.requests import AttractorsRequest, BasinRequest, ContinueRequest, Engine, SweepRequest
 
 if TYPE_CHECKING:
     from gaitopt.gait.branch import SpecialPoint
@@ -54,20 +56,13 @@ def continue_(
             "K-th special point of a branch.",
         ),
     ],
-    param: Annotated[str, typer.Option("--param", metavar="KEY", help="Parameter: friction, walker.slope, ...")],
-    to: Annotated[
-        list[str],
-        typer.Option("--to", metavar="VALUE", help="Target value; give two targets to continue in both directions."),
-    ],
-    lower: Annotated[str | None, typer.Option("--lower", metavar="VALUE", help="Lower bound of the parameter.")] = None,
-    upper: Annotated[str | None, typer.Option("--upper", metavar="VALUE", help="Upper bound of the parameter.")] = None,
-    max_points: Annotated[int, typer.Option("--max-points", min=1, help="Maximum number of points per target.")] = 2000,
-    max_seconds: Annotated[
-        float | None, typer.Option("--max-seconds", min=0.0, help="Time limit per target [s].")
-    ] = None,
-    verify_every: Annotated[
-        int, typer.Option("--verify-every", min=0, help="Verify every N-th point by simulation; 0: none.")
-    ] = 10,
+    param: Annotated[str, option(ContinueRequest, "parameter", "--param", metavar="KEY")],
+    to: Annotated[list[str], option(ContinueRequest, "to", metavar="VALUE")],
+    lower: Annotated[str | None, option(ContinueRequest, "lower", metavar="VALUE")] = None,
+    upper: Annotated[str | None, option(ContinueRequest, "upper", metavar="VALUE")] = None,
+    max_points: Annotated[int, option(ContinueRequest, "max_points")] = 2000,
+    max_seconds: Annotated[float | None, option(ContinueRequest, "max_seconds")] = None,
+    verify_every: Annotated[int, option(ContinueRequest, "verify_every")] = 10,
     follow: Annotated[
         list[str] | None,
         typer.Option(
@@ -180,8 +175,6 @@ def front(
     from gaitopt.show.tables import print_front
 
     ranges, loaded = grid(over), load(problem, changes, terminal)
-    if len(ranges) != 1:
-        raise typer.BadParameter("--over: a front has one key; give one --over KEY=LO:HI:N")
     with terminal.working("designs") as (progress, interrupted):
         designs = verbs.front(loaded, ranges, output=output, progress=progress, should_stop=interrupted)
     figures = save_figures(designs, designs.file.parent) if designs.file is not None else []
@@ -197,12 +190,7 @@ def sweep(
     terminal: Terminal,
     problem: ProblemArgument,
     over: GridOption,
-    warm: Annotated[
-        bool,
-        typer.Option(
-            "--warm", help="Start each point from the gait of its neighbour; the result may then depend on the grid."
-        ),
-    ] = False,
+    warm: Annotated[bool, option(SweepRequest, "warm")] = False,
     what: Annotated[str, typer.Option("--what", metavar="NAME", help="Scalar to draw.")] = "spectral_radius",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -238,11 +226,9 @@ def attractors(
     terminal: Terminal,
     problem: ProblemArgument,
     over: OverOption,
-    starts: Annotated[int, typer.Option("--starts", min=1, max=1_000_000, help="Number of walks at each value.")] = 20,
-    transient: Annotated[
-        int, typer.Option("--transient", min=1, help="Number of cycles to discard first; take more near bifurcations.")
-    ] = 200,
-    keep: Annotated[int, typer.Option("--keep", min=2, help="Number of cycles to record afterwards.")] = 64,
+    starts: Annotated[int, option(AttractorsRequest, "starts")] = 20,
+    transient: Annotated[int, option(AttractorsRequest, "transient")] = 200,
+    keep: Annotated[int, option(AttractorsRequest, "keep")] = 64,
     seed: SeedOption = 0,
     engine: EngineOption = "auto",
     workers: WorkersOption = None,
@@ -258,12 +244,8 @@ def attractors(
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_attractors
-    from gaitopt.simulation.engine import choose_engine
 
     ranges, loaded = grid(over), load(problem, changes, terminal)
-    if len(ranges) != 1:
-        raise typer.BadParameter("--over: attractors are computed over one key; give one --over KEY=LO:HI:N")
-    choose_engine(engine)
     with terminal.working("values") as (progress, interrupted):
         result = verbs.attractors(
             loaded, ranges, starts=starts, transient=transient, keep=keep, seed=seed, engine=engine, workers=workers,
@@ -282,7 +264,7 @@ def basin(
     terminal: Terminal,
     run: RunArgument,
     over: GridOption,
-    steps: Annotated[int, typer.Option("--steps", min=1, help="Maximum number of steps of each walk.")] = 100,
+    steps: Annotated[int, option(BasinRequest, "steps")] = 100,
     engine: EngineOption = "auto",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -297,7 +279,7 @@ def basin(
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_basin
-    from gaitopt.simulation.engine import INSTALL, Engine, choose_engine, is_installed
+    from gaitopt.simulation.engine import INSTALL, choose_engine, is_installed
 
     ranges = grid(over)
     choose_engine(engine)

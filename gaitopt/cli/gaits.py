@@ -24,15 +24,12 @@ from gaitopt.cli.options import (
 from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, solve_verified, stored_gait
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, SolveError
+from gaitopt.requests import FindRequest, Method, ProveRequest, ReplayRequest, SimulateRequest, StartsRequest, choice
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
     from gaitopt.proof.check import Proof
     from gaitopt.verification.walk import Walk
-
-
-LARGEST_SPREAD = 0.99
-"""Below one, no coordinate of a sample changes its sign."""
 
 
 def solve(
@@ -53,14 +50,9 @@ def solve(
             show_default=False,
         ),
     ] = None,
-    starts: Annotated[
-        int, typer.Option("--starts", min=1, help="Number of sampled guesses; the best gait is stored.")
-    ] = 1,
+    starts: Annotated[int, options.option(StartsRequest, "starts")] = 1,
     seed: SeedOption = 0,
-    spread: Annotated[
-        float,
-        typer.Option("--spread", min=0.0, max=LARGEST_SPREAD, help="Spread of the samples, relative to the guess."),
-    ] = 0.3,
+    spread: Annotated[float, options.option(StartsRequest, "spread")] = 0.3,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -77,11 +69,10 @@ def solve(
     the run folder. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
-    from gaitopt.gait.gait import Method, method_of
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
-    if starts > 1 and method_of(method) is not Method.AUTO:
+    if starts > 1 and choice(Method, method) is not Method.AUTO:
         raise typer.BadParameter("--method and --starts exclude each other; leave out one of them")
     if stored.ATTRACTOR in problem:
         if changes or start or starts > 1 or from_guess:
@@ -143,9 +134,7 @@ def simulate(
             "of the problem, or the gait of the run.",
         ),
     ] = None,
-    steps: Annotated[
-        int | None, typer.Option("--steps", min=1, help="Number of steps. Default: 1.", show_default=False)
-    ] = None,
+    steps: Annotated[int | None, options.option(SimulateRequest, "steps")] = None,
     time: Annotated[float | None, typer.Option("--time", help="End at this time [s].", show_default=False)] = None,
     events: Annotated[
         int | None,
@@ -226,17 +215,10 @@ def verify(
 def find(
     terminal: Terminal,
     problem: ProblemArgument,
-    steps: Annotated[
-        int | None, typer.Option("--steps", min=1, help="Maximum number of steps of a cycle.", show_default=False)
-    ] = None,
+    steps: Annotated[int | None, options.option(FindRequest, "steps")] = None,
     starts: SamplesOption = 1000,
     seed: SeedOption = 0,
-    within: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--within", metavar="KEY=LO:HI", help="Range of a start coordinate, such as dtheta1=0:1; may be repeated."
-        ),
-    ] = None,
+    within: Annotated[list[str] | None, options.option(FindRequest, "within", metavar="KEY=LO:HI")] = None,
     method: MethodOption = "auto",
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
@@ -287,10 +269,6 @@ def explain(
     return 0
 
 
-NARROWEST, WIDEST = 1e-14, 1.0
-"""Bounds of ``--width``: doubles resolve no narrower bracket, and no special point needs a wider one."""
-
-
 def prove(
     terminal: Terminal,
     run: Annotated[
@@ -301,13 +279,7 @@ def prove(
         ),
     ],
     check: Annotated[bool, typer.Option("--check", help="Verify a certificate again, without any search.")] = False,
-    width: Annotated[
-        float | None,
-        typer.Option(
-            "--width",
-            help="Width of the bracket of a special point, from 1e-14 to 1. Default: the narrowest provable one.",
-        ),
-    ] = None,
+    width: Annotated[float | None, options.option(ProveRequest, "width")] = None,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
@@ -323,8 +295,6 @@ def prove(
         if changes or output is not None:
             raise typer.BadParameter("--check reads a certificate and nothing else; leave out --set and -o")
         return _report_proof(verbs.check_proof(run), Path(run), terminal)
-    if width is not None and not NARROWEST <= width <= WIDEST:
-        raise typer.BadParameter(f"--width {width:g} is not between {NARROWEST:g} and {WIDEST:g}")
     if stored.SPECIAL in run:
         if changes:
             raise typer.BadParameter("--set changes a problem, but this branch is finished; leave it out")
@@ -381,12 +351,7 @@ def replay(
     setting: Annotated[
         str | None, typer.Option("--setting", help="default or best. Default: both.", show_default=False)
     ] = None,
-    time_steps: Annotated[
-        list[float] | None,
-        typer.Option(
-            "--dt", help="Time step [s]; may be repeated. Default: 0.004, 0.002, ..., 0.00025.", show_default=False
-        ),
-    ] = None,
+    time_steps: Annotated[list[float] | None, options.option(ReplayRequest, "time_steps", "--dt")] = None,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:

@@ -28,7 +28,7 @@ from gaitopt.cli.terminal import (
     listening,
 )
 from gaitopt.cli.views import list_problems, plot, report, reproduce, schema, show, validate
-from gaitopt.errors import GaitoptError, GaitoptWarning, StorageError, printable
+from gaitopt.errors import ArgumentError, GaitoptError, GaitoptWarning, StorageError, printable
 
 PREFIXES = {
     "over": "--over ",
@@ -40,6 +40,8 @@ PREFIXES = {
 }
 """Options by the argument of the library function that an error concerns."""
 SUFFIXES = {"output": " with -o"}
+FLAGS = {"time_steps": "--dt", "parameter": "--param"}
+"""Options whose names are not those of the arguments."""
 
 Shared = tuple[str, Any]
 JSON: Shared = (
@@ -197,6 +199,8 @@ def _shown_warnings() -> Iterator[None]:
 
 def _error_words(error: GaitoptError) -> str:
     """The message of an error with the option that it concerns."""
+    if isinstance(error, ArgumentError):
+        return f"{FLAGS.get(error.argument) or '--' + error.argument.replace('_', '-')} {error.words}"
     prefix, suffix = PREFIXES.get(error.argument, ""), SUFFIXES.get(error.argument, "")
     return "\n".join(prefix + line for line in str(error).splitlines()) + suffix
 

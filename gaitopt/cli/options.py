@@ -8,11 +8,20 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from inspect import signature
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
 from gaitopt.errors import ProblemError
+from gaitopt.requests import (
+    FindRequest,
+    Request,
+    SimulateRequest,
+    SolveRequest,
+    SweepRequest,
+    WorkersRequest,
+    entries,
+)
 
 if TYPE_CHECKING:
     from gaitopt.api.verbs import Over
@@ -153,6 +162,18 @@ def counts(texts: Texts) -> dict[str, int]:
     return numbers
 
 
+def option(request: type[Request], name: str, flag: str = "", *, metavar: str | None = None) -> Any:
+    """The option for a field of a request, with its help, bounds and choices; by default it has the field's name."""
+    field = entries(request)[name]
+    return typer.Option(
+        flag or f"--{name.replace('_', '-')}",
+        metavar=metavar or "|".join(field.choices) or None,
+        callback=field.checked if field.span else None,
+        help=f"{field.help} [{field.span}]" if field.span else field.help,
+        show_default=field.default is not None,
+    )
+
+
 ProblemArgument = Annotated[str, typer.Argument(metavar="PROBLEM", help="A name from `gaitopt list`, or a .yaml file.")]
 RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run folder, or a PROBLEM.")]
 RunArguments = Annotated[list[str], typer.Argument(metavar="RUN", help="Run folders, or PROBLEMs.")]
@@ -162,27 +183,9 @@ SetOption = Annotated[
         "--set", metavar="KEY=VALUE", help="Change a value of the problem: friction=0.2, walker.slope='2 deg'."
     ),
 ]
-GuessOption = Annotated[
-    bool,
-    typer.Option(
-        "--from-guess",
-        help="Solve from the guess of the file; by default the file's gait is followed to the changed values.",
-    ),
-]
 OutOption = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="DIR", help="Run folder. Default: results/NAME-HASH.", show_default=False),
-]
-EngineOption = Annotated[
-    str, typer.Option("--engine", metavar="auto|scipy|heyoka", help="Integrator of the simulation.")
-]
-MethodOption = Annotated[
-    str,
-    typer.Option(
-        "--method",
-        metavar="auto|newton|ipopt",
-        help="Newton's method from the guess, or IPOPT; auto uses IPOPT if Newton's method fails.",
-    ),
 ]
 OverOption = Annotated[
     list[str],
@@ -196,15 +199,10 @@ GridOption = Annotated[
         help="Vary a key: N equidistant values from LO to HI. Give --over once for every key of the grid.",
     ),
 ]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option("--workers", min=1, max=1024, help="Number of processes. Default: one per core.", show_default=False),
-]
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="Use an existing Dask scheduler, such as tls://host:8786."),
-]
-SamplesOption = Annotated[
-    int, typer.Option("--starts", min=1, max=1_000_000, help="Number of start states of the search by simulation.")
-]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Random seed.")]
+EngineOption = Annotated[str, option(SimulateRequest, "engine")]
+MethodOption = Annotated[str, option(SolveRequest, "method")]
+GuessOption = Annotated[bool, option(SweepRequest, "from_guess")]
+WorkersOption = Annotated[int | None, option(WorkersRequest, "workers")]
+SchedulerOption = Annotated[str | None, option(WorkersRequest, "scheduler", metavar="ADDRESS")]
+SamplesOption = Annotated[int, option(FindRequest, "starts")]
+SeedOption = Annotated[int, option(FindRequest, "seed")]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
-from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.frames import data_frame, sample_set
 from gaitopt.gait.measures import contact_record, control_record, observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
@@ -183,27 +183,6 @@ def _units(system: HybridSystem) -> dict[str, str]:
 
 REPEATED = 1e-6
 """Largest difference of the states of steps that are the same, relative to the largest coordinate in natural units."""
-
-
-class Method(StrEnum):
-    """What searches for a gait: Newton's method, IPOPT, or ``auto``: IPOPT where Newton's method finds none."""
-
-    AUTO = "auto"
-    NEWTON = "newton"
-    IPOPT = "ipopt"
-
-
-def method_of(word: str) -> Method:
-    """The method with this name.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such method.
-    """
-    if word not in tuple(Method):
-        raise UnknownNameError(f"no method of solution is called {word!r}; use {', '.join(Method)}")
-    return Method(word)
 
 
 class Status(StrEnum):

@@ -8,7 +8,7 @@ random walks fall where the basin of a gait is small.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
@@ -26,11 +26,12 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AttractorsRecord, SettledRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
+from gaitopt.requests import AttractorsRequest, Engine
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
 from gaitopt.runs.jobs import Plan, ResultFile, Stored
 from gaitopt.search.candidates import family, start_box
 from gaitopt.search.solve import solve
-from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.simulation.engine import choose_engine
 from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.systems import solve_sequence
@@ -124,27 +125,21 @@ def read_attractors(place: Path) -> Attractors:
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttractorsPlan(Plan[Attractors]):
+class AttractorsPlan(Plan[Attractors], AttractorsRequest):
     """Attractors to be computed.
 
     Attributes
     ----------
     axis : of a parameter.
-    starts, transient, keep, seed : see ``gaitopt.attractors``.
     """
 
     axis: Axis
-    starts: int
-    transient: int
-    keep: int
-    seed: int = 0
-    engine: str = Engine.AUTO
 
     @cached_property
     def run(self) -> Run:
         """The part of the run with its files."""
-        identity = [str(self.axis), self.starts, self.transient, self.keep, self.seed, str(self.chosen_engine)]
-        return Run(self.folder, f"attractors-{key_of(identity)[:8]}")
+        identity = replace(self, engine=self.chosen_engine).identity
+        return Run(self.folder, f"attractors-{key_of([str(self.axis), *identity])[:8]}")
 
     @property
     def chosen_engine(self) -> Engine:

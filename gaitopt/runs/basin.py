@@ -27,9 +27,9 @@ from gaitopt.gait.records import BasinRecord
 from gaitopt.model.modes import CONTACTS
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
+from gaitopt.requests import BasinRequest, Engine
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.runs.jobs import Plan, Stored
-from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import check_agrees, json_file, validated
@@ -314,7 +314,7 @@ STATE_BYTES_DISK = 48
 
 
 @dataclass(frozen=True, kw_only=True)
-class BasinPlan(Plan[Basin]):
+class BasinPlan(Plan[Basin], BasinRequest):
     """A basin to be computed.
 
     Attributes
@@ -322,17 +322,14 @@ class BasinPlan(Plan[Basin]):
     problem : whose walker walks.
     p : its parameters, if they differ from those of the problem.
     base : the section coordinates that the grid does not vary.
-    max_steps : steps after which a state is undecided.
     """
 
     p: tuple[float, ...] | None
     base: dict[str, float]
     grid: Grid
-    max_steps: int
-    engine: str
 
     @classmethod
-    def around(cls, start: Problem | Gait, grid: Grid, *, max_steps: int, engine: str, folder: Path) -> Self:
+    def around(cls, start: Problem | Gait, grid: Grid, request: BasinRequest, folder: Path) -> Self:
         """The basin of a grid around the state of a gait, or around a problem's guess."""
         if isinstance(start, Gait):
             problem, p = start.problem, tuple(start.p.tolist())
@@ -342,7 +339,7 @@ class BasinPlan(Plan[Basin]):
         varied = {axis.key for axis in grid.axes}
         names = (name for name in map_names(problem) if name not in varied)
         base = {name: float(state[name]) for name in names}
-        return cls(problem=problem, p=p, base=base, grid=grid, max_steps=max_steps, engine=engine, folder=folder)
+        return cls(problem=problem, p=p, base=base, grid=grid, folder=folder, **vars(request))
 
     @property
     def run(self) -> Run:
@@ -391,7 +388,7 @@ class BasinPlan(Plan[Basin]):
     @property
     def key(self) -> str:
         """Hash of everything that the tiles depend on."""
-        identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.max_steps}
+        identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.steps}
         return key_of(identity | {"engine": str(self.chosen_engine), "tile": self.tile_size})[:8]
 
     @property
@@ -419,5 +416,5 @@ def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop
     xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
     mapped, xi = step_map(plan.problem, plan.p, plan.chosen_engine), section_coordinates(plan.problem, xi)
     if plan.problem.walker.contacts:  # a walk may leave the section of its gait, where more contacts slip or touch
-        return follow(mapped.walk, mapped.lift(xi), plan.max_steps, should_stop=should_stop)
-    return follow(mapped, xi, plan.max_steps, should_stop=should_stop)
+        return follow(mapped.walk, mapped.lift(xi), plan.steps, should_stop=should_stop)
+    return follow(mapped, xi, plan.steps, should_stop=should_stop)

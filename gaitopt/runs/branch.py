@@ -20,6 +20,7 @@ from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, branch_table
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, SpecialRecord
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import ContinueRequest, entries
 from gaitopt.store.files import lines_text
 from gaitopt.store.formats import Table, csv_text, damaged, validated
 from gaitopt.store.gaits import branch_point, closing_error, special_point, with_stored_torques
@@ -32,7 +33,7 @@ AT_BOUND = 1e-9
 """Relative distance of an end from a bound below which it is at the bound: a walk stops there to rounding."""
 OLDER_LIMIT = re.compile(r"\d+ points, as many as were allowed|out of time after \d+ s")
 """Reasons that an earlier version gave for ends at a limit of points or time."""
-EFFORT = ("max_points", "max_seconds")
+EFFORT = tuple(name for name, entry in entries(ContinueRequest).items() if entry.effort)
 """Entries of a request that limit the work of one call and do not change the branch."""
 
 

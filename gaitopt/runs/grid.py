@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
-from gaitopt.errors import ProblemError, StorageError, UnknownNameError
+from gaitopt.errors import ArgumentError, ProblemError, StorageError, UnknownNameError
 from gaitopt.model.units import parse_angle, parse_number
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
@@ -128,6 +128,19 @@ class Grid:
         keys = [axis.key for axis in self.axes]
         if not keys or len(set(keys)) < len(keys):
             raise ValueError("a grid needs at least one axis, and no key twice")
+
+    @property
+    def axis(self) -> Axis:
+        """The axis of a grid that has one.
+
+        Raises
+        ------
+        ArgumentError
+            If it has several.
+        """
+        if len(self.axes) != 1:
+            raise ArgumentError("over", f"has {len(self.axes)} keys, but must have one: give KEY and its range once")
+        return self.axes[0]
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -18,9 +18,10 @@ from typing import Any, Generic, Literal, TypeVar, cast
 
 from gaitopt.callbacks import Counted, Stop
 from gaitopt.errors import SolveError
-from gaitopt.gait.gait import Method, Status
+from gaitopt.gait.gait import Status
 from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartRecord, is_gait
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method, Request
 from gaitopt.search.find import Gaits, SearchPlan, search
 from gaitopt.search.scan import EMPTY, possible_gaits, scanned
 from gaitopt.search.solve import solve
@@ -39,8 +40,8 @@ SET_ASIDE: Literal["set_aside"] = "set_aside"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan(ABC, Generic[R]):
-    """Long work for a problem, and the run folder that keeps it.
+class Plan(Request, ABC, Generic[R]):
+    """Long work for a problem, and the run folder that keeps it: the request of a verb with both.
 
     Attributes
     ----------
@@ -240,24 +241,13 @@ def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FindPlan(Plan[Gaits]):
-    """A search for all gaits of a problem, see ``gaitopt.find``; the finished parts of the search are kept.
-
-    Attributes
-    ----------
-    search : the search; its problem is that of the run.
-    """
-
-    search: SearchPlan
+class FindPlan(SearchPlan, Plan[Gaits]):
+    """A search whose finished parts are kept."""
 
     @property
     def run(self) -> Run:
         """The run folder."""
         return Run(self.folder)
-
-    def check(self) -> None:
-        """Refuse a search from unknown coordinates or too many starts."""
-        self.search.check()
 
     def stored(self) -> AbstractContextManager[Stored]:
         """Open the file of the parts."""
@@ -265,4 +255,4 @@ class FindPlan(Plan[Gaits]):
 
     def result(self, jobs: ResumableJobs) -> Gaits:
         """The gaits of all parts."""
-        return search(self.search, jobs)
+        return search(self, jobs)

@@ -15,6 +15,7 @@ import numpy as np
 from gaitopt.display import counted
 from gaitopt.gait.records import SolvedRecord, is_gait
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import StartsRequest
 from gaitopt.runs.grid import check_jobs_fit
 from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
 from gaitopt.search.find import grouped
@@ -85,17 +86,8 @@ class Optimum:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StartsPlan(Plan[list[Optimum]]):
-    """A problem to be solved from many guesses.
-
-    Attributes
-    ----------
-    starts, seed, spread : as in ``gaitopt.multistart``.
-    """
-
-    starts: int
-    seed: int = 0
-    spread: float = 0.3
+class StartsPlan(Plan[list[Optimum]], StartsRequest):
+    """A problem to be solved from many guesses."""
 
     @property
     def run(self) -> Run:

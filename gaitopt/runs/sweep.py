@@ -17,11 +17,12 @@ import numpy as np
 from gaitopt.display import Plotted
 from gaitopt.errors import StorageError
 from gaitopt.gait.frames import columns_of, data_frame, data_set
-from gaitopt.gait.gait import Method, Status
+from gaitopt.gait.gait import Status
 from gaitopt.gait.records import OutcomeRecord, SweepRecord, is_gait
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
+from gaitopt.requests import SweepRequest
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
 from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, lent_job, problem_job, solve_all, solve_job, sweep_job
 from gaitopt.store.formats import (
@@ -177,30 +178,21 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepPlan(Plan[Sweep]):
+class SweepPlan(Plan[Sweep], SweepRequest):
     """A sweep to be computed.
 
     Attributes
     ----------
     problem : the grid changes some of its parameters.
     grid : over dotted keys of parameters.
-    warm : whether a job starts from the gait of its neighbour towards the grid's first point; if that fails, the
-        result at a point is that of ``solve``. Otherwise it is that of ``solve`` wherever ``solve`` finds a gait.
-    from_guess : whether every point is solved from the guess of the problem instead.
-    method : of solution, see ``solve``.
     """
 
     grid: Grid
-    warm: bool = False
-    from_guess: bool = False
-    method: Method = Method.AUTO
 
     @cached_property
     def run(self) -> Run:
         """The part of the run with the sweep's table and figures."""
-        way = [self.warm, *(["from_guess"] if self.from_guess else [])]
-        way += [] if self.method is Method.AUTO else [self.method.value]
-        return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *way])[:8]}")
+        return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *self.identity])[:8]}")
 
     def check(self) -> None:
         """Refuse a sweep over something else than parameters, with an invalid point, or with too many."""

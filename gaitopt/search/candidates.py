@@ -23,15 +23,16 @@ from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
-from gaitopt.gait.gait import Gait, Method, Status
+from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.records import CandidateRecord, SearchRecord, phase_record
 from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Engine, Method
 from gaitopt.search.candidate import candidate_record, cycle_record
 from gaitopt.search.contact_walks import SMALLEST_SCALE, contact_candidates
-from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.solver.solve import free_parameters
 from gaitopt.systems import solve_sequence

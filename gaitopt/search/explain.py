@@ -23,7 +23,7 @@ from gaitopt.problem.plausibility import TOO_SLIPPERY, least_friction
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Free
 from gaitopt.search.candidates import family
-from gaitopt.search.find import STARTS, Gaits, SearchPlan, search, with_open_modes
+from gaitopt.search.find import Gaits, SearchPlan, search, with_open_modes
 from gaitopt.search.solve import file_gait, solve
 from gaitopt.solver.solve import free_parameters
 from gaitopt.verification.verify import verify
@@ -111,7 +111,7 @@ class Explanation(Tabulated):
 def explain(
     problem: Problem,
     *,
-    starts: int = STARTS,
+    starts: int = 1000,
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[str], None] | None = None,

@@ -14,13 +14,14 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.display import Reported, counted
-from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.gait.gait import Gait, Method, Status
+from gaitopt.errors import UnknownNameError
+from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method, SearchRequest
 from gaitopt.search.candidate import SAME
 from gaitopt.search.candidates import (
     GUESSES,
@@ -40,10 +41,6 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
 
 Item = TypeVar("Item")
 
-STARTS = 1000
-"""Default number of start states of the search by simulation."""
-MOST_STARTS = 1_000_000
-"""Maximum number of start states; more would take days, and fill the memory with candidates."""
 GUESSED = 8
 """Number of guesses of the complementarity search."""
 ATTEMPTS = 3
@@ -224,26 +221,20 @@ def longest_cycle(problem: Problem) -> int:
     return getattr(problem.modes, "steps", 1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SearchPlan:
-    """The arguments of a search, see ``gaitopt.find``; the mode sequence of the problem is open."""
+@dataclass(frozen=True, kw_only=True)
+class SearchPlan(SearchRequest):
+    """A search for the gaits of a problem with an open mode sequence."""
 
     problem: Problem
-    starts: int = STARTS
-    seed: int = 0
-    within: Within = field(default_factory=dict)
-    solver: Method = Method.AUTO
 
     def check(self) -> None:
-        """Refuse a search that cannot be made.
+        """Refuse ranges of start states that the walker cannot have.
 
         Raises
         ------
         ProblemError, UnknownNameError
-            If the number of starts is out of range, or ``within`` names something that is not a section coordinate.
+            If it has several contacts, or ``within`` names something that is not a section coordinate.
         """
-        if not 1 <= self.starts <= MOST_STARTS:
-            raise ProblemError(f"starts: {self.starts:,} start states; from 1 to {MOST_STARTS:,} are possible")
         if self.problem.walker.contacts and self.within:
             self.problem.check_one_foot("a range of start states")
         names = self.problem.walker.section_names(slipping=True)
@@ -265,7 +256,7 @@ class SearchPlan:
             within=self.within if within is None else within,
             parameter=parameter,
             n_steps=longest_cycle(self.problem),
-            solver=self.solver if method == "families" else Method.AUTO,
+            solver=self.method if method == "families" else Method.AUTO,
         )
         identity = {entry.name: getattr(search_job, entry.name) for entry in fields(search_job)}
         if search_job.solver is Method.AUTO:
@@ -281,7 +272,7 @@ def find_best(
     """The gait that a problem with an open mode sequence asks for; see ``solve``."""
     jobs = ResumableJobs(workers=Workers(count=1), should_stop=should_stop)
     try:
-        gaits = search(SearchPlan(problem=problem, solver=method), jobs, progress=progress)
+        gaits = search(SearchPlan(problem=problem, method=method), jobs, progress=progress)
     except KeyboardInterrupt:
         return _none(problem, Status.INTERRUPTED, "interrupted")
     return best_gait(gaits)
@@ -299,7 +290,7 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
     progress : of the solver.
     """
     plan.check()
-    list_gaits = partial(gaits_of, plan.problem, method=plan.solver, progress=progress, should_stop=jobs.should_stop)
+    list_gaits = partial(gaits_of, plan.problem, method=plan.method, progress=progress, should_stop=jobs.should_stop)
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // WALKS)
     if problem.walker.contacts:  # starts lie around the guess; families of friction have other sections
         pending = [plan.job(problem, "simulation", number) for number in range(walks)]

@@ -14,8 +14,9 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Engine
 from gaitopt.search.candidates import ANGLE, FASTEST, SLIP
-from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.simulation.engine import choose_engine
 from gaitopt.verification.step_map import step_map
 
 SAMPLES = {1: 64, 2: 24}

@@ -12,9 +12,10 @@ from functools import lru_cache
 
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.gait.gait import Attractor, Gait, Method, Status
+from gaitopt.gait.gait import Attractor, Gait, Status
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method
 from gaitopt.search.candidate import cycle_record
 from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator

@@ -15,7 +15,6 @@ methods. scipy's method is always available, heyoka is optional and compiles its
 """
 
 from abc import ABC, abstractmethod
-from enum import StrEnum
 from importlib.util import find_spec
 from typing import NamedTuple
 
@@ -26,6 +25,7 @@ from gaitopt.errors import UnknownNameError
 from gaitopt.gait import curves
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.requests import Engine, choice
 from gaitopt.simulation.events import LOOK_AHEAD, Point, event_at_start, falls_at_limit, priority
 from gaitopt.simulation.natural import NaturalDynamics
 
@@ -37,14 +37,6 @@ MAX_ARC_STEPS = 20_000
 NOT_FINITE = "the equations of motion are not finite"
 STRAIGHT = 1e-8
 """An arc this short, in natural units, is straight to rounding: its two ends are enough."""
-
-
-class Engine(StrEnum):
-    """An integrator of arcs; ``auto`` is heyoka where it is installed and worth its compilation, else scipy."""
-
-    AUTO = "auto"
-    SCIPY = "scipy"
-    HEYOKA = "heyoka"
 
 
 def is_installed() -> bool:
@@ -60,14 +52,12 @@ def choose_engine(engine: str, *, steps: int = 1) -> Engine:
     UnknownNameError
         If there is no such engine, or it is not installed.
     """
-    if engine not in tuple(Engine):
-        raise UnknownNameError(f"no engine is called {engine!r}; use {', '.join(Engine)}")
-    installed = is_installed()
-    if engine == Engine.HEYOKA and not installed:
+    wanted, installed = choice(Engine, engine), is_installed()
+    if wanted is Engine.HEYOKA and not installed:
         raise UnknownNameError(f"the engine heyoka is not installed: {INSTALL}; or use the engine scipy")
-    if engine == Engine.AUTO:
+    if wanted is Engine.AUTO:
         return Engine.HEYOKA if installed and steps >= MANY_STEPS else Engine.SCIPY
-    return Engine(engine)
+    return wanted
 
 
 class Arrival(NamedTuple):

@@ -22,9 +22,10 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
 from gaitopt.problem.statement import Until
+from gaitopt.requests import Engine
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.contact_set_resolver import ContactSetResolver
-from gaitopt.simulation.engine import Engine, Stepper, choose_engine
+from gaitopt.simulation.engine import Stepper, choose_engine
 from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.outcomes import StepOutcome
 from gaitopt.simulation.scipy_stepper import ScipyStepper

@@ -8,10 +8,11 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
-from gaitopt.gait.gait import Gait, Method, Shooting, Status, floquet_multipliers
+from gaitopt.gait.gait import Gait, Shooting, Status, floquet_multipliers
 from gaitopt.gait.measures import exceeded_limits, measure
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method
 from gaitopt.solver.mesh import COINCIDENT, mesh_of
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import transcribe

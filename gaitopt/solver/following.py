@@ -28,9 +28,10 @@ import numpy as np
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
+from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method
 from gaitopt.solver.assembly import search_record, solution_of, solved_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, status_without_gait, vanishing_phase
 from gaitopt.solver.newton import Solution, descend, extrapolation, polish, refine, solve_nearby

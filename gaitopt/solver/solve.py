@@ -16,13 +16,14 @@ import numpy as np
 
 from gaitopt.arrays import overflow_allowed
 from gaitopt.callbacks import Stop, Valued
-from gaitopt.gait.gait import Cause, Gait, Method, Status, describe_causes
+from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import contact_of, kind
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import Method
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.collocation import first_gait
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations

@@ -17,7 +17,8 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import Problem
-from gaitopt.simulation.engine import Engine, choose_engine
+from gaitopt.requests import Engine
+from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.outcomes import ARRAYS, StepOutcome, StepOutcomes, stack_outcomes
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics

@@ -30,7 +30,7 @@ from gaitopt.gait.measures import friction_ratio, measure, measure_scales, obser
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.transitions import Ending
-from gaitopt.simulation.engine import Engine
+from gaitopt.requests import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap, directional_derivative
 

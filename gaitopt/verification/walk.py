@@ -24,7 +24,7 @@ from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.problem.statement import Until
-from gaitopt.simulation.engine import Engine
+from gaitopt.requests import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.systems import problem_dynamics
 from gaitopt.threads import cached_property

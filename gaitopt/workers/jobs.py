@@ -17,10 +17,8 @@ from queue import Empty, Queue
 from typing import Any
 
 from gaitopt.callbacks import Counted, Stop
-from gaitopt.errors import ProblemError
+from gaitopt.requests import WorkersRequest
 
-MOST_WORKERS = 1024
-"""Processes of one machine; each takes some 100 MB."""
 AHEAD = 4
 """Jobs submitted per worker beyond the current one, so that no worker waits for this process."""
 PATIENCE = 0.1
@@ -59,24 +57,15 @@ class FailedJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Where jobs run: ``count`` processes of this machine (1 is this very process), or a Dask scheduler by address.
-
-    Raises
-    ------
-    ProblemError
-        If ``count`` is below 1 or above ``MOST_WORKERS``.
-    """
+    """Where jobs run: ``count`` processes of this machine (1 is this very process), or a Dask scheduler by address."""
 
     count: int = field(default_factory=lambda: os.cpu_count() or 1)
     scheduler: str | None = None
 
-    def __post_init__(self) -> None:
-        if not 1 <= self.count <= MOST_WORKERS:
-            raise ProblemError(f"workers: {self.count} processes; from 1 to {MOST_WORKERS} are possible")
-
 
 def make_workers(count: int | None, scheduler: str | None) -> Workers:
     """``count`` processes of this machine (None: one per core), or the workers of a scheduler."""
+    count = WorkersRequest(workers=count, scheduler=scheduler).workers
     if scheduler is not None:
         from gaitopt.workers.cluster import check_address
 

@@ -328,8 +328,8 @@ def test_what_an_engine_has_no_law_for_is_exit_code_3(capsys, monkeypatch, tmp_p
     assert "slip_runner has flight and massless feet; the engines cannot model that" in capsys.readouterr().err
     assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--setting", "wild", "--quiet"]) == 2
     assert "--setting 'wild': numpy-engine has no setting of this name; use default, best" in capsys.readouterr().err
-    assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--dt", "0", "--quiet"]) == 3
-    assert "time step: 0 s is not between 1e-06 s and 0.1 s" in capsys.readouterr().err
+    assert main(["replay", "compass-passive-stick", "--engine", "mujoco", "--dt", "0", "--quiet"]) == 2
+    assert "--dt is 0.0, but must be a finite number, from 1e-06 to 0.1 s" in capsys.readouterr().err
 
 
 def test_the_command_prints_one_object_per_setting(capsys, monkeypatch, tmp_path):
@@ -350,7 +350,7 @@ def test_the_command_prints_one_object_per_setting(capsys, monkeypatch, tmp_path
 
 
 def test_settings_of_ones_own_and_wrong_time_steps():
-    with pytest.raises(ProblemError, match="time step: none is given"):
+    with pytest.raises(ProblemError, match="time_steps is empty, but must have at least one value"):
         go.replay("compass-passive-stick", Simulator, time_steps=[], progress=False)
     with pytest.raises(UnknownNameError, match="no such engine"):
         go.replay("compass-passive-stick", "bullet", progress=False)

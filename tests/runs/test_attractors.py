@@ -11,10 +11,10 @@ import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.model.modes import Mode
+from gaitopt.requests import Engine
 from gaitopt.runs.attractors import gaits_on_branch
 from gaitopt.runs.grid import Axis
 from gaitopt.show.tables import printed
-from gaitopt.simulation.engine import Engine
 from gaitopt.verification.long_run import settled
 from gaitopt.verification.step_map import step_map
 
@@ -122,11 +122,11 @@ def test_processes_and_dask_settle_on_the_same_attractors(tmp_path):
 
 
 def test_wrong_requests_are_named(tmp_path):
-    with pytest.raises(ProblemError, match="over one key"):
+    with pytest.raises(ProblemError, match="over has 2 keys, but must have one"):
         go.attractors(WHEEL, {**FRICTIONS, "walker.slope": (0.1, 0.2, 2)}, output=tmp_path)
     with pytest.raises(UnknownNameError, match=r"slop: not a parameter of rimless-wheel-slip; did you mean"):
         go.attractors(WHEEL, {"walker.slop": (0.1, 0.2, 2)}, output=tmp_path)
-    with pytest.raises(ProblemError, match="keep: 1 is less than 2"):
+    with pytest.raises(ProblemError, match="keep is 1, but must be a whole number, at least 2"):
         go.attractors(WHEEL, FRICTIONS, keep=1, output=tmp_path)
     assert not [*tmp_path.iterdir()]
 

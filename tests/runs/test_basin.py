@@ -17,6 +17,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import load_problem
+from gaitopt.requests import BasinRequest, Engine
 from gaitopt.runs import basin as basin_run
 from gaitopt.runs.basin import (
     MAX_PERIOD,
@@ -29,7 +30,6 @@ from gaitopt.runs.basin import (
 )
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.grids import basin as basin_figure
-from gaitopt.simulation.engine import Engine
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes
 from gaitopt.simulation.simulator import Simulator
@@ -49,8 +49,8 @@ def gait():
 
 
 def plan_in(folder, gait, **changes):
-    defaults = {"start": gait, "grid": GRID, "max_steps": 100, "engine": "heyoka", "folder": folder}
-    return BasinPlan.around(**(defaults | changes))
+    grid = changes.pop("grid", GRID)
+    return BasinPlan.around(gait, grid, BasinRequest(**{"engine": "heyoka", **changes}), folder)
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_tile_that_is_broken_is_named(gait, tmp_path):
 
 
 def test_tiles_of_another_basin_are_not_used(gait, tmp_path):
-    assert plan_in(tmp_path, gait).run != plan_in(tmp_path, gait, max_steps=10).run
+    assert plan_in(tmp_path, gait).run != plan_in(tmp_path, gait, steps=10).run
 
 
 class Map:

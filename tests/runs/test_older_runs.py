@@ -72,8 +72,7 @@ def plan(monkeypatch):
 def find(plan, folder):
     """How many parts are searched now."""
     done = []
-    kept = FindPlan(problem=plan.problem, search=plan, folder=folder)
-    kept.complete(Workers(count=1), progress=lambda count, total: done.append(count))
+    FindPlan(**vars(plan), folder=folder).complete(Workers(count=1), progress=lambda count, total: done.append(count))
     return len(done)
 
 

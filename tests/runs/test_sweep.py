@@ -12,7 +12,7 @@ import pytest
 from gaitopt import load_problem, load_run
 from gaitopt.cli.main import main
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
-from gaitopt.gait.gait import Method
+from gaitopt.requests import Method
 from gaitopt.runs import sweep as runs_sweep
 from gaitopt.runs.front import FrontPlan
 from gaitopt.runs.grid import Axis, Grid, axis_of, check_room

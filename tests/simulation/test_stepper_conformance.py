@@ -14,7 +14,8 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
-from gaitopt.simulation.engine import Engine, Stepper, is_installed
+from gaitopt.requests import Engine
+from gaitopt.simulation.engine import Stepper, is_installed
 from gaitopt.simulation.simulator import stepper_class
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.dynamics import saltation
 from gaitopt.model.modes import Mode
-from gaitopt.simulation.engine import Engine
+from gaitopt.requests import Engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.following import Family, follow

@@ -10,7 +10,7 @@ from named import named
 
 import gaitopt as go
 from gaitopt.errors import UnknownNameError
-from gaitopt.gait.gait import Method
+from gaitopt.requests import Method
 from gaitopt.search.candidates import cycle_record
 from gaitopt.search.find import SearchPlan, gaits_of
 
@@ -114,7 +114,7 @@ def test_search_and_open_modes_take_the_method(run):
 
 def test_parts_of_a_search_that_depend_on_the_method_have_keys_of_their_own():
     wheel = go.load_problem("rimless-wheel-slip").replace({"gait.phases": "auto"})
-    plans = [SearchPlan(problem=wheel, solver=method) for method in Method]
+    plans = [SearchPlan(problem=wheel, method=method) for method in Method]
     assert len({plan.job(wheel, "simulation", 0).key for plan in plans}) == 1
     assert len({plan.job(wheel, "families", 0, "friction").key for plan in plans}) == len(plans)
 

@@ -13,8 +13,8 @@ from named import named
 
 import gaitopt as go
 from gaitopt import Cycle, Gait, Problem
-from gaitopt.gait.gait import Method
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.requests import Method
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.mesh import mesh_of
 from gaitopt.solver.rollout import guessed_motion

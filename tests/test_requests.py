@@ -1,0 +1,225 @@
+"""Requests: what a verb takes is stated once, checked where it is made, and names stored work as it always has."""
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+import gaitopt as go
+from gaitopt import requests
+from gaitopt.branches.request import Request
+from gaitopt.cli.main import COMMANDS
+from gaitopt.errors import ArgumentError, UnknownNameError
+from gaitopt.requests import (
+    AttractorsRequest,
+    BasinRequest,
+    ContinueRequest,
+    Engine,
+    ExplainRequest,
+    FindRequest,
+    Method,
+    ProveRequest,
+    ReplayRequest,
+    SimulateRequest,
+    SolveRequest,
+    StartsRequest,
+    SweepRequest,
+    WorkersRequest,
+    entries,
+)
+from gaitopt.runs.attractors import AttractorsPlan
+from gaitopt.runs.basin import BasinPlan
+from gaitopt.runs.branch import BranchPlan
+from gaitopt.runs.grid import Grid, axis_of
+from gaitopt.runs.jobs import problem_job
+from gaitopt.runs.multistart import StartsPlan
+from gaitopt.runs.sweep import SweepPlan
+from gaitopt.search.find import SearchPlan, with_open_modes
+
+VERBS = {
+    "solve": (SolveRequest, "solve"),
+    "multistart": (StartsRequest, "solve"),
+    "simulate": (SimulateRequest, "simulate"),
+    "find": (FindRequest, "find"),
+    "explain": (ExplainRequest, "explain"),
+    "continuation": (ContinueRequest, "continue"),
+    "continuation_records": (ContinueRequest, "continue"),
+    "sweep": (SweepRequest, "sweep"),
+    "attractors": (AttractorsRequest, "attractors"),
+    "basin": (BasinRequest, "basin"),
+    "prove": (ProveRequest, "prove"),
+    "replay": (ReplayRequest, "replay"),
+}
+"""The request of every function of the library, and the command with its options."""
+FOLDER = Path("nowhere")
+
+
+def stated_requests() -> set[type]:
+    """All requests of verbs."""
+    return {kind for kind in vars(requests).values() if inspect.isclass(kind) and kind.__name__.endswith("Request")}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_defaults_of_the_signatures_are_those_of_the_request(verb):
+    request, command = VERBS[verb]
+    call, options = (inspect.signature(each).parameters for each in (getattr(go, verb), COMMANDS[command]))
+    for name, entry in entries(request).items():
+        assert name in call, f"gaitopt.{verb} lacks {name}"
+        if call[name].default is not inspect.Parameter.empty:
+            assert (call[name].default or None) == (entry.default or None), f"{verb}({name})"
+        if name in options and options[name].default is not inspect.Parameter.empty:
+            assert (options[name].default or None) == (entry.default or None), f"gaitopt {command}: {name}"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_entry_with_help_is_an_option_of_the_command(verb):
+    request, command = VERBS[verb]
+    parser = typer.main.get_command(__import__("gaitopt.cli.main", fromlist=["app"]).app).commands[command]
+    helps = {option.help for option in parser.params if getattr(option, "help", None)}
+    missing = [
+        name
+        for name, entry in entries(request).items()
+        if entry.help and not any(text.startswith(entry.help) for text in helps)
+    ]
+    assert not missing, f"gaitopt {command} does not show {missing}"
+
+
+def test_every_request_belongs_to_a_verb():
+    used = {request for request, _ in VERBS.values()}
+    assert stated_requests() == used | {WorkersRequest, requests.Request, requests.SearchRequest}
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: FindRequest(starts=0), "starts is 0, but must be a whole number, from 1 to 1,000,000"),
+        (lambda: FindRequest(starts=2.5), "starts is 2.5, but must be a whole number, from 1 to 1,000,000"),
+        (lambda: FindRequest(starts="9"), "starts is '9', but must be a whole number, from 1 to 1,000,000"),
+        (lambda: FindRequest(seed=True), "seed is True, but must be a whole number, at least 0"),
+        (lambda: SweepRequest(warm=1), "warm is 1, but must be True or False"),
+        (lambda: StartsRequest(spread=np.nan), "spread is nan, but must be a finite number, from 0.0 to 0.99"),
+        (
+            lambda: ReplayRequest(time_steps=(1e-3, 0.0)),
+            "must be a finite number, from 1e-06 to 0.1 s",
+        ),
+        (lambda: ReplayRequest(time_steps=()), "time_steps is empty"),
+        (lambda: ContinueRequest(parameter="friction", to=(np.inf,)), "to is inf, but must be a finite number"),
+        (lambda: WorkersRequest(workers=0), "workers is 0, but must be a whole number, from 1 to 1,024"),
+        (lambda: go.find("rimless-wheel-slip", starts=0), "starts is 0"),
+        (lambda: go.find("rimless-wheel-slip", workers=0), "workers is 0"),
+        (lambda: go.multistart("rimless-wheel-slip", 2, spread=3.0), "spread is 3.0"),
+        (lambda: go.basin("compass-passive-a", {"theta1": (-0.2, -0.1, 3)}, steps=0), "steps is 0"),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_it_must_be(make, words):
+    with pytest.raises(ArgumentError) as caught:
+        make()
+    assert words in str(caught.value)
+
+
+def test_a_word_that_is_no_choice_is_answered_with_the_choices():
+    with pytest.raises(UnknownNameError, match="no engine is called 'euler'; use auto, scipy, heyoka"):
+        BasinRequest(engine="euler")
+
+
+def test_numbers_of_numpy_and_words_become_plain_values():
+    request = AttractorsRequest(starts=np.int64(3), engine="scipy")
+    assert (type(request.starts), request.engine) == (int, Engine.SCIPY)
+    assert ContinueRequest(parameter="friction", to=(1,)).to == (1.0,)
+
+
+def test_only_what_differs_from_the_defaults_identifies_a_request():
+    assert FindRequest().identity == []
+    assert FindRequest(starts=5, method="newton").identity == [["starts", 5], "newton"]
+    assert SweepRequest().identity == [False]
+    assert ContinueRequest(parameter="friction", to=(1.0,), max_points=3).identity == [
+        ["parameter", "friction"],
+        ["to", (1.0,)],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("how", "part", "key"),
+    [
+        ({}, "sweep-d6bb2e69", "00edd125b602"),
+        ({"warm": True}, "sweep-e7a666c6", "68ace5c8f2d8"),
+        ({"from_guess": True}, "sweep-13221330", "12c7aa8e4ee6"),
+        ({"method": Method.IPOPT}, "sweep-ffa7ecaf", "31f2c8ec096d"),
+        ({"warm": True, "from_guess": True, "method": Method.NEWTON}, "sweep-0facec04", "d5d7e8adfa41"),
+    ],
+)
+def test_stored_sweeps_keep_their_names(how, part, key):
+    """The names are those that version 0.2 gave."""
+    grid = Grid((axis_of("friction", 0.1, 0.3, 3),))
+    plan = SweepPlan(problem=go.load_problem("rimless-wheel-slip"), grid=grid, folder=FOLDER, **how)
+    assert (plan.run.part, plan.jobs[1].key[:12]) == (part, key)
+
+
+@pytest.mark.parametrize(
+    ("how", "part", "key"),
+    [
+        ({"engine": "scipy"}, "attractors-039ebd4b", "b963b63615e4"),
+        ({"starts": 3, "transient": 20, "keep": 8, "seed": 5, "engine": "scipy"}, None, None),
+    ],
+)
+def test_stored_attractors_keep_their_names(how, part, key):
+    axis = axis_of("walker.slope", "1 deg", "2 deg", 3)
+    plan = AttractorsPlan(problem=go.load_problem("compass-passive-a"), axis=axis, folder=FOLDER, **how)
+    if part is None:
+        assert plan.run.part != "attractors-039ebd4b"
+    else:
+        assert (plan.run.part, plan.jobs[1].key[:12]) == (part, key)
+
+
+def test_stored_basins_searches_and_starts_keep_their_names():
+    problem = go.load_problem("compass-passive-a")
+    grid = Grid((axis_of("theta1", "-12 deg", "-6 deg", 5),))
+    plan = BasinPlan.around(problem, grid, BasinRequest(engine=Engine.SCIPY), FOLDER)
+    assert plan.run.part == "basin-8d87ccfb"
+    unknown = with_open_modes(problem)
+    for how, simulation, families in (
+        ({}, "23e27139afef", "1592f0e64dbb"),
+        ({"seed": 3, "starts": 5}, "0dc8357fd360", "74bb441eaada"),
+        ({"within": {"dtheta1": (0.0, 1.0)}}, "901a6e0a367c", "9e384b5ed143"),
+        ({"method": Method.IPOPT}, "23e27139afef", "378aa2fd3951"),
+    ):
+        search = SearchPlan(problem=unknown, **how)
+        assert search.job(unknown, "simulation", 0).key.startswith(simulation)
+        assert search.job(problem, "families", 1, "friction").key.startswith(families)
+    starts = StartsPlan(problem=problem, starts=3, seed=1, spread=0.2, folder=FOLDER)
+    assert [problem_job(start).key[:12] for start in starts.sampled()] == [
+        "68abd7defd4b", "83e165b1049f", "4a93e7ae00d7",
+    ]  # fmt: skip
+
+
+def test_the_first_line_of_a_branch_has_the_keys_that_it_has_had():
+    request = Request(parameter="friction", to=(0.2, 0.4), lower=0.1, follow={"doublings": 1, "branch_points": 0})
+    plan = BranchPlan(problem=go.load_problem("rimless-wheel-slip"), request=request, start_type="branch_point")
+    assert plan.head == {
+        "record": "continuation", "parameter": "friction", "to": [0.2, 0.4], "lower": 0.1, "upper": None,
+        "max_points": 2000, "max_seconds": None, "verify_every": 10, "doublings": 1, "start": "branch_point",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (
+            ("sweep", "--over", "friction=0.1:0.2:2", "--workers", "0"),
+            "--workers is 0, but must be a whole",
+        ),
+        (("attractors", "--over", "friction=1:2:2", "--over", "walker.slope=0.1:0.2:2"), "--over has 2 keys, but must"),
+        (
+            ("replay", "--engine", "mujoco", "--dt", "0"),
+            "--dt is 0.0, but must be a finite number, from",
+        ),
+        (("find", "--seed", "-1"), "--seed is -1, but must be a whole number, at least 0"),
+    ],
+)
+@pytest.mark.usefixtures("empty_folder")
+def test_commands_name_the_option_with_a_wrong_value(run, arguments, words):
+    code, out, err = run(arguments[0], "rimless-wheel-slip", *arguments[1:])
+    assert (code, out) == (2, "")
+    assert words in err
