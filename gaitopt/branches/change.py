@@ -35,7 +35,7 @@ from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, contact_of, kind, margin
+from gaitopt.model.transitions import IMPACT_MARGINS, Transition, Transitions, contact_of, kind, margin, named
 from gaitopt.model.walker import Walker
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.rollout import FINE_ERROR, FIRST_ERROR, roll_out
@@ -62,6 +62,9 @@ SAME = 1e-9
 NEARBY = 0.3
 """Largest distance between the gaits before and after a change: of scaled section coordinates, and of periods relative
 to the period."""
+
+FORCES = {"cone": "normal_force", "impulse_cone": "impulse"}
+"""The force or impulse that both edges of a cone bound; where it vanishes, the edges meet."""
 
 T = TypeVar("T")
 Phase = tuple[Mode, Mode | None]
@@ -127,6 +130,19 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     differing = {name: sum(m[name] != word for m in neighbours) for name, word in mode.contacts.items()}
     most = max(differing, key=lambda name: differing[name])
     return most if differing[most] else ""
+
+
+def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:
+    """The monitor of the force or impulse if it vanishes with the edge of its cone at ``key``; otherwise ``key``.
+
+    A force that vanishes in both directions at once meets both edges of its cone there, and rounding decides which of
+    the three monitors is located first.
+    """
+    cone, _, side = kind(key.kind).rpartition("_")
+    if cone not in FORCES or side not in ("forward", "backward"):
+        return key
+    force = replace(key, kind=named(FORCES[cone], key.kind))
+    return force if force in point.monitors and abs(point.monitor(force)) < ACTIVE else key
 
 
 def _edits(

@@ -22,6 +22,7 @@ from gaitopt.branches.change import (
     named_contact,
     simulated_gait,
     transition_at,
+    vanishing_force,
 )
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point, resumed_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
@@ -373,6 +374,7 @@ class Continuation:
         if stride(event.point.gait) < VANISHED:
             yield self._special("vanishing", event.point, event.status, VANISHING)
             return
+        key = vanishing_force(event.point, key)
         transition = transition_at(event.point.gait.system.transitions, event.point.curve.cycle, key)
         several = bool(event.point.gait.system.walker.contacts)
         contact = named_contact(event.point.curve.cycle, key, event.point.gait.system.walker)

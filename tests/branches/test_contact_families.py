@@ -35,6 +35,16 @@ def test_the_heel_begins_to_slip_where_its_friction_is_what_sticking_needs() -> 
     assert verify(near.points[-1].gait).passed
 
 
+def test_a_force_that_vanishes_ends_the_family_rather_than_the_edge_of_its_cone() -> None:
+    """In mid-stance the spring leg is vertical: both edges of the cone are reached where the force vanishes."""
+    close = solve(contact_gait("slip-walk-stable").problem.replace({"walker.energy": 837.9}))
+    end = continuation(close, "walker.energy", to=839.0).specials[-1]
+    assert (end.type, end.contact) == ("end", "front")
+    assert end.value == pytest.approx(837.991652808, abs=1e-8)
+    assert end.reason.startswith("phase 2 (front stick): the contact front lifts off: its normal force falls to zero")
+    assert end.gait.to_record()["contacts"]["front"]["min_normal_force"] == pytest.approx(0, abs=1e-6)
+
+
 @pytest.mark.slow
 def test_with_less_friction_the_heel_slips_then_the_toe_and_then_the_strike() -> None:
     branch = family("heel-toe", "friction", 0.25)
