@@ -5,10 +5,12 @@ the foot, and a_n its normal acceleration without contact:
 
     stick             f_n > 0 and both margins positive
     slip with sign s  its margin negative, C_tt + mu s C_nt > 0, and f_n > 0 while slipping
-    lift off          a_n > 0, which is f_n (C_tt + mu s C_nt) < 0 of either slip
+    lift off          a_n > 0, which is f_n (C_tt + mu s C_nt) < 0 of either slip, and no stick
 
-At the edge of the cone the derivatives of the margin decide. At an impact the swing foot comes down, v_n < 0, and by
-Gamus & Or (2013), eqs (9)-(11),
+Where friction wedges a foot in, it could stick as well as lift off. It sticks: the plastic impact, or the phase before,
+has loaded it, and the force of a contact that yields a little goes on to that of sticking. At the edge of the cone the
+derivatives of the margin decide. At an impact the swing foot comes down, v_n < 0, and by Gamus & Or (2013), eqs
+(9)-(11),
 
     stick             F_n > 0 and |F_t| <= mu F_n
     slip with sign s  F_n > 0 and s v_t > 0 just after it
@@ -111,11 +113,11 @@ class ContactResolver:
         if lifts and not possible:
             flight = next((mode for mode in candidates if mode not in ground), None)
             return flight or Termination(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
-        if len(possible) == 1 and not lifts:
+        if len(possible) == 1:  # a loaded foot stays on the ground, where it could also have been let go
             return possible[0]
         if not slipping:
             return Termination(Ending.PAINLEVE, CANNOT_SLIP)
-        choices = " and ".join([*possible, *(["lift-off"] if lifts else [])]) or "neither a mode nor lift-off"
+        choices = " and ".join(possible) or "neither a mode nor lift-off"
         data, p = self._system.data(segment), self._dynamics.p
         masses = ((slip, self._system.margins(slip)(t, z, p, data)[self._painleve]) for slip in slipping)
         values = " and ".join(f"{float(mass):.6g} kg in {slip}" for slip, mass in masses)
