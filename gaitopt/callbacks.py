@@ -1,6 +1,8 @@
-"""Types of the functions that long computations call: progress, and whether to stop."""
+"""The functions that long computations call: progress, and whether to stop, be it at a time limit."""
 
+import time
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 Stop = Callable[[], bool] | None
 """Polled during a computation; True stops it, None lets it finish."""
@@ -8,3 +10,32 @@ Counted = Callable[[int, int], None] | None
 """Called with the number of finished jobs and the total number."""
 Valued = Callable[[int, float], None] | None
 """Called with a number and a value: iteration and violation of a solution, or gaits and parameter of a family."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimeLimit:
+    """Whether to stop: called as ``should_stop`` is, True when that is or when the time is over.
+
+    Attributes
+    ----------
+    seconds : from now on; None for no limit.
+    should_stop : of the caller.
+    """
+
+    seconds: float | None = None
+    should_stop: Stop = None
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is over."""
+        return self.seconds is not None and time.monotonic() - self.began >= self.seconds
+
+    @property
+    def is_interrupted(self) -> bool:
+        """Whether the caller wants to stop, whatever the time."""
+        return self.should_stop is not None and self.should_stop()
+
+    def __call__(self) -> bool:
+        """Whether to stop, for either reason."""
+        return self.is_over or self.is_interrupted

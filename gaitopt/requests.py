@@ -165,6 +165,12 @@ def about(
 METHOD = about("Newton's method from the guess, or IPOPT; auto uses IPOPT if Newton's method fails.")
 ENGINE = about("Integrator of the simulation.")
 SEED = about("Random seed.", least=0)
+SECONDS = about(
+    "Stop after this time, with what is known by then; the result then depends on the machine.",
+    least=0.0,
+    unit="s",
+    effort=True,
+)
 STARTS = about("Number of start states of the search by simulation.", least=1, most=MOST_STARTS)
 
 
@@ -250,6 +256,7 @@ class ExplainRequest(Request):
 
     starts: int = field(default=1000, metadata=STARTS)
     seed: int = field(default=0, metadata=SEED)
+    seconds: float | None = field(default=None, metadata=SECONDS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,6 +276,7 @@ class FindRequest(SearchRequest):
     """See ``gaitopt.find``."""
 
     steps: int | None = field(default=None, metadata=about("Maximum number of steps of a cycle.", least=1))
+    seconds: float | None = field(default=None, metadata=SECONDS)
 
 
 @dataclass(frozen=True, kw_only=True)

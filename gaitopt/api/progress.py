@@ -98,6 +98,36 @@ def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]
 
 
 @contextmanager
+def stage_progress(console: Console, what: str) -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a callback (words, done, total) that shows the stages of a computation, each with a bar of its parts.
+
+    Words begin a stage; without words the parts of the present one are counted.
+    """
+    last = time.monotonic()
+    if not _is_live(console):
+
+        def tell(words: str, done: int, total: int) -> None:
+            nonlocal last
+            if words or time.monotonic() - last > LINE_EVERY:
+                last = time.monotonic()
+                console.print(words or f"  {done} of {total} parts", soft_wrap=True)
+
+        yield tell
+        return
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        bar = progress.add_task(what, total=None)
+
+        def show(words: str, done: int, total: int) -> None:
+            if words:
+                progress.reset(bar, description=words, total=None)
+            else:
+                progress.update(bar, completed=done, total=total)
+
+        yield show
+
+
+@contextmanager
 def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], None]]:
     """Yield a callback (done, total) that shows progress and the remaining time."""
     if _is_live(console):

@@ -24,11 +24,12 @@ from gaitopt.api.progress import (
     job_progress,
     shown,
     solver_progress,
+    stage_progress,
     value_progress,
     word_progress,
 )
 from gaitopt.api.stored import compared, save, stored_gait
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Stop, TimeLimit
 from gaitopt.errors import GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait, require_gait
@@ -39,6 +40,7 @@ from gaitopt.problem.statement import Until
 from gaitopt.requests import (
     BasinRequest,
     Engine,
+    ExplainRequest,
     FindRequest,
     Method,
     ProveRequest,
@@ -280,9 +282,11 @@ def find(
     seed: int = 0,
     within: Mapping[str, tuple[float, float]] | None = None,
     method: str = Method.AUTO,
+    seconds: float | None = None,
     workers: int | None = 1,
     scheduler: str | None = None,
     output: Output = False,
+    found: Callable[[Gaits], None] | None = None,
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> Gaits:
@@ -297,9 +301,12 @@ def find(
     seed : random seed.
     method : method that solves the candidates, as for ``solve``.
     within : fixed ranges of the start states by section coordinate; other ranges adapt to the gaits that are found.
+    seconds : time limit of this call; the gaits are then those of the finished parts, and ``searched["complete"]`` is
+        False. With ``output`` the same call goes on where it ended.
     workers : number of processes; None for one per core.
     scheduler : address of an existing Dask scheduler to use instead, ``tls://host:8786``.
     output : run folder for finished parts of the search; True for that of the problem with an open mode sequence.
+    found : called with the gaits known so far, each time that there are more.
     progress : whether to show it, or a function of the number of finished parts of the search and their total.
     should_stop : polled; True ends the search with a KeyboardInterrupt.
 
@@ -319,19 +326,23 @@ def find(
     GaitoptWarning
         If gaits are near the wall of the last box of start states, or outside it.
     """
-    request = FindRequest(steps=steps, starts=starts, seed=seed, within=within or {}, method=choice(Method, method))
+    request = FindRequest(
+        steps=steps, starts=starts, seed=seed, within=within or {}, method=choice(Method, method), seconds=seconds
+    )
     unknown = with_open_modes(_loaded(problem))
     unknown = unknown if request.steps is None else unknown.replace({"gait.steps": request.steps})
     plan = SearchPlan(problem=unknown, starts=starts, seed=seed, within=request.within, method=request.method)
     processes, folder = make_workers(workers, scheduler), _folder(plan.problem, output)
+    limit = TimeLimit(seconds=request.seconds)
     with shown(progress, job_progress, "parts of the search") as show:
         if folder is None:
-            gaits = search(plan, ResumableJobs(workers=processes, progress=show, should_stop=should_stop))
+            jobs = ResumableJobs(workers=processes, progress=show, should_stop=should_stop, limit=limit)
+            gaits = search(plan, jobs, found=found)
         else:
             from gaitopt.runs.jobs import FindPlan
 
-            kept = FindPlan(**vars(plan), folder=folder)
-            gaits = kept.complete(processes, progress=show, should_stop=should_stop)
+            kept = FindPlan(**vars(plan), folder=folder, found=found)
+            gaits = kept.complete(processes, progress=show, should_stop=should_stop, limit=limit)
     for sentence in gaits.searched["warnings"]:
         warnings.warn(sentence, GaitoptWarning, stacklevel=2)
     return gaits
@@ -342,16 +353,25 @@ def explain(
     *,
     starts: int = 1000,
     seed: int = 0,
+    seconds: float | None = None,
     workers: int | None = 1,
+    found: "Callable[[Explanation], None] | None" = None,
     progress: TextProgress = True,
+    parts: Callable[[int, int], None] | None = None,
     should_stop: Stop = None,
 ) -> "Explanation":
     """Explain why a problem has no gait: violated conditions, other gaits, and the nearest values with a gait.
 
+    The violated conditions and the end of the family of the file's gait take a second or two. The search for other
+    gaits and for the nearest values takes a hundred times as long.
+
     Parameters
     ----------
     starts, seed, workers : as for ``find``, for the search for gaits with other mode sequences.
+    seconds : time limit; what is not known by then is missing, and ``complete`` of the explanation is False.
+    found : called with what is known so far, each time that there is more.
     progress : whether to show it, or a function that is called with a description of each stage.
+    parts : called with the number of finished parts of a stage and their total.
     should_stop : polled at every iteration.
 
     Raises
@@ -361,11 +381,14 @@ def explain(
     """
     from gaitopt.search.explain import explain as explain_problem
 
+    request = ExplainRequest(starts=starts, seed=seed, seconds=seconds)
     loaded, processes = _loaded(problem), make_workers(workers, None)
-    with shown(progress, word_progress, f"explaining {loaded.name}") as say:
+    with shown(False if callable(progress) else progress, stage_progress, f"explaining {loaded.name}") as show:
+        say = progress if callable(progress) else lambda words: show(words, 0, 0)
         return explain_problem(
-            loaded, starts=starts, seed=seed, workers=processes.count, progress=say, should_stop=should_stop
-        )
+            loaded, request, workers=processes.count, found=found, progress=say,
+            parts=parts or (lambda done, total: show("", done, total)), should_stop=should_stop,
+        )  # fmt: skip
 
 
 def continuation(

@@ -15,6 +15,7 @@ from gaitopt.cli.options import (
     RunArgument,
     SamplesOption,
     SchedulerOption,
+    SecondsOption,
     SeedOption,
     SetOption,
     WorkersOption,
@@ -29,6 +30,8 @@ from gaitopt.requests import FindRequest, Method, ProveRequest, ReplayRequest, S
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
     from gaitopt.proof.check import Proof
+    from gaitopt.search.explain import Explanation
+    from gaitopt.search.find import Gaits
     from gaitopt.verification.walk import Walk
 
 
@@ -220,6 +223,7 @@ def find(
     seed: SeedOption = 0,
     within: Annotated[list[str] | None, options.option(FindRequest, "within", metavar="KEY=LO:HI")] = None,
     method: MethodOption = "auto",
+    seconds: SecondsOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     changes: SetOption = None,
@@ -228,17 +232,27 @@ def find(
     """Find all gaits of a walker, with any mode sequence.
 
     Candidates come from simulations of many start states, from a nonlinear program without a mode sequence, and from
-    families. Each gait is solved, verified and listed once, stable ones first. Repeat the command to resume.
+    families. Each gait is solved, verified and listed once, stable ones first. Gaits are named on standard error as
+    soon as they are found. Repeat the command to resume.
     """
     from gaitopt.api import verbs
     from gaitopt.show.tables import print_gaits
     from gaitopt.store.run import Run
 
-    loaded = load(problem, changes, terminal)
+    loaded, named = load(problem, changes, terminal), set[str]()
+
+    def name(gaits: "Gaits") -> None:
+        for gait in gaits:
+            words = f"{gait.problem.cycle}, period {gait.period:.6g} s, radius {gait.spectral_radius:.4g}"
+            if words not in named:
+                named.add(words)
+                terminal.say(f"  found: {words}")
+
     with terminal.working("parts of the search") as (progress, interrupted):
         gaits = verbs.find(
-            loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), method=method, workers=workers,
-            scheduler=scheduler, output=output or True, progress=progress, should_stop=interrupted,
+            loaded, steps=steps, starts=starts, seed=seed, within=ranges(within), method=method, seconds=seconds,
+            workers=workers, scheduler=scheduler, output=output or True, found=name, progress=progress,
+            should_stop=interrupted,
         )  # fmt: skip
     folder = Run.of(gaits.problem, output).folder
     terminal.show({**gaits.to_record(), "run": str(folder)}, print_gaits, "run")
@@ -250,22 +264,34 @@ def explain(
     problem: ProblemArgument,
     starts: SamplesOption = 1000,
     seed: SeedOption = 0,
+    seconds: SecondsOption = None,
     workers: WorkersOption = None,
     changes: SetOption = None,
 ) -> int:
     """Explain why a problem has no gait.
 
-    The answer lists violated conditions, existing gaits, and the nearest parameter values with a gait.
+    The answer lists violated conditions, existing gaits, and the nearest parameter values with a gait. Each line is
+    printed as soon as it is known: conditions and the end of the family at once, the rest after a search.
     """
     from gaitopt.api import verbs
-    from gaitopt.show.tables import print_explanation
+    from gaitopt.api.progress import stage_progress
+    from gaitopt.show.tables import explanation_lines, print_explanation
 
-    loaded = load(problem, changes)
-    with interruptible() as interrupted:
+    loaded, printed = load(problem, changes), list[str]()
+
+    def show(explanation: "Explanation") -> None:
+        new = [line for line in explanation_lines(explanation.to_record()) if line not in printed]
+        for line in new if not terminal.json else ():
+            terminal.results.print(line, style=None if printed else "bold")
+            printed.append(line)
+
+    with interruptible() as interrupted, stage_progress(terminal.narration, f"explaining {loaded.name}") as progress:
         explanation = verbs.explain(
-            loaded, starts=starts, seed=seed, workers=workers, progress=terminal.say, should_stop=interrupted
-        )
-    terminal.show(explanation.to_record(), print_explanation)
+            loaded, starts=starts, seed=seed, seconds=seconds, workers=workers, found=show,
+            progress=lambda words: progress(words, 0, 0), parts=lambda done, total: progress("", done, total),
+            should_stop=interrupted,
+        )  # fmt: skip
+    terminal.show(explanation.to_record(), lambda console, record: print_explanation(console, record, printed))
     return 0
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar, cast
 
-from gaitopt.callbacks import Counted, Stop
+from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.errors import SolveError
 from gaitopt.gait.gait import Status
 from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartRecord, is_gait
@@ -69,7 +69,14 @@ class Plan(Request, ABC, Generic[R]):
     def result(self, jobs: ResumableJobs) -> R:
         """Complete the jobs, and write their summary if there is one."""
 
-    def complete(self, workers: Workers | None = None, *, progress: Counted = None, should_stop: Stop = None) -> R:
+    def complete(
+        self,
+        workers: Workers | None = None,
+        *,
+        progress: Counted = None,
+        should_stop: Stop = None,
+        limit: TimeLimit | None = None,
+    ) -> R:
         """Do the jobs that are not on the disk yet; the result of all.
 
         Parameters
@@ -77,6 +84,7 @@ class Plan(Request, ABC, Generic[R]):
         workers : by default one process per core.
         progress : called with the number of finished jobs and their total.
         should_stop : polled before every job.
+        limit : after which work that can do without some of its jobs ends.
 
         Raises
         ------
@@ -94,6 +102,7 @@ class Plan(Request, ABC, Generic[R]):
                     store=store,
                     progress=progress,
                     should_stop=should_stop,
+                    limit=limit or TimeLimit(),
                 )
             )
 
@@ -242,7 +251,9 @@ def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class FindPlan(SearchPlan, Plan[Gaits]):
-    """A search whose finished parts are kept."""
+    """A search whose finished parts are kept; ``found`` is that of ``search``."""
+
+    found: Callable[[Gaits], None] | None = None
 
     @property
     def run(self) -> Run:
@@ -255,4 +266,4 @@ class FindPlan(SearchPlan, Plan[Gaits]):
 
     def result(self, jobs: ResumableJobs) -> Gaits:
         """The gaits of all parts."""
-        return search(self, jobs)
+        return search(self, jobs, found=self.found)

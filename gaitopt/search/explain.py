@@ -7,13 +7,14 @@ special point on the way is located to rounding; its parameter is the answer.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from textwrap import shorten
 from typing import Any
 
 import numpy as np
 
 from gaitopt.branches.request import Request
-from gaitopt.callbacks import Stop
+from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.display import Tabulated, told_apart
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
@@ -22,6 +23,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.problem.plausibility import TOO_SLIPPERY, least_friction
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.statement import Free
+from gaitopt.requests import ExplainRequest
 from gaitopt.search.candidates import family
 from gaitopt.search.find import Gaits, SearchPlan, search, with_open_modes
 from gaitopt.search.solve import file_gait, solve
@@ -82,6 +84,7 @@ class Explanation(Tabulated):
     walk : what the simulator does from the guess, None where there is no guess.
     nearest : values of single parameters at which the mode sequence begins to exist; of a design, the other free
         numbers are those of the attempt.
+    complete : whether the work is done; False for what is known on the way, or at a time limit.
     """
 
     problem: Problem
@@ -91,6 +94,7 @@ class Explanation(Tabulated):
     instead: Gaits | None = None
     walk: Walk | None = None
     nearest: tuple[Nearest, ...] = ()
+    complete: bool = True
 
     def __repr__(self) -> str:
         why = self.causes[0].words if self.causes else "the cause is unknown"
@@ -105,20 +109,22 @@ class Explanation(Tabulated):
             "instead": [] if self.instead is None else self.instead.to_record()["gaits"],
             "simulated": None if self.walk is None else self.walk.to_record(),
             "nearest": [nearest.to_record() for nearest in self.nearest],
+            "complete": self.complete,
         }
 
 
 def explain(
     problem: Problem,
+    request: ExplainRequest,
     *,
-    starts: int = 1000,
-    seed: int = 0,
     workers: int = 1,
+    found: Callable[[Explanation], None] | None = None,
     progress: Callable[[str], None] | None = None,
+    parts: Counted = None,
     should_stop: Stop = None,
 ) -> Explanation:
-    """As ``gaitopt.explain``; ``progress`` is called with a description of the next step."""
-    say = progress or (lambda _: None)
+    """As ``gaitopt.explain``: first what takes a second, then the search, which takes a hundred times as long."""
+    say, limit = progress or (lambda _: None), TimeLimit(seconds=request.seconds, should_stop=should_stop)
     say(f"solving {problem.name}")
     try:
         gait = solve(problem, should_stop=should_stop)
@@ -141,27 +147,46 @@ def explain(
         )
         if not direct:
             return Explanation(problem=problem, gait=gait, exists=True)
+    walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
+    given, gait_of_file = _with_fixed_numbers(problem, gait), None
+    if given is not None:
+        gait_of_file = file_gait(problem, should_stop=should_stop)
+
+    def known(nearest: Sequence[Nearest], instead: Gaits | None = None, complete: bool = False) -> Explanation:
+        causes = _causes(problem, gait, direct, nearest, gait_of_file)
+        return Explanation(
+            problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk,
+            nearest=tuple(nearest), complete=complete,
+        )  # fmt: skip
+
+    def tell(nearest: Sequence[Nearest], instead: Gaits | None = None) -> None:
+        if found is not None:
+            found(known(nearest, instead))
+
+    end = None if given is None or gait_of_file is None else end_on_the_way(given, gait_of_file, should_stop)
+    ends = [] if end is None else [end]
+    tell(ends)
     say("searching for gaits of any mode sequence")
-    jobs = ResumableJobs(workers=Workers(count=workers), should_stop=should_stop)
+    jobs = ResumableJobs(workers=Workers(count=workers), progress=parts, should_stop=should_stop, limit=limit)
 
     def gaits_at(given: Problem) -> Gaits:
-        plan = SearchPlan(problem=with_open_modes(given), starts=starts, seed=seed)
+        plan = SearchPlan(problem=with_open_modes(given), starts=request.starts, seed=request.seed)
         return search(plan, jobs)
 
-    instead = gaits_at(problem)
-    walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
-    given, gait_of_file, nearest = _with_fixed_numbers(problem, gait), None, list[Nearest]()
+    instead, nearest = gaits_at(problem), ends
+    tell(nearest, instead)
     if given is not None:
         say("following families of gaits to where the mode sequence begins")
-        gait_of_file = file_gait(problem, should_stop=should_stop)
         others: Sequence[Gait] = instead
         if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
             others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
-        nearest = nearest_values(given, gait_of_file, others, problem.free, should_stop)
-    causes = _causes(problem, gait, direct, nearest, gait_of_file)
-    return Explanation(
-        problem=problem, gait=gait, exists=False, causes=causes, instead=instead, walk=walk, nearest=tuple(nearest)
-    )
+        nearest = []
+        for answer in nearest_values(given, gait_of_file, end, others, problem.free, parts, limit):
+            nearest.append(answer)
+            tell(nearest if answer is end or end is None else [end, *(n for n in nearest if n is not end)], instead)
+    if limit.is_interrupted:
+        raise KeyboardInterrupt
+    return known(nearest, instead, complete=not limit.is_over)
 
 
 def _with_fixed_numbers(problem: Problem, gait: Gait) -> Problem | None:
@@ -175,7 +200,7 @@ def _with_fixed_numbers(problem: Problem, gait: Gait) -> Problem | None:
 
 
 def _causes(
-    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: list[Nearest], gait_of_file: Gait | None
+    problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: Sequence[Nearest], gait_of_file: Gait | None
 ) -> tuple[Cause, ...]:
     """The violated conditions. If they only say where the solver ended, the end of the family comes first.
 
@@ -209,14 +234,24 @@ def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
     return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
 
 
+def end_on_the_way(problem: Problem, gait_of_file: Gait, should_stop: Stop) -> Nearest | None:
+    """Where the family of the gait of a problem's file ends on the way to the one parameter that was changed."""
+    changed = changed_parameters(problem, gait_of_file)
+    if len(changed) != 1:
+        return None
+    return end_of_family(gait_of_file, changed[0], problem.parameters[changed[0]], should_stop)
+
+
 def nearest_values(
     problem: Problem,
     gait_of_file: Gait | None,
+    end: Nearest | None,
     others: Iterable[Gait],
     free: Mapping[str, Free],
+    parts: Counted = None,
     should_stop: Stop = None,
-) -> list[Nearest]:
-    """The nearest values of single parameters at which the mode sequence of a problem exists.
+) -> Iterator[Nearest]:
+    """The nearest values of single parameters at which the mode sequence of a problem exists, as they are found.
 
     The parameters are those that differ from the file, friction, slope and the numbers that a design leaves free.
 
@@ -224,28 +259,26 @@ def nearest_values(
     ----------
     problem : without free numbers.
     gait_of_file : the gait of the problem's file.
+    end : of its family, on the way to the problem.
     others : gaits of other mode sequences at the problem's parameters.
     free : numbers that a design leaves free, with their ranges.
+    parts : called with the number of parameters that are done, and their total.
     """
     changed = [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     gaits, values = list(others), problem.parameters
     ranges = {key: _widened(problem, key, span) for key, span in free.items()}
     ranges |= {key: (0.0, WIDEST_FRICTION) for key in values if key.partition(".")[0] == "friction"}
     ranges |= {key: (-WIDEST_SLOPE, WIDEST_SLOPE) for key in values if key == "walker.slope"}
-    answers = list[Nearest]()
-    for parameter in dict.fromkeys([*changed, *ranges]):
-        value, best = values[parameter], None
-        if gait_of_file is not None and changed == [parameter]:
-            best = end_of_family(gait_of_file, parameter, value, should_stop)
-        for gait in gaits:
-            for bound in ranges.get(parameter, ()):
-                reach = np.inf if best is None else abs(best.value - value)  # no further than the best answer so far
-                target = float(np.clip(bound, value - reach, value + reach))
-                if target != value:
-                    best = begin_of_sequence(gait, parameter, target, problem.cycle, should_stop) or best
+    parameters = list(dict.fromkeys([*changed, *ranges]))
+    for number, parameter in enumerate(parameters, start=1):
+        best = end if end is not None and end.parameter == parameter else None
+        within = np.inf if best is None else abs(best.value - values[parameter])
+        bounds = ranges.get(parameter, ())
+        best = nearest_begin(gaits, parameter, bounds, problem.cycle, within=within, should_stop=should_stop) or best
         if best is not None:
-            answers.append(best)
-    return answers
+            yield best
+        if parts is not None:
+            parts(number, len(parameters))
 
 
 def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
@@ -262,12 +295,42 @@ def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -
     return None
 
 
-def begin_of_sequence(gait: Gait, parameter: str, value: float, cycle: Cycle, should_stop: Stop) -> Nearest | None:
-    """Where the family of a gait changes to a mode sequence on the way to a value of a parameter."""
-    for point in _on_the_way(gait, parameter, value, should_stop):
+def nearest_begin(
+    gaits: Iterable[Gait],
+    parameter: str,
+    bounds: Iterable[float],
+    cycle: Cycle,
+    *,
+    within: float = np.inf,
+    should_stop: Stop = None,
+) -> Nearest | None:
+    """The nearest value of a parameter at which a family of some gaits changes to a mode sequence; None without one.
+
+    The families of all gaits towards all bounds are followed together, always the one that has come least far: when one
+    reaches the mode sequence, the others have nothing to find nearer than where they are.
+
+    Parameters
+    ----------
+    gaits : with equal values of the parameter.
+    within : distance from this value beyond which no answer is wanted.
+    """
+    starts = [(gait, bound) for gait in gaits for bound in bounds]
+    families = [_on_the_way(gait, parameter, bound, should_stop) for gait, bound in starts]
+    best, queue = None, [(0.0, number) for number in range(len(starts))]
+    while queue:
+        distance, number = heappop(queue)
+        if distance >= within:
+            break
+        point = next(families[number], None)
+        if point is None:
+            continue
+        distance = max(distance, abs(point.value - starts[number][0].dynamics.parameter(parameter)))
         if isinstance(point, SpecialPoint) and point.after is not None and point.after.untimed == cycle:
-            return _nearest(parameter, point)
-    return None
+            if distance < within:
+                best, within = _nearest(parameter, point), distance
+            continue
+        heappush(queue, (distance, number))
+    return best
 
 
 def _on_the_way(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Iterator[BranchPoint | SpecialPoint]:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from itertools import takewhile
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -64,7 +65,7 @@ class Gaits(Reported, Sequence[Gait]):
     starts : for every gait the starts that led to it.
     searched : number of ``starts`` by method; ``boxes`` of start states, one after the other; ``warnings`` about gaits
         near the wall of the last one; number of ``candidates``; those ``rejected``, with the reasons; parts that
-        ``failed``; ``n_steps`` of the longest cycle.
+        ``failed``; ``n_steps`` of the longest cycle; whether it is ``complete`` or ended at a time limit.
     """
 
     problem: Problem
@@ -102,6 +103,7 @@ def gaits_of(
     *,
     known: Sequence[Gait] = (),
     method: Method = Method.AUTO,
+    solved: dict[tuple[int, ...], Gait] | None = None,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gaits:
@@ -114,7 +116,10 @@ def gaits_of(
     results : of the jobs.
     known : verified gaits, which are not solved again.
     method : by which candidates are solved.
+    solved : attempts of earlier calls with the first of these results, by the identities of their candidates; new ones
+        are added.
     """
+    solved = {} if solved is None else solved
     finished = [result for result in results if not isinstance(result, FailedJob)]
     candidates = [candidate for result in finished for candidate in result["candidates"]]
     tolerance = np.inf if problem.free or problem.objective else SAME  # a design ends at the same optimum
@@ -130,7 +135,12 @@ def gaits_of(
     for group in grouped(fitting, lambda a, b: _same(a, b, tolerance)):
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
-        gait = gait or _solved(problem, group[:ATTEMPTS], method, progress, should_stop)
+        if gait is None:
+            ids = tuple(map(id, group[:ATTEMPTS]))
+            before = (solved[ids[:n]] for n in range(1, len(ids) + 1) if ids[:n] in solved)
+            gait = next((attempt for attempt in before if attempt.converged), solved.get(ids))
+            if gait is None:
+                gait = solved[ids] = _solved(problem, group[:ATTEMPTS], method, progress, should_stop)
         claims = [] if gait.verification is None else recorded_claims(gait.verification)
         refuted = [claim.words for claim in claims if not claim.passed]
         if not gait.converged or refuted:
@@ -160,6 +170,7 @@ def gaits_of(
         "n_steps": most,
         "boxes": [],
         "warnings": [],
+        "complete": True,
     }
     return Gaits(
         problem=problem,
@@ -278,7 +289,9 @@ def find_best(
     return best_gait(gaits)
 
 
-def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) -> Gaits:
+def search(
+    plan: SearchPlan, jobs: ResumableJobs, *, found: Callable[[Gaits], None] | None = None, progress: Valued = None
+) -> Gaits:
     """The gaits that two searches find, and further gaits on the families of these.
 
     Walks then start anew in a box around the gaits that are known, again and again, until the box contains all gaits
@@ -286,40 +299,67 @@ def search(plan: SearchPlan, jobs: ResumableJobs, *, progress: Valued = None) ->
 
     Parameters
     ----------
-    jobs : does the jobs of the search; its ``should_stop`` ends the search with a KeyboardInterrupt.
+    jobs : does the jobs of the search; its ``should_stop`` ends the search with a KeyboardInterrupt, and its ``limit``
+        with the gaits of the finished jobs.
+    found : called with the gaits known so far, each time that there are more.
     progress : of the solver.
     """
     plan.check()
-    list_gaits = partial(gaits_of, plan.problem, method=plan.method, progress=progress, should_stop=jobs.should_stop)
+    solved, results, gaits = dict[tuple[int, ...], Gait](), list[SearchRecord | FailedJob](), gaits_of(plan.problem, [])
+    list_gaits = partial(
+        gaits_of, plan.problem, method=plan.method, solved=solved, progress=progress, should_stop=jobs.should_stop
+    )
+
+    def complete(pending: Sequence[Job]) -> list[SearchRecord | FailedJob]:
+        """Do some jobs; whenever the next one is finished, its gaits are solved in the order of the jobs."""
+        count = len(gaits)
+
+        def finished(done: int, total: int) -> None:
+            nonlocal count
+            if jobs.progress is not None:
+                jobs.progress(done, total)
+            if found is not None:
+                known = [jobs.results[job.key] for job in takewhile(lambda job: job.key in jobs.results, pending)]
+                so_far = list_gaits([*results, *known], known=gaits)
+                if len(so_far) > count:
+                    count = len(so_far)
+                    found(so_far)
+
+        return replace(jobs, progress=finished).complete(find_candidates, pending, len(pending))
+
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // WALKS)
     if problem.walker.contacts:  # starts lie around the guess; families of friction have other sections
-        pending = [plan.job(problem, "simulation", number) for number in range(walks)]
-        results = list(jobs.complete(find_candidates, pending, len(pending)))
-        return list_gaits(results)
+        results += complete([plan.job(problem, "simulation", number) for number in range(walks)])
+        gaits = list_gaits(results)
+        return replace(gaits, searched={**gaits.searched, "complete": len(results) == walks})
     boxes = [start_box(problem, dynamics, plan.within)]
     pending = [
         *(plan.job(problem, "complementarity", number) for number in range(-(-GUESSED // GUESSES))),
         *(plan.job(problem, "simulation", number) for number in range(walks)),
     ]
-    gaits, n_followed = gaits_of(problem, []), 0
-    results = list[SearchRecord | FailedJob]()
+    n_followed, n_jobs = 0, 0
     while True:
-        results += jobs.complete(find_candidates, pending, len(pending))
+        n_jobs += len(pending)
+        results += complete(pending)
         before = [gait.to_record() for gait in gaits]
         gaits = list_gaits(results, known=gaits)
         new = [gait for gait in gaits if not any(_same(gait.to_record(), known, SAME_GAIT) for known in before)]
         families = family_jobs(plan, new, n_followed)
         if families:
-            n_followed += len(new)
-            results += jobs.complete(find_candidates, families, len(families))
+            n_followed, n_jobs = n_followed + len(new), n_jobs + len(families)
+            results += complete(families)
             gaits = list_gaits(results, known=gaits)
         box = grown_box(plan, dynamics, boxes[-1], gaits)
-        if len(boxes) == BOXES or box.ranges == boxes[-1].ranges:
+        if len(boxes) == BOXES or box.ranges == boxes[-1].ranges or len(results) < n_jobs:
             break
         first = walks + (len(boxes) - 1) * (grown := -(-walks // PART))
         pending = [plan.job(problem, "simulation", number, within=box.ranges) for number in range(first, first + grown)]
         boxes.append(box)
-    stated = {"boxes": [box.ranges for box in boxes], "warnings": near_walls(plan, dynamics, boxes[-1], gaits)}
+    stated = {
+        "boxes": [box.ranges for box in boxes],
+        "warnings": near_walls(plan, dynamics, boxes[-1], gaits),
+        "complete": len(results) == n_jobs,
+    }
     return replace(gaits, searched={**gaits.searched, **stated})
 
 

@@ -5,7 +5,7 @@ Results are printed from their records, the JSON objects of the command line.
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from decimal import Decimal
 from functools import singledispatch
 from io import StringIO
@@ -52,6 +52,7 @@ LEAST_ABOUT = {MODES: 40, "period [s]": 20, "radius": 20, "": 20}
 """Least width of the column ``about`` beside a column that is left out otherwise."""
 LONGEST_MODES = 80
 """Characters of a mode sequence in the list of problems; of longer ones the number of phases is given."""
+ENDED = "the time was over before the search was complete: more gaits or values may exist"
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
@@ -342,6 +343,8 @@ def print_gaits(console: Console, record: Record) -> None:
         console.print(f"no gait: {lost['sequence']}, from {counted(len(lost['starts']), 'start')}: {lost['reason']}")
     for reason in searched["failed"]:
         console.print(f"a part of the search failed: {reason}")
+    if not searched["complete"]:
+        console.print(ENDED)
     tried = ", ".join(f"{count} of {method}" for method, count in searched["starts"].items())
     console.print(f"searched: cycles of up to {counted(searched['n_steps'], 'step')}; starts: {tried}")
     for place, ranges in zip(chain(["start states:"], repeat("then:")), searched["boxes"], strict=False):
@@ -349,24 +352,30 @@ def print_gaits(console: Console, record: Record) -> None:
         console.print(f"{place} {', '.join(spans)}")
 
 
-def print_explanation(console: Console, record: Record) -> None:
-    """The reasons why there is no gait, gaits with other mode sequences, and the nearest values with the gait."""
+def explanation_lines(record: Record) -> list[str]:
+    """The reasons why there is no gait, and the nearest values with the gait."""
     if record["exists"]:
-        console.print(f"{record['problem']}: this gait exists; `gaitopt solve` shows it", style="bold")
-        return
-    console.print(f"{record['problem']}: this gait does not exist", style="bold")
-    for cause in record["causes"]:
-        console.print(f"  {cause['words']}")
+        return [f"{record['problem']}: this gait exists; `gaitopt solve` shows it"]
+    lines = [f"{record['problem']}: this gait does not exist", *(f"  {cause['words']}" for cause in record["causes"])]
     if record["simulated"]:
-        walk = record["simulated"]
-        console.print(f"simulated from the guess: {walk['status']}: {walk['message']}")
+        lines.append(f"simulated from the guess: {record['simulated']['status']}: {record['simulated']['message']}")
     for nearest in record["nearest"]:
         where = f"{nearest['parameter']} = {nearest['value']:.10g}"
-        console.print(f"this mode sequence begins at {where} ({_words(nearest['type'])}): {nearest['reason']}")
+        lines.append(f"this mode sequence begins at {where} ({_words(nearest['type'])}): {nearest['reason']}")
+    return lines
+
+
+def print_explanation(console: Console, record: Record, printed: Collection[str] = ()) -> None:
+    """The lines of an explanation that are not ``printed`` yet, and the gaits with other mode sequences."""
+    for number, line in enumerate(explanation_lines(record)):
+        if line not in printed:
+            console.print(line, style=None if number else "bold")
     if record["instead"]:
         _print_list(console, "existing gaits", record["instead"])
-    else:
+    elif not record["exists"]:
         console.print("no gait with another mode sequence was found")
+    if not record["complete"]:
+        console.print(ENDED)
 
 
 def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:

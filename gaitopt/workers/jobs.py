@@ -11,12 +11,12 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from queue import Empty, Queue
 from typing import Any
 
-from gaitopt.callbacks import Counted, Stop
+from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.requests import WorkersRequest
 
 AHEAD = 4
@@ -126,6 +126,7 @@ class ResumableJobs:
         None where nothing is stored.
     progress : called with the number of finished jobs and their total.
     should_stop : polled before every job.
+    limit : when its time is over, jobs that are not finished are left out.
     """
 
     workers: Workers
@@ -133,9 +134,12 @@ class ResumableJobs:
     store: Callable[[str, Any], Any] | None = None
     progress: Counted = None
     should_stop: Stop = None
+    limit: TimeLimit = field(default_factory=TimeLimit)
 
     def complete(self, task: Callable[..., Any], jobs: Iterable[Job], total: int) -> list[Any]:
-        """Do the jobs that have no result yet; returns the results of all, in the order of the jobs.
+        """Do the jobs that have no result yet; returns the results of all in the order of the jobs.
+
+        When the time of ``limit`` is over, the results are those of the finished jobs.
 
         A ``FailedJob`` is not stored, so that the next call tries it again.
 
@@ -151,11 +155,12 @@ class ResumableJobs:
             If ``should_stop`` returned True; finished jobs are stored.
         """
         keys, drawn, done = list[str](), set[str](), 0
+        stop = self.should_stop if self.limit.seconds is None else replace(self.limit, should_stop=self.should_stop)
 
         def missing() -> Iterator[Job]:
             nonlocal done
             for job in jobs:
-                if self.should_stop is not None and self.should_stop():
+                if stop is not None and stop():
                     return
                 keys.append(job.key)
                 if job.key in self.results or job.key in drawn:
@@ -164,17 +169,21 @@ class ResumableJobs:
                     drawn.add(job.key)
                     yield job
 
-        for key, result in run_jobs(task, missing(), self.workers, self.results, should_stop=self.should_stop):
-            if self.store is None or isinstance(result, FailedJob):
-                self.results[key] = result
-            else:
-                self.results[key] = self.store(key, result)
-            done += 1
-            if self.progress is not None:
-                self.progress(done, total)
-        if done < total:
+        try:
+            for key, result in run_jobs(task, missing(), self.workers, self.results, should_stop=stop):
+                if self.store is None or isinstance(result, FailedJob):
+                    self.results[key] = result
+                else:
+                    self.results[key] = self.store(key, result)
+                done += 1
+                if self.progress is not None:
+                    self.progress(done, total)
+        except KeyboardInterrupt:
+            if not self.limit.is_over:
+                raise
+        if done < total and (not self.limit.is_over or (self.should_stop is not None and self.should_stop())):
             raise KeyboardInterrupt
-        return [self.results[key] for key in keys]
+        return [self.results[key] for key in keys if key in self.results]
 
 
 def _result_of(parent: str | None, results: Mapping[str, Any]) -> Any:

@@ -94,6 +94,26 @@ def test_explain_prints_cause_gaits_and_nearest_values(run, empty_folder):
     assert "stick, slip_forward; stick" in out
 
 
+def test_explain_prints_the_cause_and_the_end_of_the_family_without_the_search(run, empty_folder):
+    arguments = ("explain", "rimless-wheel-stick", "--set", "friction=0.8", "--seconds", "0", "--workers", "1")
+    code, out, err = run(*arguments)
+    assert code == 0
+    assert out.count("needs friction 0.9141, has 0.8") == 1
+    assert out.count("begins at friction = 0.91412") == 1
+    assert "the time was over before the search was complete" in out
+    assert err.index("solving") < err.index("searching")
+    code, out, _ = run(*arguments, "--json", "--quiet")
+    record = json.loads(out)
+    assert (code, record["exists"], record["complete"]) == (0, False, False)
+
+
+def test_find_at_its_time_limit_says_so(run, wheel):
+    code, out, _ = run("find", wheel, "--seconds", "0", "--starts", "1", "--workers", "1", "--json", "--quiet")
+    assert (code, json.loads(out)["searched"]["complete"]) == (4, False)
+    _, out, _ = run("find", wheel, "--seconds", "0", "--starts", "1", "--workers", "1")
+    assert "the time was over" in out
+
+
 def test_a_failing_solve_points_to_explain(run, empty_folder):
     code, out, _ = run("solve", "rimless-wheel-stick", "--set", "friction=0.8", "--quiet")
     assert code == 4

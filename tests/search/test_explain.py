@@ -5,7 +5,7 @@ import math
 import pytest
 
 from gaitopt import explain, load_problem, solve
-from gaitopt.search.explain import begin_of_sequence, end_of_family
+from gaitopt.search.explain import end_of_family, nearest_begin
 
 TANGENT = math.tan(math.radians(13))
 """Below the tangent of the slope a foot cannot come to rest."""
@@ -59,11 +59,40 @@ def test_the_record_has_the_keys_of_the_command_line(wheel):
 
 def test_families_show_where_a_sequence_begins_and_ends():
     stick, slip = (solve(load_problem(f"rimless-wheel-{kind}")) for kind in ("stick", "slip"))
-    begin = begin_of_sequence(slip, "friction", 1.0, stick.problem.cycle, None)
+    begin = nearest_begin([slip], "friction", [0.1, 1.0], stick.problem.cycle)
     end = end_of_family(stick, "friction", 0.4, None)
     assert begin.value == pytest.approx(end.value, abs=1e-8)
     assert end.value == pytest.approx(0.914121, abs=1e-6)
-    assert begin_of_sequence(slip, "friction", 0.5, stick.problem.cycle, None) is None
+    assert nearest_begin([slip], "friction", [0.5], stick.problem.cycle) is None
+    assert nearest_begin([slip], "friction", [1.0], stick.problem.cycle, within=0.5) is None
+
+
+def test_conditions_and_the_end_of_the_family_are_told_before_the_search():
+    told = []
+    heavy = load_problem("compass-passive-stick").replace({"walker.hip_mass": 30})
+    explanation = explain(heavy, seconds=0.0, found=told.append, progress=False)
+    assert not explanation.complete
+    assert not explanation.to_record()["complete"]
+    assert "needs friction 0.2127, has 0.2" in told[0].causes[0].words
+    assert [(n.parameter, round(n.value, 6)) for n in told[0].nearest] == [("walker.hip_mass", 14.896175)]
+    assert explanation.nearest == told[0].nearest
+
+
+def test_an_explanation_that_is_interrupted_is_not_taken_for_one_at_a_time_limit():
+    slippery, asked = load_problem("rimless-wheel-stick").replace({"friction": 0.8}), []
+    with pytest.raises(KeyboardInterrupt):
+        explain(slippery, found=asked.append, progress=False, should_stop=lambda: bool(asked))
+
+
+@pytest.mark.slow
+def test_what_is_told_on_the_way_is_part_of_the_answer(wheel):
+    told = []
+    explanation = explain(wheel.problem, starts=1, found=told.append, progress=False)
+    assert explanation.complete
+    assert all({n.parameter for n in part.nearest} <= {n.parameter for n in explanation.nearest} for part in told)
+    assert explanation.causes == wheel.causes
+    assert [n.value for n in explanation.nearest] == [n.value for n in wheel.nearest]
+    assert [gait.state.tolist() for gait in explanation.instead] == [gait.state.tolist() for gait in wheel.instead]
 
 
 def test_a_gait_that_exists_needs_no_explanation():

@@ -102,6 +102,18 @@ def test_a_search_that_resumes_has_the_boxes_and_the_gaits_of_one_without_a_stop
     assert [gait.state.tolist() for gait in resumed] == [gait.state.tolist() for gait in wheel]
 
 
+def test_a_search_at_its_time_limit_is_not_complete_and_one_with_a_folder_goes_on(wheel, tmp_path):
+    cut = find(wheel.problem, starts=1, seconds=0.0, output=tmp_path / "run", progress=False)
+    assert (len(cut), cut.searched["complete"], cut.searched["starts"]) == (0, False, {})
+    assert wheel.searched["complete"]
+    told = []
+    resumed = find(wheel.problem, starts=1, output=tmp_path / "run", found=told.append, progress=False)
+    assert resumed.searched == wheel.searched
+    assert [gait.state.tolist() for gait in resumed] == [gait.state.tolist() for gait in wheel]
+    assert [len(gaits) for gaits in told] == [1]
+    assert told[0][0].state.tolist() == wheel[0].state.tolist()
+
+
 @pytest.mark.slow
 def test_without_a_gait_the_box_is_halved():
     uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
