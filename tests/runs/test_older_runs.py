@@ -62,7 +62,7 @@ def part(argument, parent=None):
 def plan(monkeypatch):
     """A search of two parts that takes no time."""
 
-    def search(plan, jobs):
+    def search(plan, jobs, found):
         return jobs.complete(part, [plan.job(plan.problem, "simulation", number) for number in range(2)], 2)
 
     monkeypatch.setattr(kept, "search", search)
