@@ -56,6 +56,10 @@ SHORTEST_STEP, LONGEST_STEP = 1e-6, 0.1
 """Bounds of the time step of another physics engine [s]."""
 
 
+LONGEST_SHOWN = 60
+"""Characters of a wrong value in a message."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
     """What a field of a request says about its values.
@@ -82,6 +86,23 @@ class Entry:
     unit: str
     keyed: bool
     effort: bool
+
+    @property
+    def is_number(self) -> bool:
+        """Whether the value is a number, or some numbers."""
+        return self._of in (int, float)
+
+    @property
+    def _of(self) -> Any:
+        """The type of the value, or of each of its parts."""
+        return get_args(self.kind)[0] if get_origin(self.kind) is tuple else self.kind
+
+    def read(self, text: Any) -> Any:
+        """The number that a text has in decimal digits, for ``checked``; another text as it is."""
+        try:
+            return self._of(text) if isinstance(text, str) and text.isascii() and "_" not in text else text
+        except ValueError:
+            return text
 
     @property
     def span(self) -> str:
@@ -112,15 +133,14 @@ class Entry:
         if self.choices:
             return choice(self.kind, value)
         if get_origin(self.kind) is tuple:
-            part = get_args(self.kind)[0]
             if not value:
                 raise ArgumentError(self.name, "is empty, but must have at least one value")
-            return tuple(self._number(part, each) for each in value)
-        return self._number(self.kind, value) if self.kind in WORDS else value
+            return tuple(map(self._number, value))
+        return self._number(value) if self.kind in WORDS else value
 
-    def _number(self, kind: Any, value: Any) -> Any:
-        """A finite number of a kind within the bounds, or a truth value."""
-        least, most = self.least, self.most
+    def _number(self, value: Any) -> Any:
+        """A finite number within the bounds, or a truth value."""
+        kind, least, most = self._of, self.least, self.most
         abstract: Any = {int: Integral, float: Real, bool: bool}[kind]
         right = isinstance(value, abstract) and isinstance(value, bool) == (kind is bool)
         inside = (
@@ -128,7 +148,9 @@ class Entry:
         )
         if not inside:
             words = f"{WORDS[kind]}, {self.span}" if self.span else WORDS[kind]
-            raise ArgumentError(self.name, f"is {value!r}, but must be {words}")
+            shown = repr(value)
+            shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
+            raise ArgumentError(self.name, f"is {shown}, but must be {words}")
         return kind(value)
 
 
@@ -248,6 +270,16 @@ class SimulateRequest(Request):
     steps: int | None = field(default=None, metadata=about("Number of steps. Default: 1.", least=1))
     dense: bool = field(default=True, metadata=about(""))
     engine: Engine = field(default=Engine.AUTO, metadata=ENGINE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class UntilRequest(Request):
+    """See ``gaitopt.Until``."""
+
+    time: float | None = field(default=None, metadata=about("End at this time [s]."))
+    events: int | None = field(
+        default=None, metadata=about("End after this number of mode changes and impacts.", least=1)
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

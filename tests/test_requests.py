@@ -10,7 +10,7 @@ import typer
 import gaitopt as go
 from gaitopt import requests
 from gaitopt.branches.request import Request
-from gaitopt.cli.main import COMMANDS
+from gaitopt.cli.main import app
 from gaitopt.errors import ArgumentError, UnknownNameError
 from gaitopt.requests import (
     AttractorsRequest,
@@ -26,6 +26,7 @@ from gaitopt.requests import (
     SolveRequest,
     StartsRequest,
     SweepRequest,
+    UntilRequest,
     WorkersRequest,
     entries,
 )
@@ -64,7 +65,8 @@ def stated_requests() -> set[type]:
 @pytest.mark.parametrize("verb", VERBS)
 def test_defaults_of_the_signatures_are_those_of_the_request(verb):
     request, command = VERBS[verb]
-    call, options = (inspect.signature(each).parameters for each in (getattr(go, verb), COMMANDS[command]))
+    commands = {each.name: each.callback for each in app.registered_commands}
+    call, options = (inspect.signature(each).parameters for each in (getattr(go, verb), commands[command]))
     for name, entry in entries(request).items():
         assert name in call, f"gaitopt.{verb} lacks {name}"
         if call[name].default is not inspect.Parameter.empty:
@@ -76,19 +78,15 @@ def test_defaults_of_the_signatures_are_those_of_the_request(verb):
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_entry_with_help_is_an_option_of_the_command(verb):
     request, command = VERBS[verb]
-    parser = typer.main.get_command(__import__("gaitopt.cli.main", fromlist=["app"]).app).commands[command]
-    helps = {option.help for option in parser.params if getattr(option, "help", None)}
-    missing = [
-        name
-        for name, entry in entries(request).items()
-        if entry.help and not any(text.startswith(entry.help) for text in helps)
-    ]
+    parser = typer.main.get_command(app).commands[command]
+    helps = " ".join(getattr(option, "help", None) or "" for option in parser.params)
+    missing = [name for name, entry in entries(request).items() if entry.help not in helps]
     assert not missing, f"gaitopt {command} does not show {missing}"
 
 
 def test_every_request_belongs_to_a_verb():
     used = {request for request, _ in VERBS.values()}
-    assert stated_requests() == used | {WorkersRequest, requests.Request, requests.SearchRequest}
+    assert stated_requests() == used | {UntilRequest, WorkersRequest, requests.Request, requests.SearchRequest}
 
 
 @pytest.mark.parametrize(
@@ -216,6 +214,11 @@ def test_the_first_line_of_a_branch_has_the_keys_that_it_has_had():
             "--dt is 0.0, but must be a finite number, from",
         ),
         (("find", "--seed", "-1"), "--seed is -1, but must be a whole number, at least 0"),
+        (("find", "--starts", "many"), "--starts is 'many', but must be a whole number, from 1 to 1,000,000"),
+        (("find", "--starts=2.5"), "--starts is '2.5', but must be a whole number"),
+        (("find", "--starts", "9" * 5000), "999..., but must be a whole number"),
+        (("simulate", "--time", "nan"), "--time is nan, but must be a finite number"),
+        (("simulate", "--events", "0"), "--events is 0, but must be a whole number, at least 1"),
     ],
 )
 @pytest.mark.usefixtures("empty_folder")

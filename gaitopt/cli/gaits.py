@@ -25,7 +25,16 @@ from gaitopt.cli.options import (
 from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, solve_verified, stored_gait
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, SolveError
-from gaitopt.requests import FindRequest, Method, ProveRequest, ReplayRequest, SimulateRequest, StartsRequest, choice
+from gaitopt.requests import (
+    FindRequest,
+    Method,
+    ProveRequest,
+    ReplayRequest,
+    SimulateRequest,
+    StartsRequest,
+    UntilRequest,
+    choice,
+)
 
 if TYPE_CHECKING:
     from gaitopt.problem.problem import Problem
@@ -138,11 +147,8 @@ def simulate(
         ),
     ] = None,
     steps: Annotated[int | None, options.option(SimulateRequest, "steps")] = None,
-    time: Annotated[float | None, typer.Option("--time", help="End at this time [s].", show_default=False)] = None,
-    events: Annotated[
-        int | None,
-        typer.Option("--events", min=1, help="End after this number of mode changes and impacts.", show_default=False),
-    ] = None,
+    time: Annotated[float | None, options.option(UntilRequest, "time")] = None,
+    events: Annotated[int | None, options.option(UntilRequest, "events")] = None,
     engine: EngineOption = "auto",
     changes: SetOption = None,
     output: OutOption = None,

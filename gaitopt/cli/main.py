@@ -17,7 +17,6 @@ import typer
 from gaitopt import __version__
 from gaitopt.cli.families import attractors, basin, continue_, front, sweep
 from gaitopt.cli.gaits import explain, find, prove, replay, simulate, solve, verify
-from gaitopt.cli.options import check_numbers
 from gaitopt.cli.terminal import (
     BROKEN_PIPE,
     INTERNAL_ERROR,
@@ -107,7 +106,6 @@ def options(version: VersionOption = False) -> None:
     """Find periodic gaits of planar legged walkers whose feet may slip, and verify them by simulation."""
 
 
-COMMANDS: dict[str, Callable[..., int]] = {}
 for _name, _command, *_shared in (
     ("list", list_problems, JSON),
     ("show", show, JSON),
@@ -130,7 +128,6 @@ for _name, _command, *_shared in (
     ("reproduce", reproduce, QUIET),
 ):
     app.command(_name)(with_shared_options(_command, *_shared))
-    COMMANDS[_name] = _command
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -216,8 +213,6 @@ def _internal_error(error: Exception) -> str:
 def _run(arguments: list[str]) -> int:
     if COMPLETION in os.environ:
         app(prog_name="gaitopt")
-    if arguments[0] in COMMANDS:
-        check_numbers(COMMANDS[arguments[0]], arguments[1:])
     try:
         with _commands().make_context("gaitopt", list(arguments)) as context:
             code = context.command.invoke(context)

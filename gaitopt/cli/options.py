@@ -4,11 +4,9 @@ Angles may have the unit deg or rad.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from inspect import signature
-from itertools import chain, pairwise
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -116,36 +114,6 @@ def number(text: str, option: str) -> float:
     return float(value)
 
 
-def check_numbers(command: Callable[..., int], arguments: Sequence[str]) -> None:
-    """Refuse texts in place of numbers that the parser of the options reads, but that are no decimal numbers: ``1_0``.
-
-    Parameters
-    ----------
-    command : its annotations say which options are numbers.
-    arguments : those of the command, as typed.
-    """
-    numbers = set[str]()
-    for name, entry in signature(command).parameters.items():
-        if {float, int} & {*_types(entry.annotation)}:
-            stated = [(part.default, *(part.param_decls or ())) for part in get_args(entry.annotation)[1:]]
-            numbers |= {f"--{name.replace('_', '-')}", *chain(*stated)}  # the first name is Option's first argument
-    for argument, after in pairwise((*arguments, "")):
-        option, equals, value = argument.partition("=")
-        text = value if equals else after
-        if option in numbers and not (text.isascii() and "_" not in text):
-            raise typer.BadParameter(f"{option} {text}: write a number in decimal digits")
-
-
-def _types(annotation: object) -> Iterator[object]:
-    """The types in an annotation such as ``Annotated[list[float] | None, ...]``."""
-    if get_origin(annotation) is Annotated:
-        yield from _types(get_args(annotation)[0])
-        return
-    yield annotation
-    for part in get_args(annotation):
-        yield from _types(part)
-
-
 def counts(texts: Texts) -> dict[str, int]:
     """Numbers of times by kind, for all kinds, from ``--follow KIND=N`` options."""
     from gaitopt.branches.request import FOLLOWS
@@ -165,10 +133,12 @@ def counts(texts: Texts) -> dict[str, int]:
 def option(request: type[Request], name: str, flag: str = "", *, metavar: str | None = None) -> Any:
     """The option for a field of a request, with its help, bounds and choices; by default it has the field's name."""
     field = entries(request)[name]
+    is_number = field.is_number and metavar is None
     return typer.Option(
         flag or f"--{name.replace('_', '-')}",
         metavar=metavar or "|".join(field.choices) or None,
-        callback=field.checked if field.span else None,
+        parser=field.read if is_number else None,
+        callback=field.checked if is_number else None,
         help=f"{field.help} [{field.span}]" if field.span else field.help,
         show_default=field.default is not None,
     )

@@ -7,8 +7,7 @@ random walks fall where the basin of a gait is small.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
 from itertools import islice, pairwise
 from pathlib import Path
@@ -26,9 +25,9 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AttractorsRecord, SettledRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
-from gaitopt.requests import AttractorsRequest, Engine
+from gaitopt.requests import AttractorsRequest, entries
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
-from gaitopt.runs.jobs import Plan, ResultFile, Stored
+from gaitopt.runs.jobs import Plan, ResultFile
 from gaitopt.search.candidates import family, start_box
 from gaitopt.search.solve import solve
 from gaitopt.simulation.engine import choose_engine
@@ -133,18 +132,20 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
     axis : of a parameter.
     """
 
+    results = SETTLED
     axis: Axis
 
     @cached_property
     def run(self) -> Run:
         """The part of the run with its files."""
-        identity = replace(self, engine=self.chosen_engine).identity
-        return Run(self.folder, f"attractors-{key_of([str(self.axis), *identity])[:8]}")
+        return Run(self.folder, f"attractors-{key_of([str(self.axis), *self.request.identity])[:8]}")
 
-    @property
-    def chosen_engine(self) -> Engine:
-        """The engine that ``engine`` means for the number of steps."""
-        return choose_engine(self.engine, steps=self.axis.count * self.starts * (self.transient + self.keep))
+    @cached_property
+    def request(self) -> AttractorsRequest:
+        """What is asked for, with the engine that ``engine`` means for the number of steps."""
+        engine = choose_engine(self.engine, steps=self.axis.count * self.starts * (self.transient + self.keep))
+        asked = {name: getattr(self, name) for name in entries(AttractorsRequest)}
+        return AttractorsRequest(**{**asked, "engine": engine})
 
     def check(self) -> None:
         """Refuse an axis over something else than a parameter, an invalid value, or too many states."""
@@ -152,10 +153,6 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
         Grid((self.axis,)).check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
         check_room(self.axis.count * self.keep, self.folder, disk=STATE_BYTES, memory=STATE_BYTES, what="states")
         _ = self.jobs
-
-    def stored(self) -> AbstractContextManager[Stored]:
-        """Open the file of finished values."""
-        return SETTLED.opened(self.run, self.problem)
 
     def result(self, jobs: ResumableJobs) -> Attractors:
         """The attractors at all values."""
@@ -173,32 +170,33 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
         jobs = list[Job]()
         for number, value in enumerate(self.axis.numbers(self.problem)):
             problem = at_point(self.problem, {self.axis.key: value})
-            plan = (self.starts, self.transient, self.keep, self.seed, number, value, str(self.chosen_engine))
+            *asked, engine = self.request.identity
             parent = jobs[-1].key if number % BLOCK else None
-            key = key_of([problem.digest, self.problem.digest, str(self.axis), STARTS_FROM, *plan, parent])
-            jobs.append(Job(key=key, argument=(self.problem, self.axis, problem, *plan), parent=parent))
+            identity = [problem.digest, self.problem.digest, str(self.axis), STARTS_FROM, *asked, number, value, engine]
+            argument = (self.problem, self.axis, problem, self.request, number, value)
+            jobs.append(Job(key=key_of([*identity, parent]), argument=argument, parent=parent))
         return jobs
 
 
 def settle_job(
-    argument: tuple[Problem, Axis, Problem, int, int, int, int, int, float, str],
+    argument: tuple[Problem, Axis, Problem, AttractorsRequest, int, float],
     neighbour: Mapping[str, Any] | None = None,
     should_stop: Stop = None,
 ) -> dict[str, Any]:
     """The record of one value; runs in any process."""
-    origin, axis, problem, starts, transient, keep, seed, number, value, engine = argument
-    mapped = step_map(problem, None, Engine(engine))
-    rng = np.random.default_rng([seed, number])
+    origin, axis, problem, request, number, value = argument
+    mapped = step_map(problem, None, request.engine)
+    rng = np.random.default_rng([request.seed, number])
     names = problem.walker.section_names(slipping=True)
     known = [np.array(run["states"][-1]) for run in (neighbour or {}).get("attractors", [])]
     for gait in gaits_on_branch(origin, axis, problem, value, should_stop):
         known.append(gait.state[[gait.system.state_names.index(name) for name in names]])
     if problem.start is not None:
         known.append(np.array([problem.start.state[name] for name in names]))
-    xi = np.array([*islice(_starts(problem, mapped.dynamics, known, rng), starts)])
-    runs, endings = settled(
-        mapped, section_coordinates(problem, xi), transient=transient, keep=keep, should_stop=should_stop
+    xi = section_coordinates(
+        problem, np.array([*islice(_starts(problem, mapped.dynamics, known, rng), request.starts)])
     )
+    runs, endings = settled(mapped, xi, transient=request.transient, keep=request.keep, should_stop=should_stop)
     found = [
         {
             "states": run.states.tolist(),

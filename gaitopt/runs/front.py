@@ -5,7 +5,6 @@ for the same value the better one is kept. The Pareto front consists of the poin
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, overload
@@ -18,7 +17,7 @@ from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
 from gaitopt.runs.grid import Axis, at_point, check_jobs_fit
-from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
+from gaitopt.runs.jobs import SOLVED, Plan, problem_job, solve_all
 from gaitopt.store.formats import damaged, json_text, validated
 from gaitopt.store.run import Run
 from gaitopt.workers.jobs import Job, ResumableJobs, Workers
@@ -118,12 +117,8 @@ class FrontPlan(Plan[Front]):
     axis : the varied number.
     """
 
+    results = SOLVED
     axis: Axis
-
-    @property
-    def run(self) -> Run:
-        """The run folder."""
-        return Run(self.folder)
 
     def check(self) -> None:
         """Refuse a front without an objective, along no number, or with too many designs."""
@@ -137,10 +132,6 @@ class FrontPlan(Plan[Front]):
         check_jobs_fit(2 * self.axis.count, self.folder)
         for value in self.axis.numbers(problem)[:: max(self.axis.count - 1, 1)]:
             at_point(problem, {key: value})
-
-    def stored(self) -> AbstractContextManager[Stored]:
-        """Open the file of solved problems."""
-        return SOLVED.opened(self.run, self.problem)
 
     def result(self, jobs: ResumableJobs) -> Front:
         """The better design of both directions for every value."""

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar, cast
+from typing import Any, ClassVar, Generic, Literal, TypeVar, cast
 
 from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.errors import SolveError
@@ -52,18 +52,21 @@ class Plan(Request, ABC, Generic[R]):
     problem: Problem
     folder: Path
 
+    results: ClassVar["ResultFile"]
+    """The file of the results of the jobs; a plan that keeps them otherwise has a ``stored`` of its own."""
+
     @property
-    @abstractmethod
     def run(self) -> Run:
         """The run folder, or the part of it with the files of this work."""
+        return Run(self.folder)
 
     @abstractmethod
     def check(self) -> None:
         """Refuse work that cannot be done or kept; its errors are those of the function in ``gaitopt``."""
 
-    @abstractmethod
     def stored(self) -> AbstractContextManager[Stored]:
         """Open the file of results in the locked run folder."""
+        return self.results.opened(self.run, self.problem)
 
     @abstractmethod
     def result(self, jobs: ResumableJobs) -> R:
@@ -109,11 +112,15 @@ class Plan(Request, ABC, Generic[R]):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResultFile:
-    """A file with one result per line: its name, the entry with the key of the job, and the type of a line."""
+    """A file with one result per line: its name, the entry with the key of the job, and the type of a line.
+
+    A ``shared`` file serves all the work of a run and is in its folder, not in a part of it.
+    """
 
     name: str
     key: str
     model: Any
+    shared: bool = False
 
     @contextmanager
     def opened(self, run: Run, problem: Problem) -> Iterator[Stored]:
@@ -124,6 +131,7 @@ class ResultFile:
         StorageError
             If a line is not of its type; the message names it.
         """
+        run = Run(run.folder) if self.shared else run
         with run.appending(self.name) as lines:
             results, states = dict[str, Any](), problem.walker.state_names()
             for number, record in enumerate(lines.records, start=1):
@@ -138,7 +146,7 @@ class ResultFile:
             yield results, store
 
 
-SOLVED = ResultFile(name="jobs.jsonl", key="job", model=CheckedJob)
+SOLVED = ResultFile(name="jobs.jsonl", key="job", model=CheckedJob, shared=True)
 SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
 """A part that an earlier version has stored under another key is searched again."""
 
@@ -253,16 +261,8 @@ def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
 class FindPlan(SearchPlan, Plan[Gaits]):
     """A search whose finished parts are kept; ``found`` is that of ``search``."""
 
+    results = SEARCHED
     found: Callable[[Gaits], None] | None = None
-
-    @property
-    def run(self) -> Run:
-        """The run folder."""
-        return Run(self.folder)
-
-    def stored(self) -> AbstractContextManager[Stored]:
-        """Open the file of the parts."""
-        return SEARCHED.opened(self.run, self.problem)
 
     def result(self, jobs: ResumableJobs) -> Gaits:
         """The gaits of all parts."""

@@ -5,7 +5,6 @@ curve at random. The starts depend on the seed alone, not on how many processes 
 """
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import groupby, islice
 from typing import Any, cast
@@ -17,9 +16,8 @@ from gaitopt.gait.records import SolvedRecord, is_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import StartsRequest
 from gaitopt.runs.grid import check_jobs_fit
-from gaitopt.runs.jobs import SOLVED, Plan, Stored, problem_job, solve_all
+from gaitopt.runs.jobs import SOLVED, Plan, problem_job, solve_all
 from gaitopt.search.find import grouped
-from gaitopt.store.run import Run
 from gaitopt.systems import build_system
 from gaitopt.workers.jobs import ResumableJobs
 
@@ -89,18 +87,11 @@ class Optimum:
 class StartsPlan(Plan[list[Optimum]], StartsRequest):
     """A problem to be solved from many guesses."""
 
-    @property
-    def run(self) -> Run:
-        """The run folder."""
-        return Run(self.folder)
+    results = SOLVED
 
     def check(self) -> None:
         """Refuse more starts than fit."""
         check_jobs_fit(self.starts, self.folder, "starts")
-
-    def stored(self) -> AbstractContextManager[Stored]:
-        """Open the file of solved problems."""
-        return SOLVED.opened(self.run, self.problem)
 
     def result(self, jobs: ResumableJobs) -> list[Optimum]:
         """The distinct solutions, the best first."""

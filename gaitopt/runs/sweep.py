@@ -5,7 +5,6 @@ The gaits are in the file of solved problems of the run; table and figures are i
 
 import csv
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import islice
@@ -24,7 +23,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.requests import SweepRequest
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, Stored, lent_job, problem_job, solve_all, solve_job, sweep_job
+from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, lent_job, problem_job, solve_all, solve_job, sweep_job
 from gaitopt.store.formats import (
     Table,
     cell_rows,
@@ -187,6 +186,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
     grid : over dotted keys of parameters.
     """
 
+    results = SOLVED
     grid: Grid
 
     @cached_property
@@ -200,10 +200,6 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         self.grid.check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
         check_jobs_fit(self.grid.size, self.folder)
         _ = self.jobs
-
-    def stored(self) -> AbstractContextManager[Stored]:
-        """Open the file of solved problems."""
-        return SOLVED.opened(Run(self.folder), self.problem)
 
     def result(self, jobs: ResumableJobs) -> Sweep:
         """The gaits of all points, with their table."""
