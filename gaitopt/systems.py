@@ -18,23 +18,10 @@ from gaitopt.gait.gait import Gait, Status
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.control import Control
+from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continued, control_points
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import (
-    BeyondEnd,
-    BezierCurve,
-    BezierMotion,
-    CurveReference,
-    FittedMotion,
-    FreeCurves,
-    GaitCurves,
-    GaitReference,
-    Piece,
-    Reference,
-    Target,
-    continued,
-    control_points,
-)
+from gaitopt.model.reference import FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
@@ -175,8 +162,8 @@ def problem_program(problem: Problem, *, should_stop: Stop = None) -> NonlinearP
     return design_program(problem, system, solve_gait(problem, system, should_stop=should_stop))
 
 
-def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -> Reference:
-    """The joint angles of a gait as a reference for a PD law, extended past its end.
+def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -> Curve:
+    """The angles of a gait over the time since the impact, extended past its end.
 
     ``flow`` extends it by the motion in the gait's last mode, as if the swing foot did not touch the ground.
 
@@ -191,11 +178,12 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
         angles = arc.states[:, : len(system.walker.shape)]
         if max(tracked, default=0) >= angles.shape[1]:  # the angle of a motor, or a phase variable
             angles = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy()
-        return Piece(start=arc.start, end=arc.end, angles=curves.coefficients(angles).T[tracked])
+        rows = curves.coefficients(angles).T[tracked].tolist()
+        return Piece(start=arc.start, end=arc.end, rows=tuple(map(tuple, rows)))
 
     pieces = [piece(arc) for arc in gait.arcs]
     if beyond_end is not BeyondEnd.FLOW:
-        return continued(pieces, gait.scalar("period"), beyond_end, names)
+        return continued(names, pieces, gait.scalar("period"), beyond_end)
     arc, duration = gait.arcs[-1], gait.scalar("period")
     while arc.end < (1 + FLOW_PERIODS) * gait.scalar("period"):
         times = arc.end + duration * (curves.points(FLOW_POINTS) + 1) / 2
@@ -207,7 +195,7 @@ def gait_reference(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str
             continue
         arc = replace(arc, times=times, states=states)
         pieces.append(piece(arc))
-    return Reference(pieces=tuple(pieces), horizon=arc.end, names=names)
+    return Curve(names=names, pieces=tuple(pieces), horizon=arc.end, beyond_end=beyond_end)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -238,25 +226,26 @@ def _control(problem: Problem, should_stop: Stop) -> Control:
     gait = solve_sequence(source, should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
-    bound = {name: _bound(target, gait, problem) for name, target in problem.control.targets.items()}
+    bound = {name: _bound(reference, gait, problem) for name, reference in problem.control.targets.items()}
     return problem.control.model_copy(update=bound)
 
 
-def _bound(target: Target, gait: Gait, problem: Problem) -> Target:
-    """A target of a problem's control law that is ready for use, from the gait that it names.
+def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
+    """A reference of a problem's control law with the curve that follows from the gait that it names.
 
     Raises
     ------
     SolveError
         If the phase variable turns back along the gait.
     """
-    law, followed, period = problem.control, target.followed(type(problem.walker)), gait.scalar("period")
-    if not isinstance(target, GaitCurves | FreeCurves):
-        return target
-    if isinstance(target, GaitReference) and not law.phase_variable:
-        return gait_reference(gait, BeyondEnd(target.beyond_end or BeyondEnd.HOLD), followed)
+    law, followed, period = problem.control, reference.followed(type(problem.walker)), gait.scalar("period")
+    if not isinstance(reference, GaitCurves | FreeCurves):
+        return reference
+    if isinstance(reference, GaitMotion) and not law.phase_variable:
+        assert reference.beyond_end is not None  # or there is a fault
+        return reference.with_curve(gait_curve(gait, reference.beyond_end, followed))
     times, phase, span = np.linspace(0, period, FITTED_POINTS), law.phase_variable, (0.0, period)
-    motion = gait_reference(gait, BeyondEnd.HOLD, {**followed, "": phase} if phase else followed)
+    motion = gait_curve(gait, BeyondEnd.HOLD, {**followed, "": phase} if phase else followed)
     angles, along = motion(times)[0], times
     if phase:
         angles, along = angles[:-1], angles[-1]
@@ -268,23 +257,19 @@ def _bound(target: Target, gait: Gait, problem: Problem) -> Target:
         span = float(along[0]), float(along[-1])
         if isinstance(law, VirtualConstraints):
             span = law.span[0], law.span[1]
-        elif isinstance(target, GaitReference | CurveReference):
-            span = target.span or span
-    degree = (target.degree or 1) if isinstance(target, GaitCurves) else target.curve.degree
+        elif isinstance(reference, GaitMotion | FreeMotion):
+            span = reference.span or span
+    degree = (reference.degree or 1) if isinstance(reference, GaitCurves) else reference.curve.degree
     rows, errors = control_points((along - span[0]) / (span[1] - span[0]), angles, degree)
     fitted = {name: tuple(map(float, row)) for name, row in zip(followed, rows, strict=True)}
-    if isinstance(target, GaitCurves):
+    if isinstance(reference, GaitCurves):
         largest = dict(zip(followed, errors.tolist(), strict=True))
-        return FittedMotion(bezier={**fitted}, phase=phase, span=span, errors=largest)
-    curve, bound = target.curve, target.curve.within
+        return reference.with_curve(bezier_curve(fitted, span, phase=phase, fit_errors=largest))
+    curve, bound = reference.curve, reference.curve.within
     points = curve.points or {name: tuple(np.clip(row, -bound, bound).tolist()) for name, row in fitted.items()}
-    if phase:
-        return BezierMotion(bezier=target.unknown(points), phase=phase, span=span)
-    assert isinstance(target, CurveReference)  # others run over a phase
-    end, duration = BeyondEnd(target.beyond_end or BeyondEnd.HOLD), curve.duration or period
-    return BezierCurve(
-        points={name: points[name] for name in followed}, duration=duration, beyond_end=end, within=bound
-    )
+    if not phase:
+        span, points = (0.0, curve.duration or period), {name: points[name] for name in followed}
+    return reference.with_curve(reference.through(points, span, phase))
 
 
 def _source(problem: Problem) -> Problem | None:

@@ -170,7 +170,7 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
     values = {key: value for key, value in first.dynamics.parameters.items() if key.startswith("control.")}
     record: dict[str, Any] = {"control": {key.removeprefix("control."): value for key, value in values.items()}}
     if isinstance(law, ProportionalDerivative):
-        names: Sequence[str] = law.reference.followers(system.walker)
+        names: Sequence[str] = law.reference.motion().names
     elif isinstance(law, VirtualConstraints):
         names = law.outputs
     else:
@@ -182,7 +182,7 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
 
     pairs = zip(names, errors(first, 0).tolist(), errors(last, -1).tolist(), strict=True)
     record["tracking_errors"] = {name: {"start": start, "end": end} for name, start, end in pairs}
-    fits = {joint: error for target in law.targets.values() for joint, error in target.fit_errors.items()}
+    fits = {joint: error for each in law.targets.values() for joint, error in each.fit_errors.items()}
     return record | ({"fit_errors": fits} if fits else {})
 
 

@@ -22,7 +22,7 @@ from pydantic.fields import FieldInfo
 from gaitopt.arrays import Array
 from gaitopt.model.declaration import actuator_units
 from gaitopt.model.lagrangian import EquationsOfMotion
-from gaitopt.model.reference import Path, Target
+from gaitopt.model.reference import Path, Reference
 from gaitopt.model.units import MOTOR_WORDS, Finite, Positive, Within, symmetric, words_and_unit
 from gaitopt.model.walker import PluginClass, WalkerType
 
@@ -152,8 +152,8 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
                     ("limits", name),
                     f"no actuator is called {name}; there are {', '.join(walker.actuators) or 'none'}",
                 )
-        for name, target in self.targets.items():
-            yield from (((name, *path), message) for path, message in target.faults(walker))
+        for name, reference in self.targets.items():
+            yield from (((name, *path), message) for path, message in reference.faults(walker))
 
     @classmethod
     def section(cls, walker: WalkerType) -> SectionType:
@@ -161,16 +161,16 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         return cls
 
     @property
-    def targets(self) -> dict[str, Target]:
+    def targets(self) -> dict[str, Reference]:
         """References among the fields, by name."""
-        return {name: value for name, value in self if isinstance(value, Target)}
+        return {name: value for name, value in self if isinstance(value, Reference)}
 
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the scalars that can be set, freed or continued, by their key below ``control``."""
         values = dict[str, float]()
         for name, value in sorted(self, key=lambda item: item[0] == "limits"):
-            if isinstance(value, Target):
+            if isinstance(value, Reference):
                 values |= {f"{name}.{key}": number for key, number in value.parameters.items()}
             elif is_parameter(type(self).model_fields.get(name)):
                 values |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, Mapping) else {name: value}
@@ -185,15 +185,15 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
     def structure(self) -> tuple[object, ...]:
         """Key of the systems that can share the law's expressions: all but the values of the parameters."""
         numbers = {name for name in dict(self) if is_parameter(type(self).model_fields.get(name))}
-        targets = self.targets
-        fixed = self.model_dump_json(exclude=numbers | {*targets})
-        return (type(self), tuple(self.parameters), fixed, *(target.structure for target in targets.values()))
+        references = self.targets
+        fixed = self.model_dump_json(exclude=numbers | {*references})
+        return (type(self), tuple(self.parameters), fixed, *(each.structure for each in references.values()))
 
     @property
     def source(self) -> tuple[str, Path]:
         """Name or path of the problem whose gait the law needs, and the path of its key; empty if there is none."""
-        for name, target in self.targets.items():
-            source, path = target.source
+        for name, reference in self.targets.items():
+            source, path = reference.source
             if source:
                 return source, ("control", name, *path)
         return "", ()
@@ -208,16 +208,16 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     def unknowns(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
         """Bounds of the parameters that a design determines rather than the problem file."""
-        targets = self.targets.items()
-        return {f"{name}.{key}": span for name, target in targets for key, span in target.unknowns(walker).items()}
+        references = self.targets.items()
+        return {f"{name}.{key}": span for name, each in references for key, span in each.unknowns(walker).items()}
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
         """Dotted keys and values that make known parameters, by dotted key, the guess of the law's unknowns."""
         changes = dict[str, object]()
-        for name, target in self.targets.items():
+        for name, reference in self.targets.items():
             above = f"control.{name}."
             known = {key.removeprefix(above): value for key, value in values.items() if key.startswith(above)}
-            changes |= {f"{above}{key}": value for key, value in target.guesses(known, walker).items()}
+            changes |= {f"{above}{key}": value for key, value in reference.guesses(known, walker).items()}
         return changes
 
     limits: Annotated[
@@ -261,7 +261,7 @@ def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
     tree: dict[str, Any] = {
         name: {}
         for name, value in law
-        if isinstance(value, Target) or (isinstance(value, Mapping) and is_parameter(fields.get(name)))
+        if isinstance(value, Reference) or (isinstance(value, Mapping) and is_parameter(fields.get(name)))
     }
     for k, key in enumerate(law.parameters):
         level, parts = tree, key.split(".")

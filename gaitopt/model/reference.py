@@ -1,34 +1,23 @@
-"""References: motions that joints follow, over the time t since the last impact.
+"""What a problem file says about the motion that joints follow: five kinds of references, by their first key.
 
-A ``Reference`` theta_r consists of Chebyshev series, one piece per segment. Pieces meet at breakpoints, where the curve
-may have a kink or, with ``off``, the control ends. The last piece applies up to ``horizon``.
+    constant, bezier    control points, which are numbers or unknowns of a design
+    table               rows of angles, which are interpolated or fitted
+    gait                the angles of another gait
+    curve               control points that a design finds
 
-A ``BezierCurve`` has control points c_k that are parameters, which can be set, freed or continued,
-
-    theta_r(t) = sum_k c_k B_k(s),    B_k(s) = C(n, k) s^k (1 - s)^(n - k),    s = t / duration,    t < duration
-
-Such a curve stays within the range of its control points. It starts at the first and ends at the last one, and its rate
-at the end, n (c_n - c_(n-1)) / duration, determines its continuation.
-
-A table of time is a cubic spline, whose knots are breakpoints. In a phase variable a knot would be an event of
-the motion, so that curves over a phase are single polynomials: Bezier curves, or those closest to the rows of a table.
-
-``GaitReference`` and ``CurveReference`` are what a problem file says; ``gaitopt.systems`` replaces them by a
-``Reference`` and a ``BezierCurve`` once the gait that they name is known.
+Each gives a ``Curve``, once the gait that it names is known, which ``gaitopt.systems`` solves for. Of every kind there
+are two classes. The curves of the first run over the phase variable of a control law, ``OverPhase``. Those of the
+second, a ``Motion``, have an argument of their own, the time since the impact or a phase variable, ``Followed``.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from enum import StrEnum
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
-from math import comb, inf, isfinite, pi, radians
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from math import inf, isfinite, pi, radians
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from casadi import SX, dot, horzcat, horzsplit, reshape, vertcat, vertsplit
 from numpy.polynomial import chebyshev
 from pydantic import (
     AfterValidator,
@@ -36,336 +25,24 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    InstanceOf,
+    PrivateAttr,
     TypeAdapter,
     ValidatorFunctionWrapHandler,
     WithJsonSchema,
     WrapValidator,
 )
-from pydantic.json_schema import SkipJsonSchema
 
 from gaitopt.arrays import Array
+from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continuation, keys
 from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, parse_number
 
 if TYPE_CHECKING:
-    from gaitopt.model.control import Instant
     from gaitopt.model.walker import WalkerType
-
-BLOCK = 6
-"""Terms of a series that are summed directly: about the root of their number, which is 33 for a phase of walking."""
-
 
 Path = tuple[str | int, ...]
 """Keys that lead to a value."""
-
-
-class BeyondEnd(StrEnum):
-    """Continuation of a reference after its end."""
-
-    FLOW = "flow"
-    LINEAR = "linear"
-    HOLD = "hold"
-    OFF = "off"
-
-
-class Target:
-    """A motion that joints follow: the value of a key of a control law.
-
-    The law collects the parameters, unknowns and faults of its targets under the name of the key.
-    """
-
-    __slots__ = ()
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """Values of the scalars that can be set, freed or continued, by name: ``theta1.0``."""
-        return {}
-
-    @property
-    def structure(self) -> object:
-        """A hashable value that is equal for targets with equal expressions, whatever their parameters."""
-        return self.model_dump_json() if isinstance(self, BaseModel) else id(self)
-
-    @property
-    def source(self) -> tuple[str, Path]:
-        """Name or path of the problem whose gait is needed, and the key that gives it; empty if there is none."""
-        return "", ()
-
-    @property
-    def phase_variable(self) -> str:
-        """The phase variable over which the motion runs; empty if it runs over the time since the impact."""
-        return ""
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times since impact at which a segment ends and the next begins [s]."""
-        return ()
-
-    @property
-    def horizon(self) -> float:
-        """Time since impact up to which the motion is defined [s]."""
-        return np.inf
-
-    def data(self, segment: int) -> Array:
-        """Segment data, of the same length in all segments."""
-        return np.zeros(0)
-
-    @property
-    def fit_errors(self) -> Mapping[str, float]:
-        """Largest distance of fitted curves from what they fit, by joint [rad, or m]; empty if nothing is fitted."""
-        return {}
-
-    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
-        """Bounds of the parameters that a design determines rather than the problem file."""
-        return {}
-
-    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
-        """Keys and values that make known values of the unknowns their first guess; empty if some are missing."""
-        return {}
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """What is wrong with the target for a walker, by key."""
-        yield from ()
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The angles that have a curve, as far as they are stated."""
-        return ()
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """The joints that follow the motion."""
-        return walker.tracked
-
-    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
-        """The shape coordinate of ``source`` for each joint; by default its own name."""
-        return {name: name for name in walker.tracked}
-
-    def weighted(
-        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
-    ) -> tuple[SX, SX]:
-        """Weighted sum of angle and rate of every joint, shape (n,), and a factor: 1 while it acts, 0 when it is off.
-
-        Parameters
-        ----------
-        p : the target's own parameters by name.
-        joints : shape coordinates that follow the motion.
-        """
-        raise NotImplementedError
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
-    """A smooth piece of the curve.
-
-    Attributes
-    ----------
-    start, end : time since impact [s]; ``end`` scales the series and does not have to be reached.
-    angles : ndarray, shape (n_u, degree + 1) - Chebyshev coefficients of the angles [rad].
-    active : False where the control is switched off.
-    """
-
-    start: float
-    end: float
-    angles: Array
-    active: bool = True
-
-    @property
-    def rates(self) -> Array:
-        """Chebyshev coefficients of the rates [rad/s], the derivative of the angles; shape (n_u, max(degree, 1))."""
-        slope = 2 / (self.end - self.start)
-        return np.asarray(slope * chebyshev.chebder(self.angles, axis=1))
-
-    def __call__(self, t: float) -> tuple[Array, Array]:
-        """Angles [rad] and rates [rad/s] at a time since impact [s], shape (n_u,) each."""
-        s = 2 * (t - self.start) / (self.end - self.start) - 1
-        angles, rates = (np.asarray(chebyshev.chebval(s, table.T)) for table in (self.angles, self.rates))
-        return angles, rates
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reference(Target):
-    """Pieces in order of time; they are defined up to ``horizon``, a time since impact [s].
-
-    ``names`` are the joints that follow them, in the order of the series; empty for all tracked joints.
-    """
-
-    pieces: tuple[Piece, ...]
-    horizon: float = np.inf
-    names: tuple[str, ...] = ()
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that have a series."""
-        return self.names or walker.tracked
-
-    @property
-    def degree(self) -> int:
-        """Largest degree of all series."""
-        return max(piece.angles.shape[1] for piece in self.pieces) - 1
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times since impact at which one piece ends and the next begins [s]."""
-        return tuple(piece.start for piece in self.pieces[1:])
-
-    def data(self, segment: int) -> Array:
-        """The numbers of one piece in the layout that ``evaluate`` reads."""
-        piece, width = self.pieces[segment], self.degree + 1
-        series = [np.pad(row, (0, width - row.size)) for table in (piece.angles, piece.rates) for row in table]
-        return np.concatenate([[piece.start, piece.end, float(piece.active)], *series])
-
-    def weighted(
-        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
-    ) -> tuple[SX, SX]:
-        """The series of the piece in this segment."""
-        return evaluate(now.r, now.t, len(joints), self.degree, weights)
-
-    def __call__(self, times: Sequence[float] | Array) -> tuple[Array, Array]:
-        """Angles [rad] and rates [rad/s] at times since impact [s]; both of shape (n_u, n)."""
-        t = np.asarray(times, dtype=float)
-        index = np.searchsorted(self.breakpoints, t, side="right")
-        columns = [self.pieces[k](time) for k, time in zip(index, t, strict=True)]
-        angles, rates = zip(*columns, strict=True)
-        return np.column_stack(angles), np.column_stack(rates)
-
-
-def evaluate(data: SX, t: SX, n_tracked: int, degree: int, weights: tuple[SX, SX]) -> tuple[SX, SX]:
-    """Weighted sum of angle and rate of every joint, and whether the control acts, from ``Reference.data``.
-
-    The series of angle and rate are added before they are evaluated, which halves their number.
-    """
-    s = 2 * (t - data[0]) / (data[1] - data[0]) - 1
-    angles, rates = (reshape(rows, degree + 1, n_tracked) for rows in vertsplit(data[3:], (degree + 1) * n_tracked))
-    powers = _chebyshev(s)
-    sums = horzsplit(weights[0] * angles + weights[1] * rates)
-    return vertcat(*(_sum(vertsplit(c), powers) for c in sums)), data[2]
-
-
-def continued(pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd, names: tuple[str, ...] = ()) -> Reference:
-    """The reference of ``pieces`` up to the time ``end``, then ``linear``, ``hold`` or ``off``.
-
-    ``flow`` needs the equations of motion of the walker that moves so; see ``gaitopt.systems``.
-    """
-    last = pieces[-1]
-    angles, rates = last(end)
-    if beyond_end is not BeyondEnd.LINEAR:
-        rates = np.zeros_like(rates)
-    # on [end, end + 1] the series variable is s = 2 (t - end) - 1, so that angle = (angle + rate/2) + rate/2 s
-    tail = Piece(
-        start=end,
-        end=end + 1.0,
-        angles=np.column_stack([angles + rates / 2, rates / 2]),
-        active=beyond_end is not BeyondEnd.OFF,
-    )
-    return Reference(pieces=(*pieces, tail), names=names)
-
-
-def _chebyshev(s: SX) -> list[SX]:
-    """T_0, ..., T_BLOCK at ``s``, by T_2k = 2 T_k^2 - 1 and T_2k+1 = 2 T_k T_k+1 - T_1."""
-    values = [SX(1), s]
-    for k in range(2, BLOCK + 1):
-        values.append(2 * values[k // 2] * values[(k + 1) // 2] - values[k % 2])
-    return values
-
-
-def _sum(c: list[SX], T: list[SX]) -> SX:
-    """Chebyshev series sum_k c_k T_k from T_0, ..., T_m: blocks of m terms, and Clenshaw's recurrence over T_jm.
-
-    With T_jm+k = 2 T_jm T_k - T_jm-k the series is sum_j q_j T_jm, where q_j is a sum over T_0, ..., T_m-1 and T_jm is
-    T_j(T_m). This takes one product of variables per block instead of one per term, and such products dominate the cost
-    of a Taylor series of the motion.
-    """
-    m, c = len(T) - 1, list(c)
-    for n in reversed(range(m + 1, len(c))):
-        if n % m:
-            c[n - 2 * (n % m)] -= c[n]
-            c[n] = 2 * c[n]
-    blocks = [sum(a * b for a, b in zip(c[j : j + m], T, strict=False)) for j in range(0, len(c), m)]
-    b1, b2 = SX(0), SX(0)
-    for q in reversed(blocks[1:]):
-        b1, b2 = q + 2 * T[m] * b1 - b2, b1
-    return blocks[0] + T[m] * b1 - b2
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BezierCurve(Target):
-    """One Bezier curve per joint, whose clock restarts at every impact.
-
-    Attributes
-    ----------
-    points : control points of the curve of each joint [rad], the same number for all joints.
-    duration : of the curves [s]; the step may end earlier or later.
-    beyond_end : continuation after ``duration``: ``linear``, ``hold`` or ``off``.
-    within : bound of the modulus of control points that are unknowns [rad].
-    """
-
-    points: Mapping[str, tuple[float, ...]]
-    duration: float
-    beyond_end: BeyondEnd
-    within: float
-
-    @property
-    def degree(self) -> int:
-        """Degree n of the curves."""
-        return len(next(iter(self.points.values()))) - 1
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that have a curve."""
-        return tuple(self.points)
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The control points as ``JOINT.K``."""
-        return {f"{name}.{k}": c for name, row in self.points.items() for k, c in enumerate(row)}
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """The end of the curves."""
-        return (self.duration,)
-
-    def data(self, segment: int) -> Array:
-        """Weights of the curve and of its continuation, (1, 0) and then (0, 1), and the duration."""
-        return np.array([*np.eye(2)[segment], self.duration])
-
-    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
-        """Bounds of the control points."""
-        return dict.fromkeys(self.parameters, (-self.within, self.within))
-
-    def weighted(
-        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
-    ) -> tuple[SX, SX]:
-        """The curves, and then their continuation."""
-        points = horzcat(*(getattr(p, joint) for joint in joints))
-
-        def curve(s: SX, rate: SX) -> tuple[SX, SX]:
-            slopes = self.degree * rate * (points[1:, :] - points[:-1, :])
-            return points.T @ _bernstein(self.degree, s), slopes.T @ _bernstein(self.degree - 1, s)
-
-        return _over_clock(curve, self.beyond_end, now, weights)
-
-
-def _over_clock(
-    curve: Callable[[SX, SX], tuple[SX, SX]], beyond_end: BeyondEnd, now: "Instant", weights: tuple[SX, SX]
-) -> tuple[SX, SX]:
-    """Weighted sum of angles and rates of curves over ``t / duration`` in segment 0, then of their continuation.
-
-    The segment data start with the weights of both, and the duration.
-
-    Parameters
-    ----------
-    curve : s, ds/dt -> angles [rad] and rates [rad/s], shape (n,) each.
-    """
-    duration = now.r[2]
-
-    def total(angles: SX, rates: SX) -> SX:
-        return weights[0] * angles + weights[1] * rates
-
-    inside = total(*curve(now.t / duration, 1 / duration))
-    if beyond_end is BeyondEnd.OFF:
-        return inside, now.r[0]
-    end, rate = curve(SX(1), 1 / duration)
-    hold = beyond_end is BeyondEnd.HOLD
-    after = total(end, SX.zeros(rate.numel())) if hold else total(end + rate * (now.t - duration), rate)
-    return now.r[0] * inside + now.r[1] * after, SX(1)
+Fault = tuple[Path, str]
+"""What is wrong, with its keys below those of the reference."""
 
 
 OVERSHOOT, CURVE_POINTS = 10, 65
@@ -412,9 +89,19 @@ def _value(point: float | FreePoint) -> float:
     return point.guess if isinstance(point, FreePoint) else point
 
 
-def _free_bounds(points: Iterable[tuple[str, float | FreePoint]]) -> dict[str, tuple[float, float]]:
-    """Bounds of those that are unknowns."""
-    return {key: (point.free[0], point.free[1]) for key, point in points if isinstance(point, FreePoint)}
+Points = Mapping[str, Sequence[float | FreePoint]]
+"""Control points by joint."""
+
+
+def _by_key(points: Points) -> dict[str, float | FreePoint]:
+    """Control points by the keys of their parameters."""
+    return {key: point for name, row in points.items() for key, point in zip(keys(name, row), row, strict=True)}
+
+
+def _free_bounds(points: Points) -> dict[str, tuple[float, float]]:
+    """Bounds of those that are unknowns, by key."""
+    free = ((key, point) for key, point in _by_key(points).items() if isinstance(point, FreePoint))
+    return {key: (point.free[0], point.free[1]) for key, point in free}
 
 
 def _guessed(point: float | FreePoint, value: float | None) -> object:
@@ -449,272 +136,6 @@ def point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
         yield ("free",), f"is empty: {words} needs lo < hi; for a fixed value, give a number"
     elif not point.free[0] <= point.guess <= point.free[1]:
         yield ("guess",), f"{point.guess:g} is outside of its bounds {words}"
-
-
-class BezierReference(BaseModel, Target):
-    """Bezier curves whose control points are given, or unknowns of a design."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    bezier: Annotated[
-        dict[str, tuple[Point, ...]],
-        Field(description="control points of each curve [rad]; each is a number or an unknown"),
-    ]
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The control points, or their guesses, as ``JOINT.K``."""
-        return {key: _value(point) for key, point in self._points()}
-
-    @property
-    def structure(self) -> object:
-        """Names of the curves with the bounds of each point, None for one that is given."""
-        bounds = (tuple(getattr(point, "free", None) for point in row) for row in self.bezier.values())
-        return tuple(zip(self.bezier, bounds, strict=True))
-
-    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
-        """Bounds of the free control points."""
-        return _free_bounds(self._points())
-
-    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
-        """The curves with known values as guesses of the free points, within their bounds."""
-        if not {key for key, point in self._points() if isinstance(point, FreePoint)} & {*values}:
-            return {}
-        rows = self.bezier.items()
-        return {
-            "bezier": {name: [_guessed(c, values.get(f"{name}.{k}")) for k, c in enumerate(row)] for name, row in rows}
-        }
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Curves with fewer than two points, angles that no walker reaches, and bounds that contradict a guess."""
-        for name, points in self.bezier.items():
-            if len(points) < 2:
-                yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
-                continue
-            largest = _largest_angle(name, walker)
-            words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
-            for k, point in enumerate(points):
-                yield from ((("bezier", name, k, *path), text) for path, text in point_faults(point))
-                values = point.free if isinstance(point, FreePoint) else (point,)
-                beyond = [value for value in values if abs(value) > OVERSHOOT * largest]
-                if beyond:
-                    limit = f"control points are at most {OVERSHOOT * largest:g} in size"
-                    yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
-                    return
-            reached = _largest_value([_value(point) for point in points])
-            if reached > largest:
-                yield ("bezier", name), f"reaches {reached:g} rad, which is impossible: {words}"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The angles that have a curve."""
-        return tuple(self.bezier)
-
-    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: SX, r: SX) -> SX:
-        """The curves of some angles at a phase, shape (n,).
-
-        Parameters
-        ----------
-        span : SX, shape (2,) - the phase at both ends.
-        r : SX - the target's segment data.
-        """
-        s = (phase - span[0]) / (span[1] - span[0])
-        return vertcat(*(_bezier(getattr(p, name), s) for name in names))
-
-    def _points(self) -> Iterator[tuple[str, float | FreePoint]]:
-        for name, row in self.bezier.items():
-            yield from ((f"{name}.{k}", point) for k, point in enumerate(row))
-
-
-def control_points(phases: Array, angles: Array, degree: int) -> tuple[Array, Array]:
-    """Control points (n, degree + 1) of the Bezier curves that fit ``angles`` (n, m) at ``phases`` (m,) best.
-
-    Also their largest errors at these phases, shape (n,).
-    """
-    k = np.arange(degree + 1)
-    basis = np.array([comb(degree, j) for j in k]) * phases[:, None] ** k * (1 - phases[:, None]) ** (degree - k)
-    points = np.linalg.lstsq(basis, angles.T, rcond=None)[0]
-    return np.asarray(points.T, dtype=float), np.abs(basis @ points - angles.T).max(axis=0)
-
-
-def _bezier(points: SX, s: SX) -> SX:
-    """The curve of some control points at ``s``."""
-    return dot(points, _bernstein(points.numel() - 1, s))
-
-
-def _bernstein(degree: int, s: SX) -> SX:
-    """B_k(s) for all k; powers are products, because the power of a symbol has no derivative at 0."""
-    rising, falling = [SX(1)], [SX(1)]
-    for _ in range(degree):
-        rising.append(rising[-1] * s)
-        falling.append(falling[-1] * (1 - s))
-    return vertcat(*(comb(degree, k) * rising[k] * falling[degree - k] for k in range(degree + 1)))
-
-
-Name = Annotated[str, Field(min_length=1, max_length=1000)]
-"""Name or path of another problem."""
-
-
-CLOCK = "clock"
-"""In place of a phase variable: the time since the impact."""
-Continuation = Annotated[
-    Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
-    Field(
-        description="motion after the end of a reference in time: its last rate continues (linear), its last angle is "
-        "held (hold), or the motors are off (off)"
-    ),
-]
-
-
-class GivenCurves(BaseModel, Target):
-    """Curves that are given, as functions of the time since the impact or of a phase variable."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    phase: Annotated[
-        Name,
-        Field(
-            description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable"
-        ),
-    ] = CLOCK
-    beyond_end: Continuation = None
-
-    @property
-    def domain(self) -> tuple[float, float]:
-        """Phase variable, or time since impact, at the start and the end of the curves."""
-        raise NotImplementedError
-
-    def points(self, p: SimpleNamespace, r: SX, joints: Sequence[str]) -> list[SX]:
-        """Control points of the Bezier curve of each joint; ``r`` are the segment data after those of the domain."""
-        raise NotImplementedError
-
-    @property
-    def phase_variable(self) -> str:
-        """The phase, unless it is the clock."""
-        return "" if self.phase == CLOCK else self.phase
-
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """The end of curves of time."""
-        return () if self.phase_variable else (self.domain[1],)
-
-    def data(self, segment: int) -> Array:
-        """Over the clock, weights of the curves and of their continuation, and the duration; else the span."""
-        start, end = self.domain
-        return np.array([start, end] if self.phase_variable else [*np.eye(2)[segment], end])
-
-    def weighted(
-        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
-    ) -> tuple[SX, SX]:
-        """The curves; curves of time then have their continuation."""
-        points = self.points(p, now.r[2 if self.phase_variable else 3 :], joints)
-
-        def curve(s: SX, rate: SX) -> tuple[SX, SX]:
-            angles = (_bezier(c, s) for c in points)
-            slopes = (
-                (c.numel() - 1) * rate * dot(c[1:] - c[:-1], _bernstein(c.numel() - 2, s)) for c in points
-            )  # d/dt, by ds/dt
-            return vertcat(*angles), vertcat(*slopes)
-
-        if not self.phase_variable:
-            assert self.beyond_end is not None  # or there is a fault
-            return _over_clock(curve, BeyondEnd(self.beyond_end), now, weights)
-        phase, rate = (getattr(names, self.phase) for names in (now.s, now.ds))
-        start, length = now.r[0], now.r[1] - now.r[0]
-        angles, rates = curve((phase - start) / length, rate / length)
-        return weights[0] * angles + weights[1] * rates, SX(1)
-
-    def phase_faults(self, walker: "WalkerType", joints: Sequence[str], key: str) -> Iterator[tuple[Path, str]]:
-        """Joints that the walker does not track, an unknown phase, and a continuation that is missing or impossible.
-
-        Parameters
-        ----------
-        joints : those of the curves, which are below ``key``.
-        """
-        for joint in joints:
-            if joint == self.phase:
-                yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
-            elif joint not in walker.tracked:
-                yield (key, joint), untracked(walker)
-        angles = (*walker.shape, *walker.phases)
-        if not self.phase_variable and self.beyond_end is None:
-            words = "give linear, hold or off, because a step may last longer than the reference"
-            yield ("beyond_end",), f"is missing: {words}"
-        elif self.phase_variable and self.phase not in angles:
-            words = f"it has {', '.join(angles)}; clock is the time since the impact"
-            yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; {words}"
-        elif self.phase_variable and self.beyond_end is not None:
-            words = "curves of a phase variable continue as polynomials: leave it out"
-            yield ("beyond_end",), f"applies only to curves of time; {words}"
-
-
-def untracked(walker: "WalkerType") -> str:
-    """Why a joint cannot follow a reference."""
-    words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
-    return f"is not a tracked joint of {walker.model}; {words}"
-
-
-class BezierMotion(BezierReference, GivenCurves):
-    """Given Bezier curves, as functions of the time since the impact or of a phase variable."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    duration: Annotated[
-        Duration | None,
-        Field(description="duration of curves in time [s]; the step may end earlier or later"),
-        Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
-    ] = None
-    span: Annotated[
-        tuple[PointValue, PointValue] | None,
-        Field(description="values of the phase variable at the start and the end of the curves [rad, or m]"),
-    ] = None
-
-    @property
-    def domain(self) -> tuple[float, float]:
-        """The span, or from zero to the duration."""
-        return self.span or (0.0, self.duration or 1.0)
-
-    @property
-    def structure(self) -> object:
-        """That of the curves, and what they run over."""
-        return (super().structure, self.phase, self.domain, self.beyond_end)
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that have a curve."""
-        return tuple(self.bezier)
-
-    def points(self, p: SimpleNamespace, r: SX, joints: Sequence[str]) -> list[SX]:
-        """The parameters."""
-        return [getattr(p, joint) for joint in joints]
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Those of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
-        yield from super().faults(walker)
-        yield from self.phase_faults(walker, tuple(self.bezier), "bezier")
-        if not self.bezier:
-            yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
-        if self.phase_variable:
-            needed, other, words = "span", "duration", "curves of a phase variable need span: [START, END]"
-        else:
-            needed, other, words = "duration", "span", "curves of time need their duration: SECONDS"
-            words += "; those of a phase variable need phase: NAME and span: [START, END]"
-        if getattr(self, needed) is None:
-            yield (needed,), f"is missing: {words}"
-        if getattr(self, other) is not None:
-            yield (other,), f"does not apply: {words}"
-        if self.span is not None and self.span[0] == self.span[1]:
-            yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
-
-
-class FittedMotion(BezierMotion):
-    """Bezier curves of a phase variable that are closest to the angles of a gait, by at most some errors."""
-
-    errors: Mapping[str, float]
-
-    @property
-    def fit_errors(self) -> Mapping[str, float]:
-        """The errors."""
-        return self.errors
 
 
 MOST_KNOTS = 60
@@ -821,11 +242,336 @@ def _check_table(table: Table) -> Table:
     return table
 
 
-class TableCurves(BaseModel, Target):
-    """Polynomials in a phase variable that are closest to the rows of a table."""
+CLOCK = "clock"
+"""In place of a phase variable: the time since the impact."""
+Name = Annotated[str, Field(min_length=1, max_length=1000)]
+"""Name or path of another problem."""
+GivenPhase = Annotated[
+    Name,
+    Field(description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable"),
+]
+Phase = Annotated[
+    Name | None,
+    Field(
+        description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable; "
+        "by default the clock"
+    ),
+]
+GivenSpan = Annotated[
+    tuple[PointValue, PointValue] | None,
+    Field(description="values of the phase variable at the start and the end of the curves [rad, or m]"),
+]
+Span = Annotated[
+    tuple[PointValue, PointValue] | None,
+    Field(
+        description="values of the phase variable at the start and the end of the curves [rad, or m]; by default those "
+        "of the gait"
+    ),
+]
+Continuation = Annotated[
+    Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
+    Field(
+        description="motion after the end of a reference in time: its last rate continues (linear), its last angle is "
+        "held (hold), or the motors are off (off)"
+    ),
+]
+Joints = Annotated[
+    dict[str, Name] | None,
+    Field(
+        min_length=1,
+        description="for each joint, the angle of that gait that it follows: a shape coordinate, a motor or a phase "
+        "variable; by default each tracked joint or output follows its own angle",
+    ),
+]
+
+
+class Reference(BaseModel):
+    """The motion that joints follow, as a key of a control law: what the file says, and the curve that it gives.
+
+    The law collects the parameters, unknowns and faults of its references under the name of the key.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+    _known: Curve | None = PrivateAttr(default=None)
 
+    def motion(self, phase: str = "", span: tuple[float, float] = (0.0, 1.0)) -> Curve:
+        """The curve.
+
+        Parameters
+        ----------
+        phase, span : the phase variable of the law and its values at both ends, for curves without an argument of
+            their own [rad, or m].
+
+        Raises
+        ------
+        ValueError
+            If it follows from a gait that is not known yet.
+        """
+        return self._curve(phase, span) if self._known is None else self._known
+
+    def with_curve(self, curve: Curve) -> Self:
+        """The same with a curve that is known, such as that of the gait in ``source``."""
+        known = self.model_copy()
+        known._known = curve
+        return known
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Values of the scalars that can be set, freed or continued, by key; of unknowns their guesses."""
+        if self._known is not None:
+            return self._known.parameters
+        return {key: _value(point) for key, point in _by_key(self.points).items()}
+
+    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
+        """Bounds of the parameters that a design determines rather than the problem file."""
+        return _free_bounds(self.free_points(walker)) if self._known is None else self._known.bounds
+
+    @property
+    def fit_errors(self) -> Mapping[str, float]:
+        """Largest distance of fitted curves from what they fit, by joint [rad, or m]; empty if nothing is fitted."""
+        return {} if self._known is None else self._known.fit_errors
+
+    @property
+    def structure(self) -> object:
+        """A hashable value that is equal for references with equal expressions, whatever their parameters."""
+        bounds = (tuple(getattr(point, "free", None) for point in row) for row in self.points.values())
+        stated = self.model_dump_json(exclude={"bezier", "constant"})
+        known = None if self._known is None else id(self._known)
+        return type(self), tuple(zip(self.points, bounds, strict=True)), stated, known
+
+    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
+        """Keys and values that make known values of the unknowns their guess, within their bounds; empty if none is."""
+        if not {*_free_bounds(self.points)} & {*values}:
+            return {}
+        known = {key: _guessed(point, values.get(key)) for key, point in _by_key(self.points).items()}
+        rows = {name: [known[key] for key in keys(name, row)] for name, row in self.points.items()}
+        return {self.kind: {name: row if len(row) > 1 else row[0] for name, row in rows.items()}}
+
+    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+        """The joints that follow the motion; the tracked joints if none are stated."""
+        return self.names or walker.tracked
+
+    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+        """The angle of the gait in ``source`` for each joint; by default its own."""
+        return {name: name for name in self.followers(walker)}
+
+    @property
+    def phase_variable(self) -> str:
+        """The phase variable over which the motion runs, if the reference states it; empty for the clock."""
+        phase: str | None = getattr(self, "phase", None)
+        return "" if phase in (None, CLOCK) else str(phase)
+
+    # what the kinds define
+
+    kind: ClassVar[str] = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The angles that have a curve, as far as they are stated."""
+        return tuple(self.points)
+
+    @property
+    def points(self) -> Points:
+        """Control points that the file gives, by joint."""
+        return {}
+
+    def free_points(self, walker: "WalkerType") -> Points:
+        """Control points, with unknowns for those that a design finds, by joint."""
+        return self.points
+
+    @property
+    def source(self) -> tuple[str, Path]:
+        """Name or path of the problem whose gait is needed, and the key that gives it; empty if there is none."""
+        return "", ()
+
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+        """What is wrong with the reference for a walker, by key."""
+        yield from ()
+
+    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+        raise ValueError(f"the motion follows from {self.source[0] or 'a curve'}, which is not known")
+
+
+def _argument_faults(
+    reference: "BezierMotion | TableMotion | GaitMotion | FreeMotion",
+    walker: "WalkerType",
+    joints: Sequence[str],
+    key: str,
+) -> Iterator[Fault]:
+    """Joints that the walker does not track, an unknown phase, and keys that do not suit the phase, or the clock.
+
+    Parameters
+    ----------
+    joints : those that the reference states, below ``key``.
+    """
+    phase, angles, span = reference.phase_variable, (*walker.shape, *walker.phases), getattr(reference, "span", None)
+    has_source = isinstance(reference, GaitMotion | FreeMotion)
+    for joint in joints:
+        if joint == phase and not has_source:
+            yield (key, joint), f"{joint} is the phase variable and cannot follow a curve that depends on it"
+        elif joint not in walker.tracked:
+            yield (key, joint), untracked(walker)
+    if not phase:
+        if reference.beyond_end is None:
+            kinds = "flow, linear, hold or off" if isinstance(reference, GaitMotion) else "linear, hold or off"
+            yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
+        if span is not None and has_source:
+            yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
+        return
+    if phase not in angles:
+        words = f"it has {', '.join(angles)}; clock is the time since the impact"
+        yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
+    elif has_source and phase in reference.followers(walker):
+        words = f"name the joints that can, joints: {{JOINT: {phase}}}"
+        yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
+    if span is not None and span[0] == span[1]:
+        yield ("span",), f"is empty: both ends are {span[0]:g}; give the phase after and before the impact"
+    if reference.beyond_end is not None:
+        words = "curves of a phase variable continue as polynomials: leave it out"
+        yield ("beyond_end",), f"applies only to curves of time; {words}"
+
+
+def untracked(walker: "WalkerType") -> str:
+    """Why a joint cannot follow a reference."""
+    words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
+    return f"is not a tracked joint of {walker.model}; {words}"
+
+
+# constants
+
+
+class ConstantCurves(Reference):
+    """Constant angles."""
+
+    kind = "constant"
+    constant: Annotated[
+        dict[str, Point],
+        Field(
+            min_length=1,
+            description="angle of each tracked joint [rad], a number or an unknown; the motor of a joint that is left "
+            "out is off",
+        ),
+    ]
+
+    @property
+    def points(self) -> Points:
+        """One per joint."""
+        return {name: (point,) for name, point in self.constant.items()}
+
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+        """Bounds of unknowns that contradict their guess."""
+        for name, point in self.constant.items():
+            yield from ((("constant", name, *path), words) for path, words in point_faults(point))
+
+    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+        return _given_curve(self, span, phase)
+
+
+class ConstantMotion(ConstantCurves):
+    """Constant angles."""
+
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+        """Those of the numbers, joints that the walker does not track, and angles that it never reaches."""
+        yield from super().faults(walker)
+        for joint, point in self.constant.items():
+            if joint not in walker.tracked:
+                yield ("constant", joint), untracked(walker)
+                continue
+            for value in point.free if isinstance(point, FreePoint) else (point,):
+                if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
+                    words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+                    yield ("constant", joint), f"{value:g} is impossible: {words}"
+
+
+# Bezier curves
+
+
+def _given_curve(
+    reference: Reference, span: tuple[float, float], phase: str, beyond_end: BeyondEnd | None = None
+) -> Curve:
+    """The curves of control points in the file."""
+    points = {name: tuple(map(_value, row)) for name, row in reference.points.items()}
+    return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=_free_bounds(reference.points))
+
+
+class BezierCurves(Reference):
+    """Bezier curves whose control points are given, or unknowns of a design."""
+
+    kind = "bezier"
+    bezier: Annotated[
+        dict[str, tuple[Point, ...]],
+        Field(description="control points of each curve [rad]; each is a number or an unknown"),
+    ]
+
+    @property
+    def points(self) -> Points:
+        """The control points."""
+        return self.bezier
+
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+        """Curves with fewer than two points, angles that no walker reaches, and bounds that contradict a guess."""
+        for name, points in self.bezier.items():
+            if len(points) < 2:
+                yield ("bezier", name), f"has {len(points)} control points, must have at least 2"
+                continue
+            largest = _largest_angle(name, walker)
+            words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
+            for k, point in enumerate(points):
+                yield from ((("bezier", name, k, *path), text) for path, text in point_faults(point))
+                values = point.free if isinstance(point, FreePoint) else (point,)
+                beyond = [value for value in values if abs(value) > OVERSHOOT * largest]
+                if beyond:
+                    limit = f"control points are at most {OVERSHOOT * largest:g} in size"
+                    yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
+                    return
+            reached = _largest_value([_value(point) for point in points])
+            if reached > largest:
+                yield ("bezier", name), f"reaches {reached:g} rad, which is impossible: {words}"
+
+    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+        return _given_curve(self, span, phase)
+
+
+class BezierMotion(BezierCurves):
+    """Given Bezier curves, as functions of the time since the impact or of a phase variable."""
+
+    phase: GivenPhase = CLOCK
+    duration: Annotated[
+        Duration | None,
+        Field(description="duration of curves in time [s]; the step may end earlier or later"),
+        Within(unit="time", possible=DURATION.possible, usual=DURATION.usual),
+    ] = None
+    span: GivenSpan = None
+    beyond_end: Continuation = None
+
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+        """Those of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
+        yield from super().faults(walker)
+        yield from _argument_faults(self, walker, tuple(self.bezier), "bezier")
+        if not self.bezier:
+            yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
+        if self.phase_variable:
+            needed, other, words = "span", "duration", "curves of a phase variable need span: [START, END]"
+        else:
+            needed, other, words = "duration", "span", "curves of time need their duration: SECONDS"
+            words += "; those of a phase variable need phase: NAME and span: [START, END]"
+        if getattr(self, needed) is None:
+            yield (needed,), f"is missing: {words}"
+        if getattr(self, other) is not None:
+            yield (other,), f"does not apply: {words}"
+
+    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+        end = self.beyond_end and BeyondEnd(self.beyond_end)
+        return _given_curve(self, self.span or (0.0, self.duration or 1.0), self.phase_variable, end)
+
+
+# tables
+
+
+class TableCurves(Reference):
+    """Polynomials in a phase variable that are closest to the rows of a table."""
+
+    kind = "table"
     table: Annotated[
         Table,
         BeforeValidator(_read_table),
@@ -853,41 +599,11 @@ class TableCurves(BaseModel, Target):
         return tuple(self.table.columns)[1:]
 
     @property
-    def domain(self) -> tuple[float, float]:
-        """First and last entry of the first column."""
-        first = next(iter(self.table.columns.values()))
-        return float(first[0]), float(first[-1])
-
-    @property
     def fit_errors(self) -> Mapping[str, float]:
         """Distance of the curves from the rows."""
-        return {} if self.degree is None else dict(zip(self.names, self._fit[1].tolist(), strict=True))
+        return self.motion().fit_errors
 
-    @property
-    def _fit(self) -> tuple[Array, Array]:
-        assert self.degree is not None
-        start, end = self.domain
-        phase, *angles = self.table.columns.values()
-        return control_points((phase - start) / (end - start), np.array(angles), self.degree)
-
-    def data(self, segment: int) -> Array:
-        """First and last entry of the first column, and the fitted control points of all curves, one after the other.
-
-        They are data and no constants, so that a proof can take their exact values.
-        """
-        return np.array([*self.domain, *(self._fit[0].ravel() if self.degree else ())])
-
-    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: SX, r: SX) -> SX:
-        """The polynomials of some angles at a phase, shape (n,); the table has a span of its own."""
-        points = self.points(p, r[2:], names)
-        return vertcat(*(_bezier(c, (phase - r[0]) / (r[1] - r[0])) for c in points))
-
-    def points(self, p: SimpleNamespace, r: SX, joints: Sequence[str]) -> list[SX]:
-        """Those that fit the rows; ``r`` are the segment data after those of the domain."""
-        rows = dict(zip(self.names, vertsplit(r, (self.degree or 0) + 1), strict=True))
-        return [rows[joint] for joint in joints]
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
         """A degree that is missing or too large for the rows."""
         rows = len(next(iter(self.table.columns.values())))
         if self.degree is None:
@@ -896,44 +612,22 @@ class TableCurves(BaseModel, Target):
         elif self.degree >= rows:
             yield ("degree",), f"{self.degree} is too large: {rows} rows determine at most {rows - 1}"
 
+    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+        return _table_curve(self.table, self.degree, next(iter(self.table.columns)), None)
 
-class TableReference(TableCurves, GivenCurves):
+
+class TableMotion(TableCurves):
     """A table of angles, in a file or as columns, against the time since the impact or a phase variable."""
 
-    @property
-    def spline(self) -> Reference:
-        """Cubic splines through the rows of a table of time, and their continuation."""
-        return _spline(self.table, BeyondEnd(self.beyond_end or BeyondEnd.HOLD))
+    phase: GivenPhase = CLOCK
+    beyond_end: Continuation = None
 
-    @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """The knots of a spline, and the end."""
-        return super().breakpoints if self.degree else self.spline.breakpoints
-
-    def data(self, segment: int) -> Array:
-        """The numbers of a piece of the spline; or those of the domain, and the fitted control points."""
-        if not self.degree:
-            return self.spline.data(segment)
-        return np.concatenate([GivenCurves.data(self, segment), self._fit[0].ravel()])
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that have a column."""
-        return self.names
-
-    def weighted(
-        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
-    ) -> tuple[SX, SX]:
-        """The curves; curves of time then have their continuation."""
-        return (
-            super().weighted(now, p, joints, weights) if self.degree else self.spline.weighted(now, p, joints, weights)
-        )
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
         """Those of the phase, a first column that does not suit it, and a degree that does not suit the rows."""
         (first, argument), *angles = self.table.columns.items()
         yield from (
             (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
-            for path, words in self.phase_faults(walker, [name for name, _ in angles], "table")
+            for path, words in _argument_faults(self, walker, [name for name, _ in angles], "table")
         )
         expected = self.phase_variable or "t"
         if first != expected:
@@ -953,50 +647,49 @@ class TableReference(TableCurves, GivenCurves):
                 words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
                 yield ("table",), f"{self.table.file}: {name} reaches {largest:g}, which is impossible: {words}"
 
+    def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
+        return _table_curve(
+            self.table, self.degree, self.phase_variable, self.beyond_end and BeyondEnd(self.beyond_end)
+        )
+
 
 @lru_cache(maxsize=32)
-def _spline(table: Table, beyond_end: BeyondEnd) -> Reference:
-    """The cubic splines (not-a-knot) of a table, and their continuation."""
-    from scipy.interpolate import CubicSpline  # slow to import, and most problems have no table
+def _table_curve(table: Table, degree: int | None, phase: str, beyond_end: BeyondEnd | None) -> Curve:
+    """Polynomials closest to the rows of a table, or cubic splines (not-a-knot), and their continuation.
 
-    times, *angles = table.columns.values()
-    spline = CubicSpline(times, np.array(angles), axis=1)
-    pieces = []
-    for start, end in pairwise(times.tolist()):
-        at = (start + end) / 2 + (end - start) / 2 * chebyshev.chebpts1(4)
-        pieces.append(Piece(start=start, end=end, angles=chebyshev.chebfit(chebyshev.chebpts1(4), spline(at).T, 3).T))
-    return continued(pieces, float(times[-1]), beyond_end, tuple(table.columns)[1:])
+    Their coefficients are numbers, so that a proof can take their exact values.
+    """
+    argument, *columns = table.columns.values()
+    angles, names, errors = np.array(columns), tuple(table.columns)[1:], dict[str, float]()
+    if degree is None:
+        from scipy.interpolate import CubicSpline  # slow to import, and most problems have no table
 
-
-Joints = Annotated[
-    dict[str, Name] | None,
-    Field(
-        min_length=1,
-        description="for each joint, the angle of that gait that it follows: a shape coordinate, a motor or a phase "
-        "variable; by default each tracked joint or output follows its own angle",
-    ),
-]
-Phase = Annotated[
-    Name | None,
-    Field(
-        description="argument of the curves: clock (time since the impact), a shape coordinate or a phase variable; "
-        "by default the clock"
-    ),
-]
-Span = Annotated[
-    tuple[PointValue, PointValue] | None,
-    Field(
-        description="values of the phase variable at the start and the end of the curves [rad, or m]; by default those "
-        "of the gait"
-    ),
-]
+        spline, at = CubicSpline(argument, angles, axis=1), chebyshev.chebpts1(4)
+        edges = list(pairwise(argument.tolist()))
+        samples = [spline((start + end) / 2 + (end - start) / 2 * at) for start, end in edges]
+        fitted = [chebyshev.chebfit(at, values.T, 3).T for values in samples]
+    else:
+        edges = [(float(argument[0]), float(argument[-1]))]
+        s = 2 * (argument - argument[0]) / (argument[-1] - argument[0]) - 1
+        fitted = [chebyshev.chebfit(s, angles.T, degree).T]
+        distances = np.abs(chebyshev.chebval(s, fitted[0].T) - angles).max(axis=1)
+        errors = dict(zip(names, distances.tolist(), strict=True))
+    pieces = tuple(
+        Piece(start=start, end=end, rows=tuple(map(tuple, rows.tolist())))
+        for (start, end), rows in zip(edges, fitted, strict=True)
+    )
+    if beyond_end is not None:
+        pieces = (*pieces, continuation(pieces[-1], pieces[-1].end, beyond_end))
+    return Curve(names=names, pieces=pieces, phase=phase, beyond_end=beyond_end, fit_errors=errors)
 
 
-class GaitCurves(BaseModel, Target):
+# the angles of another gait
+
+
+class GaitCurves(Reference):
     """Polynomials in a phase variable that are closest to the angles of another gait."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+    kind = "gait"
     gait: Annotated[
         Name,
         Field(
@@ -1015,30 +708,26 @@ class GaitCurves(BaseModel, Target):
     ] = None
 
     @property
-    def source(self) -> tuple[str, Path]:
-        """The tracked gait."""
-        return self.gait, ("gait",)
-
-    @property
     def names(self) -> tuple[str, ...]:
         """The angles that follow one of the gait, as far as they are stated."""
         return tuple(self.joints or ())
 
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that ``joints`` names."""
-        return walker.tracked if self.joints is None else tuple(self.joints)
+    @property
+    def source(self) -> tuple[str, Path]:
+        """The tracked gait."""
+        return (self.gait, ("gait",)) if self._known is None else ("", ())
 
     def followed(self, walker: "WalkerType") -> Mapping[str, str]:
-        """As ``joints`` says."""
-        return super().followed(walker) if self.joints is None else self.joints
+        """As ``joints`` says; by default each joint its own angle."""
+        return self.joints or super().followed(walker)
 
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
         """A degree that is missing."""
         if self.degree is None:
             yield ("degree",), "is missing: curves of a phase variable are polynomials, for example degree: 8"
 
 
-class GaitReference(GaitCurves):
+class GaitMotion(GaitCurves):
     """The angles of another gait, as functions of the time since the impact or of a phase variable."""
 
     phase: Phase = None
@@ -1051,18 +740,16 @@ class GaitReference(GaitCurves):
         ),
     ] = None
 
-    @property
-    def phase_variable(self) -> str:
-        """The phase, unless it is the clock."""
-        return "" if self.phase in (None, CLOCK) else str(self.phase)
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
         """Joints that the walker does not track, and keys that do not suit the phase, or the clock."""
-        yield from _follower_faults(self, walker)
+        yield from _argument_faults(self, walker, self.names, "joints")
         if self.phase_variable:
             yield from super().faults(walker)
         elif self.degree is not None:
             yield ("degree",), "does not apply: without a phase variable the motion of the gait itself is followed"
+
+
+# curves that a design finds
 
 
 class CurveSpec(BaseModel):
@@ -1101,50 +788,42 @@ class CurveSpec(BaseModel):
     ] = None
 
 
-class FreeCurves(BaseModel, Target):
+class FreeCurves(Reference):
     """Curves of a phase variable that a design finds."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
+    kind = "curve"
     curve: CurveSpec
     joints: Joints = None
-
-    @property
-    def source(self) -> tuple[str, Path]:
-        """The gait from which the curves start."""
-        return self.curve.start or "", ("curve", "start")
 
     @property
     def names(self) -> tuple[str, ...]:
         """The angles that have a curve, as far as they are stated."""
         return tuple(self.joints or self.curve.points or ())
 
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that have a curve; the tracked joints if none are stated."""
-        return self.names or walker.tracked
+    @property
+    def source(self) -> tuple[str, Path]:
+        """The gait from which the curves start."""
+        return (self.curve.start or "", ("curve", "start")) if self._known is None else ("", ())
 
     def followed(self, walker: "WalkerType") -> Mapping[str, str]:
-        """As ``joints`` says; by default each angle its own."""
-        return self.joints or {name: name for name in self.followers(walker)}
+        """As ``joints`` says; by default each joint its own angle."""
+        return self.joints or super().followed(walker)
 
-    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
-        """Bounds of the control points."""
-        keys = (f"{name}.{k}" for name in self.followers(walker) for k in range(self.curve.degree + 1))
-        return dict.fromkeys(keys, (-self.curve.within, self.curve.within))
+    def free_points(self, walker: "WalkerType") -> Points:
+        """Unknowns within their bound, from zero."""
+        zeros = (0.0,) * (self.curve.degree + 1)
+        return self._unknown(dict.fromkeys(self.followers(walker), zeros))
 
     def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
-        """The control points, within their bound."""
-        bound, count = self.curve.within, self.curve.degree + 1
-        rows = {name: [values.get(f"{name}.{k}") for k in range(count)] for name in self.followers(walker)}
+        """The control points, within their bound; empty if some are missing."""
+        bound, points = self.curve.within, self.free_points(walker)
+        rows = {name: [values.get(key) for key in keys(name, row)] for name, row in points.items()}
         if any(value is None for row in rows.values() for value in row):
             return {}
-        return {
-            "curve.points": {
-                name: np.clip(np.array(row, dtype=float), -bound, bound).tolist() for name, row in rows.items()
-            }
-        }
+        clipped = {name: np.clip(np.array(row, dtype=float), -bound, bound).tolist() for name, row in rows.items()}
+        return {"curve.points": clipped}
 
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
         """Control points that are not degree + 1 for each joint, within the bound."""
         for name, values in (self.curve.points or {}).items():
             if len(values) != self.curve.degree + 1:
@@ -1159,35 +838,38 @@ class FreeCurves(BaseModel, Target):
             words = "give a problem whose gait is the first guess, or the control points of the guess, points: {JOINT: "
             yield ("curve", "start"), f"is missing: {words}[0, 0.1, 0.2]}}"
 
-    def unknown(self, points: Mapping[str, tuple[float, ...]]) -> dict[str, tuple[float | FreePoint, ...]]:
-        """Control points as unknowns within their bound, by joint."""
-        span, rows = (-self.curve.within, self.curve.within), points.items()
-        return {name: tuple(FreePoint(free=span, guess=value) for value in row) for name, row in rows}
+    def through(self, points: Mapping[str, tuple[float, ...]], span: tuple[float, float], phase: str) -> Curve:
+        """The curves of some control points, which are unknowns, over time [s] or a phase from ``span[0]`` on."""
+        beyond_end: BeyondEnd | None = None if phase else getattr(self, "beyond_end", None)
+        bounds = _free_bounds(self._unknown(points))
+        return bezier_curve(points, span, phase=phase, beyond_end=beyond_end, bounds=bounds)
 
     @property
-    def needs_no_start(self) -> bool:
+    def given(self) -> Reference:
+        """Bezier curves whose points are the unknowns, where no start is needed; otherwise the same."""
+        return (
+            BezierCurves.model_validate({"bezier": self._unknown(self.curve.points or {})}) if self._is_given else self
+        )
+
+    @property
+    def _is_given(self) -> bool:
         """Whether points are given in place of a start, and are right."""
         curve, points = self.curve, self.curve.points or {}
         right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
         return curve.start is None and self.joints is None and bool(points) and all(right)
 
-    @property
-    def given(self) -> Target:
-        """Bezier curves whose points are the unknowns, where no start is needed; otherwise the same."""
-        return BezierReference(bezier=self.unknown(self.curve.points or {})) if self.needs_no_start else self
+    def _unknown(self, points: Mapping[str, tuple[float, ...]]) -> Points:
+        """Control points as unknowns within their bound, by joint."""
+        span = (-self.curve.within, self.curve.within)
+        return {name: tuple(FreePoint(free=span, guess=value) for value in row) for name, row in points.items()}
 
 
-class CurveReference(FreeCurves):
+class FreeMotion(FreeCurves):
     """Curves that a design finds, as functions of the time since the impact or of a phase variable."""
 
     phase: Phase = None
     span: Span = None
     beyond_end: Continuation = None
-
-    @property
-    def phase_variable(self) -> str:
-        """The phase, unless it is the clock."""
-        return "" if self.phase in (None, CLOCK) else str(self.phase)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -1196,25 +878,22 @@ class CurveReference(FreeCurves):
         return super().names if by_points else tuple(self.joints or ())
 
     @property
-    def given(self) -> Target:
+    def given(self) -> Reference:
         """As for curves of the phase variable of a law; a duration or a span is needed too."""
         duration, over_phase = self.curve.duration, bool(self.phase_variable)
-        if not self.needs_no_start or (self.span if over_phase else duration) is None:
+        if not self._is_given or (self.span if over_phase else duration) is None:
             return self
-        keys = {"phase": self.phase, "span": self.span} if over_phase else {"duration": duration}
-        bezier = self.unknown(self.curve.points or {})
-        return BezierMotion.model_validate({"bezier": bezier, "beyond_end": self.beyond_end, **keys})
+        argument = {"phase": self.phase, "span": self.span} if over_phase else {"duration": duration}
+        points = self._unknown(self.curve.points or {})
+        return BezierMotion.model_validate({"bezier": points, "beyond_end": self.beyond_end, **argument})
 
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
+    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
         """Joints that the walker does not track, keys that do not suit the phase, and points of other joints."""
-        yield from _follower_faults(self, walker)
+        yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
         points, joints = self.curve.points, self.followers(walker)
         if points is not None and {*points} != {*joints}:
-            given, words = (
-                ", ".join(points) or "no joint",
-                "the joints are" if self.joints else "the tracked joints are",
-            )
-            yield ("curve", "points"), f"are given for {given}; {words} {', '.join(joints)}"
+            given, which = ", ".join(points) or "no joint", "the joints" if self.joints else "the tracked joints"
+            yield ("curve", "points"), f"are given for {given}; {which} are {', '.join(joints)}"
         else:
             yield from super().faults(walker)
         words = "curves without curve.start need it"
@@ -1226,122 +905,19 @@ class CurveReference(FreeCurves):
             yield ("curve", "duration"), f"is missing: {words} [s]"
 
 
-def _follower_faults(target: GaitReference | CurveReference, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-    """Joints that the walker does not track, an unknown phase, and a continuation that is missing or impossible."""
-    phase, angles = target.phase_variable, (*walker.shape, *walker.phases)
-    for joint in target.joints or ():
-        if joint not in walker.tracked:
-            yield ("joints", joint), untracked(walker)
-    if not phase:
-        if target.beyond_end is None:
-            kinds = "flow, linear, hold or off" if isinstance(target, GaitReference) else "linear, hold or off"
-            yield ("beyond_end",), f"is missing: give {kinds}, because a step may last longer than the reference"
-        if target.span is not None:
-            yield ("span",), "does not apply to curves of time: leave it out, or give phase: NAME"
-        return
-    if phase not in angles:
-        words = f"it has {', '.join(angles)}; clock is the time since the impact"
-        yield ("phase",), f"{walker.model} has no phase variable {phase!r}; {words}"
-    elif phase in target.followers(walker):
-        words = f"name the joints that can, joints: {{JOINT: {phase}}}"
-        yield ("phase",), f"{phase} cannot follow a curve that depends on it: {words}"
-    if target.span is not None and target.span[0] == target.span[1]:
-        yield ("span",), f"is empty: both ends are {target.span[0]:g}; give the phase after and before the impact"
-    if target.beyond_end is not None:
-        words = "curves of a phase variable continue as polynomials: leave it out"
-        yield ("beyond_end",), f"applies only to references in time; {words}"
+# reading
 
 
-class ConstantReference(BaseModel, Target):
-    """Constant angles."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    constant: Annotated[
-        dict[str, Point],
-        Field(
-            min_length=1,
-            description="angle of each tracked joint [rad], a number or an unknown; the motor of a joint that is left "
-            "out is off",
-        ),
-    ]
-
-    @property
-    def parameters(self) -> Mapping[str, float]:
-        """The angles, or their guesses, as ``constant.JOINT``."""
-        return {key: _value(point) for key, point in self._points()}
-
-    @property
-    def structure(self) -> object:
-        """The joints, with the bounds of each angle that is an unknown."""
-        return ("constant", *self.constant, tuple(_free_bounds(self._points()).items()))
-
-    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
-        """Bounds of the free angles."""
-        return _free_bounds(self._points())
-
-    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
-        """Known values of free angles as their guesses, within their bounds."""
-        free = {key: point for key, point in self._points() if isinstance(point, FreePoint)}
-        return {key: _guessed(point, values[key]) for key, point in free.items() if key in values}
-
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
-        """Those that have an angle."""
-        return tuple(joint for joint in walker.tracked if joint in self.constant)
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Joints that the walker does not track, angles that it never reaches, and bounds that contradict the guess."""
-        for joint, point in self.constant.items():
-            values = point.free if isinstance(point, FreePoint) else (point,)
-            yield from ((("constant", joint, *path), words) for path, words in point_faults(point))
-            if joint not in walker.tracked:
-                yield ("constant", joint), untracked(walker)
-                continue
-            for value in values:
-                if joint in {*walker.shape} - {*walker.lengths} and abs(value) > walker.largest_angle:
-                    words = f"angles of {walker.model} are at most {walker.largest_angle:g} rad in size"
-                    yield ("constant", joint), f"{value:g} is impossible: {words}"
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The angles that are given."""
-        return tuple(self.constant)
-
-    def curves(self, p: SimpleNamespace, names: Sequence[str], phase: SX, span: SX, r: SX) -> SX:
-        """The constants of some angles, shape (n,)."""
-        return vertcat(*(getattr(p.constant, name) for name in names))
-
-    def _points(self) -> Iterator[tuple[str, float | FreePoint]]:
-        yield from ((f"constant.{joint}", point) for joint, point in self.constant.items())
-
-    def weighted(
-        self, now: "Instant", p: SimpleNamespace, joints: Sequence[str], weights: tuple[SX, SX]
-    ) -> tuple[SX, SX]:
-        """The angles; their rates are zero."""
-        return weights[0] * vertcat(*(getattr(p.constant, joint) for joint in joints)), SX(1)
-
-
-FORMS = {
-    "constant": (ConstantReference, "constant: {JOINT: 10 deg}"),
+FORMS: Mapping[str, tuple[type[Reference], str]] = {
+    "constant": (ConstantMotion, "constant: {JOINT: 10 deg}"),
     "bezier": (BezierMotion, "bezier: {JOINT: [0, 0.1, 0.2]}, duration: 0.8, beyond_end: hold"),
-    "table": (TableReference, "table: file.csv, beyond_end: hold"),
-    "gait": (GaitReference, "gait: NAME, beyond_end: flow"),
-    "curve": (CurveReference, "curve: {degree: 5, start: NAME}, beyond_end: linear"),
+    "table": (TableMotion, "table: file.csv, beyond_end: hold"),
+    "gait": (GaitMotion, "gait: NAME, beyond_end: flow"),
+    "curve": (FreeMotion, "curve: {degree: 5, start: NAME}, beyond_end: linear"),
 }
 """Kinds of references by their first key, each with an example."""
-
-
-class ConstantCurves(ConstantReference):
-    """Constants for angles that need not be tracked joints."""
-
-    def faults(self, walker: "WalkerType") -> Iterator[tuple[Path, str]]:
-        """Bounds of unknowns that contradict their guess."""
-        for name, point in self.constant.items():
-            yield from ((("constant", name, *path), words) for path, words in point_faults(point))
-
-
-PHASE_FORMS = {
-    "bezier": (BezierReference, "bezier: {ANGLE: [0, 0.1, 0.2]}"),
+PHASE_FORMS: Mapping[str, tuple[type[Reference], str]] = {
+    "bezier": (BezierCurves, "bezier: {ANGLE: [0, 0.1, 0.2]}"),
     "constant": (ConstantCurves, "constant: {ANGLE: 10 deg}"),
     "table": (TableCurves, "table: file.csv, degree: 6"),
     "gait": (GaitCurves, "gait: NAME, degree: 6"),
@@ -1350,12 +926,14 @@ PHASE_FORMS = {
 """Kinds of curves of a phase variable, each with an example."""
 
 
-def _reader(forms: Mapping[str, tuple[type[BaseModel], str]]) -> WrapValidator:
-    """A validator that reads the target that a file describes, by its keys; a target itself is taken as it is."""
+def _reader(forms: Mapping[str, tuple[type[Reference], str]]) -> WrapValidator:
+    """A validator that reads the reference that a file describes, by its keys; a curve itself is taken as it is."""
 
-    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
-        if isinstance(value, Target):
+    def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Reference:
+        if isinstance(value, Reference):
             return value
+        if isinstance(value, Curve):
+            return Reference().with_curve(value)
         kinds = [key for key in forms if key in value] if isinstance(value, Mapping) else []
         if len(kinds) != 1:
             given = f"has both {' and '.join(kinds)}" if kinds else "does not say what to follow"
@@ -1366,22 +944,13 @@ def _reader(forms: Mapping[str, tuple[type[BaseModel], str]]) -> WrapValidator:
         if unknown:
             words = f"{', '.join(unknown)} {'does' if len(unknown) == 1 else 'do'} not belong to {kinds[0]}"
             raise ValueError(f"{words}, which has the keys {', '.join(kind.model_fields)}: {{{form}}}")
-        target = kind.model_validate(value)
-        return target.given if isinstance(target, FreeCurves) else target
+        reference = kind.model_validate(value)
+        return reference.given if isinstance(reference, FreeCurves) else reference
 
     return WrapValidator(read)
 
 
-Followed = Annotated[
-    GaitReference
-    | CurveReference
-    | ConstantReference
-    | BezierMotion
-    | TableReference
-    | SkipJsonSchema[InstanceOf[Reference]]
-    | SkipJsonSchema[InstanceOf[BezierCurve]],
-    _reader(FORMS),
-]
-"""Type of the key ``reference``: what a file may say, or a motion that is ready for use."""
-OverPhase = Annotated[BezierReference | ConstantCurves | TableCurves | GaitCurves | FreeCurves, _reader(PHASE_FORMS)]
+Followed = Annotated[GaitMotion | FreeMotion | ConstantMotion | BezierMotion | TableMotion, _reader(FORMS)]
+"""Type of the key ``reference``: what a file may say; a ``Curve`` is a reference too."""
+OverPhase = Annotated[BezierCurves | ConstantCurves | TableCurves | GaitCurves | FreeCurves, _reader(PHASE_FORMS)]
 """Type of the key ``reference`` of curves of a phase variable."""

@@ -45,16 +45,16 @@ class ProportionalDerivative(Control):
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which pieces of the reference meet."""
-        return self.reference.breakpoints
+        return self.reference.motion().breakpoints
 
     @property
     def horizon(self) -> float:
         """End of the reference."""
-        return self.reference.horizon
+        return self.reference.motion().horizon
 
     def data(self, segment: int) -> Array:
         """The numbers of the piece of the reference in this segment."""
-        return self.reference.data(segment)
+        return self.reference.motion().data(segment)
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
         """As for every law; and each motor needs a joint."""
@@ -66,20 +66,20 @@ class ProportionalDerivative(Control):
             )
 
     def quantities(self, now: Instant) -> Mapping[str, SX]:
-        """Errors theta - theta_r of the joints that follow the reference, in the order of its followers."""
-        joints = self.reference.followers(now.robot.walker)
-        angles, _ = _angles(now, joints)
-        target, active = self.reference.weighted(now, now.p.reference, joints, (SX(1), SX(0)))
+        """Errors theta - theta_r of the joints that follow the reference, in their order."""
+        curve = self.reference.motion()
+        angles, _ = _angles(now, curve.names)
+        target, active = curve.weighted(now, now.p.reference, (1, 0))
         return {"outputs": active * (angles - target)}
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """Feedback on the error of each tracked joint."""
         kp, kd, walker = now.p.kp, now.p.kd, now.robot.walker
-        joints, motor = self.reference.followers(walker), dict(zip(walker.tracked, walker.actuators, strict=True))
-        angles, rates = _angles(now, joints)
-        target, active = self.reference.weighted(now, now.p.reference, joints, (kp, kd))
+        curve, motor = self.reference.motion(), dict(zip(walker.tracked, walker.actuators, strict=True))
+        angles, rates = _angles(now, curve.names)
+        target, active = curve.weighted(now, now.p.reference, (kp, kd))
         u = -active * (kp * angles + kd * rates - target)
-        return {motor[joint]: torque for joint, torque in zip(joints, vertsplit(u), strict=True)}
+        return {motor[joint]: torque for joint, torque in zip(curve.names, vertsplit(u), strict=True)}
 
 
 def _angles(now: Instant, joints: Sequence[str]) -> tuple[SX, SX]:

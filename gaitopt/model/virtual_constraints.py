@@ -33,7 +33,8 @@ from pydantic import Field
 
 from gaitopt.arrays import Array
 from gaitopt.model.control import Control, Instant
-from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, TableCurves, Target
+from gaitopt.model.curve import Curve
+from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, Reference, TableCurves
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType
 
@@ -139,17 +140,22 @@ class VirtualConstraints(Control):
         return self.phase
 
     @property
-    def targets(self) -> dict[str, Target]:
+    def targets(self) -> dict[str, Reference]:
         """The reference; by default each output follows its own angle of a gait."""
-        target: Target = self.reference
-        if isinstance(target, GaitCurves | FreeCurves) and target.joints is None and target.source[0]:
-            target = target.model_copy(update={"joints": {name: name for name in self.outputs}})
-        return {"reference": target}
+        reference: Reference = self.reference
+        if isinstance(reference, GaitCurves | FreeCurves) and reference.joints is None and reference.source[0]:
+            reference = reference.model_copy(update={"joints": {name: name for name in self.outputs}})
+        return {"reference": reference}
+
+    @property
+    def curve(self) -> Curve:
+        """The curves of the outputs over the phase variable."""
+        return self.reference.motion(self.phase, (self.span[0], self.span[1]))
 
     def data(self, segment: int) -> Array:
-        """The span, the clamp if there is one, and the data of the reference."""
-        clamp = () if self.clamp is None else (self.clamp,)
-        return np.array([*self.span, *clamp, *self.reference.data(segment)])
+        """The span and the width of the clamp if there is one, and the data of the curves."""
+        clamp = () if self.clamp is None else (*self.span, self.clamp)
+        return np.array([*clamp, *self.curve.data(segment)])
 
     def driven_by(self, walker: WalkerType) -> tuple[str, ...]:
         """The motor for each output; empty if ``motors`` has to say it."""
@@ -180,8 +186,8 @@ class VirtualConstraints(Control):
         if {*names} != {*self.outputs} and (
             names or not isinstance(self.reference, FreeCurves)
         ):  # or points are missing
-            given, kind = ", ".join(names) or "no output", next(iter(type(self.reference).model_fields))
-            yield ("reference", kind), f"has curves of {given}; the outputs are {', '.join(self.outputs)}"
+            words = f"has curves of {', '.join(names) or 'no output'}; the outputs are {', '.join(self.outputs)}"
+            yield ("reference", self.reference.kind), words
         if (
             isinstance(self.reference, TableCurves)
             and (first := next(iter(self.reference.table.columns))) != self.phase
@@ -221,14 +227,14 @@ class VirtualConstraints(Control):
         """Outputs y and their derivative by the shape."""
         walker, motors = now.robot.walker, now.robot.mechanism.motors
         angles = dict(zip(walker.actuators, motors, strict=True)) | vars(now.s)
-        span, rest = now.r[:2], now.r[2:]
-        assert not isinstance(self.reference, GaitCurves | FreeCurves)  # which are replaced once the gait is known
-        phase = angles[self.phase]
+        phase, data = angles[self.phase], now.r
         if self.clamp is not None:
-            s, w, rest = (phase - span[0]) / (span[1] - span[0]), rest[0], rest[1:]
-            phase = span[0] + (span[1] - span[0]) * (1 + sqrt(s**2 + w**2) - sqrt((s - 1) ** 2 + w**2)) / 2
-        curves = self.reference.curves(now.p.reference, self.outputs, phase, span, rest)
-        y = vertcat(*(angles[name] for name in self.outputs)) - curves
+            start, end, w, data = data[0], data[1], data[2], data[3:]
+            s = (phase - start) / (end - start)
+            phase = start + (end - start) * (1 + sqrt(s**2 + w**2) - sqrt((s - 1) ** 2 + w**2)) / 2
+        curves, _ = self.curve.at(phase, 0, data, now.p.reference, (1, 0))
+        desired = dict(zip(self.curve.names, vertsplit(curves), strict=True))
+        y = vertcat(*(angles[name] - desired[name] for name in self.outputs))
         return y, jacobian(y, now.robot.q[: len(walker.shape)])
 
     def _decoupling(self, now: Instant, J: SX) -> SX:

@@ -181,7 +181,7 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
     The shape before the impact is that of the guess with the legs relabelled.
     """
     law, walker = problem.control, type(problem.walker)
-    tables = {name: target for name, target in law.targets.items() if isinstance(target, TableCurves)}
+    tables = {name: each for name, each in law.targets.items() if isinstance(each, TableCurves)}
     known_law = isinstance(law, ProportionalDerivative | VirtualConstraints)
     if not (tables and known_law) or problem.start is None or problem.is_open or walker.contacts or walker.flies:
         return

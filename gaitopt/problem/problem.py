@@ -527,15 +527,15 @@ def build_problem(
             faults.append(Fault(key, f"the reference {shown(name)} cannot be used: {error}"))
     if reference and walker:
         subject = f"the reference {shown(name)}"
-        target = next(target for target in control.targets.values() if target.source[0])
-        followed = target.followed(type(walker))
+        followed_by = next(each for each in control.targets.values() if each.source[0])
+        followed = followed_by.followed(type(walker))
         needed = dict.fromkeys((*followed.values(), *filter(None, (control.phase_variable,))))
         unknown = ", ".join(angle for angle in needed if angle not in _angles(reference.walker))
         theirs = reference.walker
         if unknown:
             words = f"is a {theirs.model}, which has no {unknown} to track"
             faults.append(Fault(key, f"{subject} {words}; its angles are {', '.join(_angles(theirs))}"))
-        elif theirs.shape != walker.shape and getattr(target, "joints", None) is None:
+        elif theirs.shape != walker.shape and getattr(followed_by, "joints", None) is None:
             words = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
             remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
             faults.append(Fault(key, f"{subject} {words}: say which of them each joint follows, {remedy}"))

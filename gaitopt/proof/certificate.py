@@ -100,7 +100,7 @@ def sha256(text: str) -> str:
 
 
 class PieceRecord(_Record):
-    """A piece of a tracked motion; see ``gaitopt.model.reference.Piece``."""
+    """A piece of a tracked motion; see ``gaitopt.model.curve.Piece``."""
 
     start: Real
     end: Real

@@ -6,39 +6,28 @@ splines and fits are computed from the rows of their table:
 
     spline    cubic, twice continuously differentiable, not-a-knot: the third derivative is continuous at the first and
               the last inner knot
-    fit       Bernstein polynomials with the least sum of squared errors, B' B c = B' y
+    fit       Chebyshev series with the least sum of squared errors, T' T c = T' y
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import comb, isfinite, prod
+from math import isfinite
 from typing import TypeAlias
 
 import numpy as np
 from flint import arb, arb_mat
 
 from gaitopt.model.control import Control
+from gaitopt.model.curve import Curve, Piece, bezier_pieces, continuation, piece_data
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import (
-    BeyondEnd,
-    BezierCurve,
-    GivenCurves,
-    Piece,
-    Reference,
-    Table,
-    TableCurves,
-    TableReference,
-    Target,
-)
+from gaitopt.model.reference import Reference, Table, TableCurves
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.proof.arithmetic import NotProved, ball
 
 Exact: TypeAlias = Callable[[str, float], str]
 """Dotted key and double -> the decimal that the double stands for; see ``gaitopt.problem.writing.ExactValues``."""
-Rows: TypeAlias = list[list[arb]]
-"""Chebyshev coefficients of one piece, by joint."""
 GUARD = 1e-9
 """Largest difference between a ball and its double, relative to the largest number of a segment."""
 
@@ -84,13 +73,16 @@ def exact_law(control: Control, exact: Exact, duration: float | None = None) -> 
         intervals = [(start, whole / n, *law.data[k][2:]) for k, start in enumerate(starts)]
         law = ExactLaw(tuple(starts[1:]), None, tuple(intervals))
     elif isinstance(control, ProportionalDerivative):
-        law = _target(control.reference, exact, law, duration)
+        curve, known = control.reference.motion(), None if duration is None else arb(duration)
+        law = _law_of_pieces(exact_pieces(control.reference, curve, exact, "control.reference.span", known), curve)
     elif isinstance(control, VirtualConstraints):
-        numbers = [ball(exact(f"control.span.{k}", value)) for k, value in enumerate(control.span)]
-        numbers += [] if control.clamp is None else [ball(exact("control.clamp", control.clamp))]
-        table, (data,) = control.reference, law.data
-        rest = _fitted_table(table) if isinstance(table, TableCurves) else data[len(numbers) :]
-        law = ExactLaw((), None, ((*numbers, *rest),))
+        pieces = exact_pieces(control.reference, control.curve, exact, "control.span")
+        law = _law_of_pieces(pieces, control.curve)
+        if control.clamp is not None:
+            keys = ("control.span.0", "control.span.1", "control.clamp")
+            numbers = zip(keys, (*control.span, control.clamp), strict=True)
+            clamp = [ball(exact(key, value)) for key, value in numbers]
+            law = ExactLaw((), None, ((*clamp, *law.data[0]),))
     _compare(law, control)
     return law
 
@@ -116,85 +108,41 @@ def _compare(law: ExactLaw, control: Control) -> None:
             raise NotProved(f"the numbers of the {control.type} law are too ill-conditioned: a table or a piece of it")
 
 
-def _target(target: Target, exact: Exact, law: ExactLaw, duration: float | None) -> ExactLaw:
-    """Breakpoints and segment data of a reference."""
-    if isinstance(target, Reference):
-        return _pieces(target)
-    if isinstance(target, TableReference) and target.degree is None:
-        return _spline(target.table, BeyondEnd(target.beyond_end or BeyondEnd.HOLD))
-    if isinstance(target, TableReference):
-        start, end, *points = _fitted_table(target)
-    elif isinstance(target, GivenCurves) and target.phase_variable:
-        start, end, *points = (
-            ball(exact(f"control.reference.span.{k}", value)) for k, value in enumerate(target.domain)
-        )
-    elif isinstance(target, GivenCurves):
-        start, end, points = arb(0), ball(exact("control.reference.duration", target.domain[1])), []
-    elif isinstance(target, BezierCurve):
-        stated = arb(target.duration)
-        end = stated if duration is not None else ball(exact("control.reference.curve.duration", target.duration))
-        start, points = arb(0), []
+def exact_pieces(
+    reference: Reference, curve: Curve, exact: Exact, span: str, duration: arb | None = None
+) -> tuple[Piece, ...]:
+    """The pieces of a curve in balls.
+
+    Parameters
+    ----------
+    span : dotted key of the span of curves over a phase.
+    duration : of curves of control points [s]; None if the texts give it.
+    """
+    first, tail = curve.pieces[0], curve.beyond_end if curve.continues else None
+    if curve.points and tail is not None:
+        above = "control.reference.curve" if "curve" in type(reference).model_fields else "control.reference"
+        end = ball(exact(f"{above}.duration", first.end)) if duration is None else duration
+        return bezier_pieces((arb(0), end), tail)
+    if curve.points:
+        return bezier_pieces((ball(exact(f"{span}.0", first.start)), ball(exact(f"{span}.1", first.end))), None)
+    if isinstance(reference, TableCurves):
+        pieces = _spline(reference.table) if reference.degree is None else _fit(reference.table, reference.degree)
     else:
-        return law
-    if target.phase_variable:
-        return ExactLaw((), None, ((start, end, *points),))
-    return ExactLaw((end,), None, ((arb(1), arb(0), end, *points), (arb(0), arb(1), end, *points)))
+        pieces = [exact_piece(piece) for piece in curve.stated]
+    return (*pieces, *(() if tail is None else (continuation(pieces[-1], pieces[-1].end, tail),)))
 
 
-# pieces of a motion
+def exact_piece(piece: Piece) -> Piece:
+    """A piece of a tracked motion, whose doubles are exact."""
+    rows = tuple(tuple(arb(c) for c in row) for row in piece.rows)
+    return Piece(start=arb(piece.start), end=arb(piece.end), rows=rows, active=piece.active)
 
 
-def piece_rows(piece: Piece) -> Rows:
-    """Chebyshev coefficients of the angles of a piece, which are exact doubles."""
-    return [[arb(float(c)) for c in row] for row in piece.angles]
-
-
-def derivative_row(row: Sequence[arb], length: arb) -> list[arb]:
-    """Chebyshev coefficients of d/dt of a series over a piece of some length: c'_(k-1) = c'_(k+1) + 2 k c_k."""
-    slopes = [arb(0)] * (len(row) + 1)
-    for k in range(len(row) - 1, 0, -1):
-        slopes[k - 1] = slopes[k + 1] + 2 * k * row[k]
-    slopes[0] = slopes[0] / 2
-    return [2 * slope / length for slope in slopes[: max(len(row) - 1, 1)]]
-
-
-def end_value(row: Sequence[arb]) -> arb:
-    """A series at the end of its piece, where every polynomial is 1."""
-    return sum(row, arb(0))
-
-
-def start_value(row: Sequence[arb]) -> arb:
-    """A series at the start of its piece."""
-    return sum((-c if k % 2 else c for k, c in enumerate(row)), arb(0))
-
-
-def _pieces(motion: Reference) -> ExactLaw:
-    """The pieces of a tracked motion."""
-    pieces = [(arb(piece.start), arb(piece.end), piece_rows(piece), piece.active) for piece in motion.pieces]
-    if not isfinite(motion.horizon):  # the last one continues those before it, in doubles
-        tail = motion.pieces[-1]
-        pieces[-1] = _continuation(pieces[:-1], held=not np.any(tail.angles[:, 1:]), active=tail.active)
-    return _law_of_pieces(pieces, arb(motion.horizon) if isfinite(motion.horizon) else None)
-
-
-def _continuation(
-    pieces: Sequence[tuple[arb, arb, Rows, bool]], *, held: bool, active: bool
-) -> tuple[arb, arb, Rows, bool]:
-    """The piece of one second that holds the last angle, or continues the last rate; see ``reference.continued``."""
-    start, end, rows, _ = pieces[-1]
-    rates = [arb(0) if held else end_value(derivative_row(row, end - start)) for row in rows]
-    series = [[end_value(row) + rate / 2, rate / 2] for row, rate in zip(rows, rates, strict=True)]
-    return end, end + 1, series, active
-
-
-def _law_of_pieces(pieces: Sequence[tuple[arb, arb, Rows, bool]], horizon: arb | None) -> ExactLaw:
-    """Breakpoints and segment data of pieces, in the layout of ``Reference.data``."""
-    width, data = max(len(row) for _, _, rows, _ in pieces for row in rows), []
-    for start, end, rows, active in pieces:
-        series = [*rows, *(derivative_row(row, end - start) for row in rows)]
-        padded = [c for row in series for c in (*row, *[arb(0)] * (width - len(row)))]
-        data.append((start, end, arb(int(active)), *padded))
-    return ExactLaw(tuple(start for start, *_ in pieces[1:]), horizon, tuple(data))
+def _law_of_pieces(pieces: Sequence[Piece], curve: Curve) -> ExactLaw:
+    """Breakpoints and segment data of pieces."""
+    data = tuple(tuple(map(arb, piece_data(pieces, k))) for k in range(len(pieces)))
+    horizon = arb(curve.horizon) if isfinite(curve.horizon) else None
+    return ExactLaw(tuple(piece.start for piece in pieces[1:]), horizon, data)
 
 
 # tables
@@ -205,16 +153,20 @@ def table_columns(table: Table) -> dict[str, list[arb]]:
     return {name: [ball(text) for text in column] for name, column in table.decimals.items()}
 
 
-def _spline(table: Table, beyond_end: BeyondEnd) -> ExactLaw:
-    """The splines through the rows of a table, and their continuation."""
+def _spline(table: Table) -> list[Piece]:
+    """The splines through the rows of a table."""
     times, *columns = table_columns(table).values()
     slopes = [_spline_slopes(times, column) for column in columns]
-    pieces = []
-    for k, (start, end) in enumerate(pairwise(times)):
-        rows = [_hermite(y[k], y[k + 1], s[k], s[k + 1], end - start) for y, s in zip(columns, slopes, strict=True)]
-        pieces.append((start, end, rows, True))
-    held, active = beyond_end is not BeyondEnd.LINEAR, beyond_end is not BeyondEnd.OFF
-    return _law_of_pieces([*pieces, _continuation(pieces, held=held, active=active)], None)
+    return [
+        Piece(
+            start=start,
+            end=end,
+            rows=tuple(
+                _hermite(y[k], y[k + 1], s[k], s[k + 1], end - start) for y, s in zip(columns, slopes, strict=True)
+            ),
+        )
+        for k, (start, end) in enumerate(pairwise(times))
+    ]
 
 
 def _spline_slopes(t: Sequence[arb], y: Sequence[arb]) -> list[arb]:
@@ -239,26 +191,24 @@ def _spline_slopes(t: Sequence[arb], y: Sequence[arb]) -> list[arb]:
     return [arb(value) for value in A.solve(b).entries()]
 
 
-def _hermite(y0: arb, y1: arb, s0: arb, s1: arb, h: arb) -> list[arb]:
+def _hermite(y0: arb, y1: arb, s0: arb, s1: arb, h: arb) -> tuple[arb, ...]:
     """Chebyshev coefficients of the cubic with these values and slopes at both ends of a piece of length h."""
     rise = y1 - y0
     a = [y0, h * s0, 3 * rise - h * (2 * s0 + s1), h * (s0 + s1) - 2 * rise]  # in powers of (1 + s) / 2
-    return [
+    return (
         a[0] + a[1] / 2 + 3 * a[2] / 8 + 5 * a[3] / 16,
         a[1] / 2 + a[2] / 2 + 15 * a[3] / 32,
         a[2] / 8 + 3 * a[3] / 16,
         a[3] / 32,
-    ]
+    )
 
 
-def _fitted_table(table: TableCurves) -> list[arb]:
-    """Both ends of the domain, and the control points of the fitted curves, one after the other."""
-    phase, *columns = table_columns(table.table).values()
-    if table.degree is None:
-        return [phase[0], phase[-1]]
-    n, start, end = table.degree, phase[0], phase[-1]
-    s = [(value - start) / (end - start) for value in phase]
-    B = arb_mat([[comb(n, k) * prod([x] * k + [1 - x] * (n - k), start=arb(1)) for k in range(n + 1)] for x in s])
+def _fit(table: Table, n: int) -> list[Piece]:
+    """The polynomials of degree n that are closest to the rows of a table."""
+    argument, *columns = table_columns(table).values()
+    piece = Piece(start=argument[0], end=argument[-1])
+    T = arb_mat([[(2 * piece.fraction(x) - 1).chebyshev_t(k) for k in range(n + 1)] for x in argument])
     y = arb_mat([list(row) for row in zip(*columns, strict=True)])
-    points = (B.transpose() * B).solve(B.transpose() * y)
-    return [start, end, *points.transpose().entries()]
+    c = (T.transpose() * T).solve(T.transpose() * y)
+    rows = tuple(tuple(c[k, j] for k in range(n + 1)) for j in range(len(columns)))
+    return [replace(piece, rows=rows)]

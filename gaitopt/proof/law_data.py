@@ -10,17 +10,17 @@ the coefficients d_k of their difference bounds it for |u| <= r.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import ceil, isfinite
+from math import ceil
 
 from casadi import Function
 from flint import arb, arb_poly
 
 from gaitopt.building import building
-from gaitopt.model.reference import Piece, Reference
+from gaitopt.model.curve import Curve, Piece
 from gaitopt.model.system import HybridSystem
 from gaitopt.proof.arithmetic import BallFunction, NotProved, hull
 from gaitopt.proof.claims import ProofClaim, seconds
-from gaitopt.proof.law import piece_rows
+from gaitopt.proof.law import exact_piece
 from gaitopt.proof.orbit import CycleEnclosure, Orbit
 from gaitopt.proof.statement import Statement, natural_length
 from gaitopt.proof.taylor import PhaseSpace, TaylorStep, expand
@@ -53,10 +53,10 @@ def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, peri
     statement : of the law that tracks the curve.
     orbit, cycle, period : equations and enclosures of the tracked gait.
     """
-    (motion,) = (target for target in statement.system.control.targets.values() if isinstance(target, Reference))
-    (stated,) = statement.problem.control.targets.values()
-    if not isfinite(motion.horizon):  # beyond the period it is continued by a rule
-        ends = duration_claim(motion.pieces[-1].start, period, DURATION_ERROR, f"a proved gait of {stated.source[0]}")
+    (completed,), (stated,) = (law.targets.values() for law in (statement.system.control, statement.problem.control))
+    motion = completed.motion()
+    if motion.continues:  # beyond the period by a rule
+        ends = duration_claim(motion.breakpoints[-1], period, DURATION_ERROR, f"a proved gait of {stated.source[0]}")
         if not ends.proved:
             return replace(ends, words=f"the tracked curve does not end with a step: {ends.words}")
     followed = stated.followed(type(statement.problem.walker))
@@ -73,17 +73,16 @@ def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, peri
 
 
 def _distances(
-    motion: Reference, followed: Mapping[str, str], orbit: Orbit, cycle: CycleEnclosure, until: arb
+    motion: Curve, followed: Mapping[str, str], orbit: Orbit, cycle: CycleEnclosure, until: arb
 ) -> dict[str, arb]:
     """Upper bounds of the difference of every tracked angle, in natural units."""
     system, largest = orbit.system, dict.fromkeys(motion.names, arb(0))
     length = natural_length(system, orbit.p)
-    pieces = motion.pieces if isfinite(motion.horizon) else motion.pieces[:-1]  # without the continuation
-    rows = {k: dict(zip(motion.names, piece_rows(piece), strict=True)) for k, piece in enumerate(pieces)}
+    rows = [dict(zip(motion.names, exact_piece(piece).rows, strict=True)) for piece in motion.stated]
     angles = BallFunction(_angles(system), [orbit.p])
-    for step in _steps(orbit, cycle, until if isfinite(motion.horizon) else arb(0)):
+    for step in _steps(orbit, cycle, arb(0) if motion.continues else until):
         start, series = hull(step.start[system.n_z][0]), step.along(angles)
-        for k, piece in enumerate(pieces):
+        for k, piece in enumerate(motion.stated):
             for middle, radius in _parts(piece, start, hull(step.h)):
                 for joint in motion.names:
                     moved = arb_poly(series[system.angle_names.index(followed[joint])])(arb_poly([middle, 1]))

@@ -15,8 +15,9 @@ from flint import arb
 
 from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.gait import Gait
+from gaitopt.model.curve import Curve
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import BezierCurve, CurveReference, Reference
+from gaitopt.model.reference import FreeMotion, GaitMotion
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.writing import passed_types, write_problem
 from gaitopt.proof.arithmetic import INTERVAL, NotProved, ball, matrix, precision
@@ -214,24 +215,23 @@ def law_record(gait: Gait) -> dict[str, Any] | None:
     if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
         assert isinstance(gait.system.control, OpenLoop)
         return {"duration": gait.system.control.duration}
-    for name, target in gait.system.control.targets.items():
-        stated = problem.control.targets[name]
-        if isinstance(target, BezierCurve) and isinstance(stated, CurveReference) and stated.curve.duration is None:
-            return {"duration": target.duration}
-        if isinstance(target, Reference):
-            return motion_record(target)
+    for reference in gait.system.control.targets.values():
+        if not isinstance(reference, GaitMotion | FreeMotion) or reference.phase_variable:
+            continue
+        if isinstance(reference, GaitMotion):
+            return motion_record(reference.motion())
+        if reference.curve.duration is None:
+            return {"duration": reference.motion().breakpoints[0]}
     return None
 
 
-def motion_record(motion: Reference) -> dict[str, Any]:
+def motion_record(motion: Curve) -> dict[str, Any]:
     """The pieces of a tracked motion; the one beyond the end follows from them, unless the motion flows on."""
-    flows = bool(np.isfinite(motion.horizon))
-    pieces = motion.pieces if flows else motion.pieces[:-1]
-    ends = [piece.start for piece in motion.pieces[1:]] + ([motion.horizon] if flows else [])
+    ends = [*motion.breakpoints, *(() if motion.continues else (motion.horizon,))]
     return {
         "pieces": [
-            {"start": piece.start, "end": end, "angles": piece.angles.tolist()}
-            for piece, end in zip(pieces, ends, strict=True)
+            {"start": piece.start, "end": end, "angles": [list(row) for row in piece.rows]}
+            for piece, end in zip(motion.stated, ends, strict=True)
         ]
     }
 

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import packages_distributions, version
 from itertools import pairwise
-from math import isfinite
 from typing import Any, TypedDict
 
 import numpy as np
@@ -21,27 +20,14 @@ from flint import arb
 from gaitopt.errors import ProblemError
 from gaitopt.model.closure import is_linear
 from gaitopt.model.control import OWN_PACKAGE, Control
+from gaitopt.model.curve import BeyondEnd, Curve, Piece, Row, continued
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import is_default
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import Friction
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import (
-    FORMS,
-    BeyondEnd,
-    BezierCurve,
-    BezierMotion,
-    CurveReference,
-    FreeCurves,
-    GaitCurves,
-    GaitReference,
-    Piece,
-    Reference,
-    TableCurves,
-    Target,
-    continued,
-)
+from gaitopt.model.reference import FORMS, FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference, TableCurves
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
 from gaitopt.model.urdf import UrdfWalker
@@ -61,7 +47,7 @@ from gaitopt.proof.certificate import (
     OrbitRecord,
     sha256,
 )
-from gaitopt.proof.law import ExactLaw, derivative_row, end_value, exact_law, piece_rows, start_value
+from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 
 LARGEST_JUMP = 1e-9
@@ -286,55 +272,50 @@ def _completed(law: Control, problem: Problem, record: OrbitRecord, *, is_fixed:
     ValueError
         If the law needs other data, or the data contradict the problem.
     """
-    targets = {name: _completed_target(target, law, problem, record.law) for name, target in law.targets.items()}
-    given = (law.targets[name] for name, target in targets.items() if isinstance(target, Reference | BezierCurve))
-    used = any(not isinstance(target, CurveReference) or target.curve.duration is None for target in given)
+    stated = law.targets
+    completed = {name: _completed_reference(each, law, problem, record.law) for name, each in stated.items()}
+    bound = {name: each for name, each in completed.items() if each is not stated[name]}
+    over_clock = (each for each in bound.values() if not each.motion().phase)
+    used = any(not isinstance(each, FreeCurves) or each.curve.duration is None for each in over_clock)
     if record.law is not None and not (used or is_fixed):
         raise ValueError(f"it states data of a control law, of which the {law.type} of its problem needs none")
-    bound = {name: target for name, target in targets.items() if target is not law.targets[name]}
     return law.model_copy(update=bound) if bound else law
 
 
-def _completed_target(
-    target: Target, law: Control, problem: Problem, data: MotionRecord | DurationRecord | None
-) -> Target:
+def _completed_reference(
+    reference: Reference, law: Control, problem: Problem, data: MotionRecord | DurationRecord | None
+) -> Reference:
     """A reference completed by the law data of a certificate; raises as ``_completed``."""
     walker = type(problem.walker)
-    for name in target.names:
+    for name in reference.names:
         if name in REFERENCE_KEYS:
             raise NotProved(f"a joint is called {name}, which is a key of references: not covered; rename it")
-    if isinstance(target, FreeCurves):
-        zeros = dict.fromkeys(target.followers(walker), (0.0,) * (target.curve.degree + 1))
-        if phase := law.phase_variable:
-            span = target.span if isinstance(target, CurveReference) else tuple(getattr(law, "span", ()))
+    if isinstance(reference, FreeCurves):
+        zeros = {name: (0.0,) * len(row) for name, row in reference.free_points(walker).items()}
+        phase, duration = law.phase_variable, reference.curve.duration
+        if phase:
+            span = reference.span if isinstance(reference, FreeMotion) else tuple(getattr(law, "span", ()))
             if span is None:
                 raise NotProved(
                     f"the curves over {phase} take their span from another gait; state it: span: [START, END]"
                 )
-            return BezierMotion(bezier=target.unknown(zeros), phase=phase, span=(span[0], span[1]))
-        assert isinstance(target, CurveReference)  # others run over a phase
-        duration = target.curve.duration
+            return reference.with_curve(reference.through(zeros, (span[0], span[1]), phase))
         if duration is None:
             if not isinstance(data, DurationRecord):
                 raise ValueError("its curve takes as long as a step of another gait, but it states no duration")
             duration = data.duration
-        return BezierCurve(
-            points=zeros,
-            duration=duration,
-            beyond_end=BeyondEnd(target.beyond_end or BeyondEnd.HOLD),
-            within=target.curve.within,
-        )
-    if not isinstance(target, GaitCurves):
-        return target
-    if law.phase_variable or not isinstance(target, GaitReference):
+        return reference.with_curve(reference.through(zeros, (0.0, duration), phase))
+    if not isinstance(reference, GaitCurves):
+        return reference
+    if law.phase_variable or not isinstance(reference, GaitMotion) or reference.beyond_end is None:
         words = "the control law tracks another gait as a function of a phase variable: not covered"
         raise NotProved(f"{words}; give its control points, reference: {{bezier: ...}}")
     if not isinstance(data, MotionRecord):
         raise ValueError("its problem tracks the motion of another gait, which it does not contain")
-    return _tracked_motion(data, target.followers(walker), BeyondEnd(target.beyond_end or BeyondEnd.HOLD))
+    return reference.with_curve(_tracked_motion(data, reference.followers(walker), reference.beyond_end))
 
 
-def _tracked_motion(record: MotionRecord, joints: tuple[str, ...], beyond_end: BeyondEnd) -> Reference:
+def _tracked_motion(record: MotionRecord, joints: tuple[str, ...], beyond_end: BeyondEnd) -> Curve:
     """The tracked motion: its pieces follow each other and are series of every joint; it ends as the problem says."""
     edges = [0.0, *(piece.end for piece in record.pieces)]
     if any(
@@ -345,27 +326,32 @@ def _tracked_motion(record: MotionRecord, joints: tuple[str, ...], beyond_end: B
         if len(piece.angles) != len(joints) or len({len(row) for row in piece.angles}) > 1:
             raise ValueError(f"piece {k} of its reference does not state the motion of {len(joints)} joints")
     pieces = tuple(
-        Piece(start=piece.start, end=piece.end, angles=np.array(piece.angles, dtype=float)) for piece in record.pieces
+        Piece(start=piece.start, end=piece.end, rows=tuple(map(tuple, piece.angles))) for piece in record.pieces
     )
     if beyond_end is BeyondEnd.FLOW:
-        return Reference(pieces=pieces, horizon=pieces[-1].end, names=joints)
-    return continued(pieces, pieces[-1].end, beyond_end, joints)
+        return Curve(names=joints, pieces=pieces, horizon=pieces[-1].end, beyond_end=beyond_end)
+    return continued(joints, pieces, pieces[-1].end, beyond_end)
 
 
 def _require_joints(control: Control, length: float, system: HybridSystem) -> None:
     """Require that tracked angles and their rates are continuous where two pieces meet."""
-    for motion in control.targets.values():
-        if not isinstance(motion, Reference):
+    for reference in control.targets.values():
+        if not isinstance(reference, GaitMotion):
             continue
-        stated = motion.pieces if isfinite(motion.horizon) else motion.pieces[:-1]  # without the continuation
-        for k, (one, other) in enumerate(pairwise(stated), start=2):
-            before, after = (arb(piece.end) - arb(piece.start) for piece in (one, other))
-            for name, row, following in zip(motion.names, piece_rows(one), piece_rows(other), strict=True):
-                jump = end_value(row) - start_value(following)
-                rate = end_value(derivative_row(row, before)) - start_value(derivative_row(following, after))
+        motion = reference.motion()
+        for k, (one, other) in enumerate(pairwise(map(exact_piece, motion.stated)), start=2):
+            jumps = _jumps(one.rows, other.rows), _jumps(one.slopes, other.slopes)
+            for name, jump, rate in zip(motion.names, *jumps, strict=True):
                 largest = LARGEST_JUMP * (length if name in system.walker.lengths else 1.0)
-                if not (abs(jump) < largest and abs(rate * before) < largest):
-                    raise ValueError(f"the reference of {name} jumps where its piece {k} starts, at {other.start!r} s")
+                if not (abs(jump) < largest and abs(rate * (one.end - one.start)) < largest):
+                    start = motion.pieces[k - 1].start
+                    raise ValueError(f"the reference of {name} jumps where its piece {k} starts, at {start!r} s")
+
+
+def _jumps(before: Sequence[Row], after: Sequence[Row]) -> list[arb]:
+    """The end of each series, where T_k is 1, minus the start of the next one, where T_k is (-1)^k."""
+    starts = (sum((-c if k % 2 else c for k, c in enumerate(row)), arb(0)) for row in after)
+    return [sum(row, arb(0)) - start for row, start in zip(before, starts, strict=True)]
 
 
 def natural_length(system: HybridSystem, p: Sequence[arb]) -> float:
@@ -561,11 +547,11 @@ def _law_words(law: Control, completed: Control, record: OrbitRecord, exact: Exa
     for key, value in law.record.items():
         if key != "type":
             add(key, value)
-    for name, target in completed.targets.items():
-        if isinstance(target, TableCurves):
-            for column, cells in target.table.decimals.items():
+    for name, reference in completed.targets.items():
+        if isinstance(reference, TableCurves):
+            for column, cells in reference.table.decimals.items():
                 words[f"{name}.table.{column}"] = ", ".join(cells)
-            if target.degree is None:
+            if reference.degree is None:
                 words[f"{name}.curve"] = "cubic spline through all rows, twice differentiable, not-a-knot"
     if isinstance(record.law, DurationRecord):
         words["duration"] = f"{record.law.duration!r}, an exact double"

@@ -188,7 +188,7 @@ def print_problem(console: Console, problem: Problem) -> None:
         if group == "control":
             contact.append((name, number(value), with_degrees(value, unit_of(key, problem))))
     if problem.reference is not None:
-        ends = {str(getattr(target, "beyond_end", "")) for target in problem.control.targets.values()} - {""}
+        ends = {str(getattr(each, "beyond_end", "")) for each in problem.control.targets.values()} - {""}
         contact.append(("reference", problem.reference.name, f"beyond its end: {', '.join(ends)}" if ends else ""))
     section(console, "contact and control", ("key", "value", "unit"), contact, numbers=(1,))
     if not problem.has_gait:

@@ -5,8 +5,8 @@ import pytest
 from oracles import CASES, numbers
 
 from gaitopt.model.control import ConstantTorque, Control, NoControl
+from gaitopt.model.curve import BeyondEnd, Piece, continued
 from gaitopt.model.modes import Mode
-from gaitopt.model.reference import BeyondEnd, Piece, continued
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -17,8 +17,8 @@ STATE = np.array([0.1, -0.2, 0.0, 0.7, -0.4, 0.0])
 
 def law(beyond_end: BeyondEnd) -> ProportionalDerivative:
     """theta1 follows 0.2 + t and theta2 follows -0.1, for half a second."""
-    piece = Piece(start=0.0, end=0.5, angles=np.array([[0.45, 0.25], [-0.1, 0.0]]))
-    return ProportionalDerivative(kp=KP, kd=KD, reference=continued([piece], 0.5, beyond_end))
+    piece = Piece(start=0.0, end=0.5, rows=((0.45, 0.25), (-0.1, 0.0)))
+    return ProportionalDerivative(kp=KP, kd=KD, reference=continued(CompassBiped.tracked, [piece], 0.5, beyond_end))
 
 
 def torque(control: Control, t: float, segment: int = 0) -> np.ndarray:

@@ -44,6 +44,12 @@ def torque(problem: go.Problem, t: float, z: Array = STATE) -> Array:
     return np.asarray(observed[1]).ravel()
 
 
+def span(law: Any) -> tuple[float, float]:
+    """Phase at both ends of the curve that a law follows."""
+    (piece,) = law.reference.motion().pieces
+    return piece.start, piece.end
+
+
 def pd(angle: float, rate: float) -> Array:
     """Torques of ankle and hip at ``STATE`` if only the hip follows a reference."""
     return np.array([0, -KP * (STATE[1] - angle) - KD * (STATE[4] - rate)])
@@ -217,17 +223,17 @@ class Faulty(go.Control):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        return self.reference.breakpoints
+        return self.reference.motion().breakpoints
 
     @property
     def horizon(self) -> float:
-        return self.reference.horizon
+        return self.reference.motion().horizon
 
     def data(self, segment: int) -> Array:
-        return self.reference.data(segment)
+        return self.reference.motion().data(segment)
 
     def torques(self, now: go.Instant) -> dict[str, SX]:
-        target, active = self.reference.weighted(now, now.p.reference, ("theta1", "theta2"), (SX(1), SX(0)))
+        target, active = self.reference.motion().weighted(now, now.p.reference, (1, 0))
         return {"hip": log(-1 - now.q.theta2**2) if self.mistake == "nan" else active * (1 + target[0])}
 
 
@@ -294,7 +300,7 @@ def test_free_curves_over_a_phase_start_from_a_gait() -> None:
     curve = {"curve": {"degree": 6, "start": source.name}, "phase": "theta1", "joints": {"theta2": "theta2"}}
     law = problem_dynamics(with_reference(curve, objective="torque_squared")).system.control
     assert [*law.parameters.values()][2:] == pytest.approx(rows, abs=1e-6)
-    assert law.reference.span == pytest.approx((-0.1, 0.1), abs=1e-9)  # type: ignore[attr-defined]
+    assert span(law) == pytest.approx((-0.1, 0.1), abs=1e-9)  # type: ignore[attr-defined]
     assert len(law.unknowns(type(source.walker))) == 7
 
 
@@ -322,7 +328,7 @@ def test_a_gait_is_followed_over_a_phase_that_the_walker_names(tmp_path: Path) -
     text = text.replace("table: compass-table.csv, beyond_end: hold", reference)
     problem = go.parse_problem(text, tmp_path / "follower.yaml", walkers=[HipCompass])
     law = problem_dynamics(problem).system.control
-    assert law.reference.span == pytest.approx((-1.6 * np.sin(0.1), 1.6 * np.sin(0.1)), abs=1e-9)  # type: ignore[attr-defined]
+    assert span(law) == pytest.approx((-1.6 * np.sin(0.1), 1.6 * np.sin(0.1)), abs=1e-9)  # type: ignore[attr-defined]
     assert law.reference.fit_errors["theta2"] < 1e-6  # type: ignore[attr-defined]
     s = (STATE[0] + 0.1) / 0.2
     angle = BPoly([[c] for c in rows], [0, 1])
@@ -532,7 +538,7 @@ OVER_PHASE = {"gait": "compass-passive-b", "phase": "theta1", "joints": {"theta2
             ".phase",
             "theta1 cannot follow a curve that depends on it: name the joints that can, joints: {JOINT: theta1}",
         ),
-        ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "applies only to references in time"),
+        ({**OVER_PHASE, "degree": 6, "beyond_end": "off"}, ".beyond_end", "applies only to curves of time"),
         ({"gait": "torso-passive", "beyond_end": "hold"}, ".gait", "say which of them each joint follows, joints: {th"),
         (
             {"gait": "compass-passive-b", "joints": {"hip": "theta1"}, "beyond_end": "hold"},

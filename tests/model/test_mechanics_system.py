@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from oracles import CASES, Case, differences, directional, numbers
 
+from gaitopt.model.curve import BeyondEnd, Piece, continued
 from gaitopt.model.modes import CONTACTS, Mode
-from gaitopt.model.reference import BeyondEnd, Piece, continued
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.walkers.compass_biped import CompassBiped
@@ -25,8 +25,10 @@ def state_for(mode: Mode, z: Array) -> Array:
 
 def tracking_compass() -> tuple[HybridSystem, Array, Array]:
     """A compass whose torques depend on time, with parameters and segment data."""
-    piece = Piece(start=0.0, end=0.6, angles=np.array([[0.1, 0.2, 0.05], [-0.1, 0.1, 0.0]]))
-    control = ProportionalDerivative(kp=15.0, kd=4.0, reference=continued([piece], 0.6, BeyondEnd.LINEAR))
+    piece = Piece(start=0.0, end=0.6, rows=((0.1, 0.2, 0.05), (-0.1, 0.1, 0.0)))
+    control = ProportionalDerivative(
+        kp=15.0, kd=4.0, reference=continued(CompassBiped.tracked, [piece], 0.6, BeyondEnd.LINEAR)
+    )
     return HybridSystem(CompassBiped, control), np.append(CASES["compass_biped"].p, [15.0, 4.0]), control.data(0)
 
 

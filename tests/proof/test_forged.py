@@ -23,8 +23,8 @@ from flint import arb, ctx  # noqa: E402
 from gaitopt import load_problem, parse_problem, prove, solve  # noqa: E402
 from gaitopt.errors import StorageError  # noqa: E402
 from gaitopt.model.control import NoControl  # noqa: E402
+from gaitopt.model.curve import BeyondEnd, Curve, continued  # noqa: E402
 from gaitopt.model.modes import Mode  # noqa: E402
-from gaitopt.model.reference import BeyondEnd, Reference, continued  # noqa: E402
 from gaitopt.model.system import HybridSystem  # noqa: E402
 from gaitopt.model.tracking import ProportionalDerivative  # noqa: E402
 from gaitopt.model.walkers.compass_biped import CompassBiped  # noqa: E402
@@ -163,9 +163,10 @@ def test_a_reference_ends_as_the_problem_says(beyond_end):
     """Beyond the stated pieces the checker continues it; only a motion that flows on is stated there."""
     original = unproved("compass-pd-impact-slip")
     certificate = reworded(original, ("beyond_end: flow", f"beyond_end: {beyond_end}"))
-    pieces = gait("compass-pd-impact-slip").system.control.reference.pieces
+    tracked = gait("compass-pd-impact-slip").system.control.reference.motion()
+    pieces = tracked.pieces
     last_of_gait = 2  # slip and stick; what follows is the motion that flows on
-    motion = continued(pieces[:last_of_gait], pieces[last_of_gait].start, BeyondEnd(beyond_end))
+    motion = continued(tracked.names, pieces[:last_of_gait], pieces[last_of_gait].start, BeyondEnd(beyond_end))
     certificate["law"] = through_json(motion_record(motion))
     assert len(certificate["law"]["pieces"]) == last_of_gait
     with ctx.workprec(PRECISION):
@@ -376,10 +377,11 @@ def test_a_tracked_curve_that_is_held_ends_with_the_step():
     assert check(certificate).proved, refusals(certificate)
     with ctx.workprec(PRECISION):
         statement = restore_statement(read_certificate(certificate))
-    (motion,) = statement.system.control.targets.values()
+    (reference,) = statement.system.control.targets.values()
+    motion = reference.motion()
     earlier = replace(motion.pieces[-1], start=motion.pieces[-1].start - 1e-3)
     cut = replace(motion, pieces=(*motion.pieces[:-1], earlier))
-    system = SimpleNamespace(control=SimpleNamespace(targets={"reference": cut}))
+    system = SimpleNamespace(control=SimpleNamespace(targets={"reference": reference.with_curve(cut)}))
     with ctx.workprec(PRECISION):
         claim = motion_claim(
             SimpleNamespace(system=system, problem=problem), None, None, arb("0.6358148887151"), arb(1)
@@ -548,13 +550,14 @@ def test_a_breakpoint_that_is_left_out_is_refused():
     """Gait III without torque after its reference's end has period 0.677046; with the torque kept on, 0.669457."""
     problem = load_problem("compass-pd-impact-slip").replace({"control.reference.beyond_end": "off"})
     right = solve(problem)
-    law = right.system.control
-    endless = ProportionalDerivative(kp=law.kp, kd=law.kd, reference=Reference(pieces=law.reference.pieces[:-1]))
+    law, motion = right.system.control, right.system.control.reference.motion()
+    cut = Curve(names=motion.names, pieces=motion.pieces[:-1])
+    endless = ProportionalDerivative(kp=law.kp, kd=law.kd, reference=cut)
     system = HybridSystem(type(problem.walker), endless, problem.impact_law, right.system.friction)
     wrong = solve_gait(problem, system)
     assert wrong.converged
     assert len(wrong.arcs) == len(right.arcs) - 1
-    forged = forged_certificate(wrong, through_json(motion_record(right.system.control.reference)))
+    forged = forged_certificate(wrong, through_json(motion_record(motion)))
     refused = refusals(forged)
     assert [name for name in refused if name.endswith("time window")] == list(refused)
 

@@ -93,7 +93,7 @@ def test_samples_of_a_free_curve_change_its_points_within_their_bound():
     assert points[0] != points[1]
     assert set(points[0]) == {"theta1", "theta2"}
     assert all(abs(c) <= 0.6 for p in points for row in p.values() for c in row)
-    assert build_system(first).control.reference.points == points[0]
+    assert build_system(first).control.reference.motion().points == points[0]
     assert [p.digest for p in plan.sampled()] == [problem.digest, first.digest, second.digest]
 
 

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
 from gaitopt.model.control import Control, Instant
+from gaitopt.model.curve import Curve, Piece
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.reference import Piece, Reference
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.transitions import Ending
@@ -175,8 +175,10 @@ def test_breakpoints_beyond_the_end_of_the_step_do_no_harm() -> None:
 
 
 def test_a_reference_that_ends_before_touchdown_ends_the_motion() -> None:
-    piece = Piece(start=0, end=0.4, angles=np.zeros((2, 1)))
-    law = ProportionalDerivative(kp=1.0, kd=1.0, reference=Reference(pieces=(piece,), horizon=0.4))
+    piece = Piece(start=0, end=0.4, rows=((0.0,), (0.0,)))
+    law = ProportionalDerivative(
+        kp=1.0, kd=1.0, reference=Curve(names=CompassBiped.tracked, pieces=(piece,), horizon=0.4)
+    )
     trajectory = Simulator(Dynamics(HybridSystem(CompassBiped, law), np.array([*COMPASS, 0.5, 1.0, 1.0]))).run(START)
     assert trajectory.ending is Ending.NO_TOUCHDOWN
     assert trajectory.steps[0].period == 0.4

@@ -11,10 +11,10 @@ from named import named
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.reference import BeyondEnd
+from gaitopt.model.curve import BeyondEnd
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.scalars import MEASURES
-from gaitopt.systems import build_system, gait_reference
+from gaitopt.systems import build_system, gait_curve
 from gaitopt.verification.walk import Walk
 
 SIMULATED = {"problem", "status", "friction", "phases", "impact", "state", *MEASURES}
@@ -140,7 +140,7 @@ SAME_JOINTS = {"theta1": "theta1", "theta2": "theta2"}
 @pytest.mark.parametrize("beyond_end", list(BeyondEnd))
 def test_reference_is_the_gait_up_to_its_end(beyond_end: BeyondEnd) -> None:
     source = gait("compass-passive-b")
-    reference = gait_reference(source, beyond_end, SAME_JOINTS)
+    reference = gait_curve(source, beyond_end, SAME_JOINTS)
     for arc in source.arcs:
         inside = arc.times[1:-1]
         angles, rates = reference(inside)
@@ -152,7 +152,7 @@ def test_reference_is_the_gait_up_to_its_end(beyond_end: BeyondEnd) -> None:
 def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
     """Its rates are those of its angles, and they obey the equations of motion."""
     source = gait("compass-passive-b")
-    reference, end = gait_reference(source, BeyondEnd.FLOW, SAME_JOINTS), source.period
+    reference, end = gait_curve(source, BeyondEnd.FLOW, SAME_JOINTS), source.period
     t, h = end + 0.3, 1e-5
     (angles, rates), (before, rates_before), (after, rates_after) = (reference([s]) for s in (t, t - h, t + h))
     z = np.concatenate([angles[:, 0], [0.0], rates[:, 0], [0.0]])
@@ -166,7 +166,7 @@ def test_reference_that_flows_on_is_the_motion_of_its_last_mode() -> None:
 def test_reference_continues_straight_or_stands_still(beyond_end: BeyondEnd, kept: float) -> None:
     source = gait("compass-passive-b")
     last = source.arcs[-1].states[-1]
-    angles, rates = gait_reference(source, beyond_end, SAME_JOINTS)([source.period + 0.2])
+    angles, rates = gait_curve(source, beyond_end, SAME_JOINTS)([source.period + 0.2])
     assert rates[:, 0] == pytest.approx(kept * last[3:5], abs=1e-12)
     assert angles[:, 0] == pytest.approx(last[:2] + 0.2 * kept * last[3:5], abs=1e-12)
 
