@@ -34,10 +34,10 @@ from gaitopt.gait.trajectory import Trajectory as Trajectory
 from gaitopt.model.checks import check_walker as check_walker
 from gaitopt.model.control import Control as Control
 from gaitopt.model.control import Fixed as Fixed
-from gaitopt.model.control import Instant as Instant
 from gaitopt.model.cycle import Cycle as Cycle
 from gaitopt.model.cycle import ModeSequence as ModeSequence
 from gaitopt.model.friction import ImpactLaw as ImpactLaw
+from gaitopt.model.instant import Instant as Instant
 from gaitopt.model.lagrangian import equations_of_motion as equations_of_motion
 from gaitopt.model.links import Link as Link
 from gaitopt.model.modes import Mode as Mode

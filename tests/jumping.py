@@ -12,7 +12,8 @@ from casadi import SX
 
 from gaitopt.arrays import Array
 from gaitopt.gait.gait import Gait
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
+from gaitopt.model.instant import Instant
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import Problem, load_problem

@@ -5,7 +5,8 @@ from typing import Annotated, Any
 from casadi import SX
 from pydantic import Field
 
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
+from gaitopt.model.instant import Instant
 from gaitopt.model.units import TurningDamping
 from gaitopt.model.walker import Damper, Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped

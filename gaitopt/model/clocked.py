@@ -16,7 +16,8 @@ from casadi import SX, cos, jtimes, sin
 from pydantic import Field
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import TORQUE, Control, Fixed, Instant
+from gaitopt.model.control import TORQUE, Control, Fixed
+from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Path
 from gaitopt.model.units import DURATION, Duration, Finite, Within
 from gaitopt.model.walker import WalkerType

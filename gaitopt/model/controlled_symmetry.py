@@ -12,7 +12,8 @@ from typing import Annotated
 from casadi import SX, solve, vertsplit
 from pydantic import Field
 
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
+from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Path
 from gaitopt.model.units import Slope
 from gaitopt.model.walker import WalkerType, inclined

@@ -18,15 +18,13 @@ from enum import StrEnum
 from itertools import pairwise
 from math import comb, inf
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from casadi import SX, horzsplit, reshape, vertcat, vertsplit
 
 from gaitopt.arrays import Array
-
-if TYPE_CHECKING:
-    from gaitopt.model.control import Instant
+from gaitopt.model.instant import Instant
 
 BLOCK = 6
 """Terms of a series that are summed directly: about the root of their number, which is 33 for a phase of walking."""
@@ -128,7 +126,7 @@ class Curve:
         """The numbers of a piece that expressions read, shape (n_r,)."""
         return np.array(piece_data(self.pieces, segment), dtype=float)
 
-    def weighted(self, now: "Instant", p: SimpleNamespace, weights: tuple[Number, Number]) -> tuple[SX, SX]:
+    def weighted(self, now: Instant, p: SimpleNamespace, weights: tuple[Number, Number]) -> tuple[SX, SX]:
         """Weighted sum of angle and rate of every joint, shape (n,), and a factor: 1 while they act, 0 when off.
 
         Parameters

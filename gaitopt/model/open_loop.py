@@ -17,8 +17,9 @@ from casadi import SX, dot
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import OF_MOTOR, Control, Fixed, Instant, SectionType
+from gaitopt.model.control import OF_MOTOR, Control, Fixed, SectionType
 from gaitopt.model.declaration import actuator_units, joint_limits
+from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Path
 from gaitopt.model.units import MOTOR_WORDS, Duration, Finite, Positive, Within
 from gaitopt.model.walker import WalkerType

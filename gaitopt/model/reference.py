@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from math import inf, isfinite, pi, radians
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -35,9 +35,7 @@ from pydantic import (
 from gaitopt.arrays import Array
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continuation, keys
 from gaitopt.model.units import DURATION, SMALLEST, Angle, Duration, Within, parse_angle, parse_number
-
-if TYPE_CHECKING:
-    from gaitopt.model.walker import WalkerType
+from gaitopt.model.walker import WalkerType
 
 Path = tuple[str | int, ...]
 """Keys that lead to a value."""
@@ -112,7 +110,7 @@ def _guessed(point: float | FreePoint, value: float | None) -> object:
     return {"free": list(point.free), "guess": guess}
 
 
-def _largest_angle(name: str, walker: "WalkerType") -> float:
+def _largest_angle(name: str, walker: WalkerType) -> float:
     """Largest size of a shape coordinate, or of the difference of two, on which a motor acts; of others no limit."""
     if name in {*walker.shape} - {*walker.lengths}:
         return walker.largest_angle
@@ -322,7 +320,7 @@ class Reference(BaseModel):
             return self._known.parameters
         return {key: _value(point) for key, point in _by_key(self.points).items()}
 
-    def unknowns(self, walker: "WalkerType") -> Mapping[str, tuple[float, float]]:
+    def unknowns(self, walker: WalkerType) -> Mapping[str, tuple[float, float]]:
         """Bounds of the parameters that a design determines rather than the problem file."""
         return _free_bounds(self.free_points(walker)) if self._known is None else self._known.bounds
 
@@ -339,7 +337,7 @@ class Reference(BaseModel):
         known = None if self._known is None else id(self._known)
         return type(self), tuple(zip(self.points, bounds, strict=True)), stated, known
 
-    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
+    def guesses(self, values: Mapping[str, float], walker: WalkerType) -> Mapping[str, object]:
         """Keys and values that make known values of the unknowns their guess, within their bounds; empty if none is."""
         if not {*_free_bounds(self.points)} & {*values}:
             return {}
@@ -347,11 +345,11 @@ class Reference(BaseModel):
         rows = {name: [known[key] for key in keys(name, row)] for name, row in self.points.items()}
         return {self.kind: {name: row if len(row) > 1 else row[0] for name, row in rows.items()}}
 
-    def followers(self, walker: "WalkerType") -> tuple[str, ...]:
+    def followers(self, walker: WalkerType) -> tuple[str, ...]:
         """The joints that follow the motion; the tracked joints if none are stated."""
         return self.names or walker.tracked
 
-    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+    def followed(self, walker: WalkerType) -> Mapping[str, str]:
         """The angle of the gait in ``source`` for each joint; by default its own."""
         return {name: name for name in self.followers(walker)}
 
@@ -375,7 +373,7 @@ class Reference(BaseModel):
         """Control points that the file gives, by joint."""
         return {}
 
-    def free_points(self, walker: "WalkerType") -> Points:
+    def free_points(self, walker: WalkerType) -> Points:
         """Control points, with unknowns for those that a design finds, by joint."""
         return self.points
 
@@ -384,7 +382,7 @@ class Reference(BaseModel):
         """Name or path of the problem whose gait is needed, and the key that gives it; empty if there is none."""
         return "", ()
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """What is wrong with the reference for a walker, by key."""
         yield from ()
 
@@ -394,7 +392,7 @@ class Reference(BaseModel):
 
 def _argument_faults(
     reference: "BezierMotion | TableMotion | GaitMotion | FreeMotion",
-    walker: "WalkerType",
+    walker: WalkerType,
     joints: Sequence[str],
     key: str,
 ) -> Iterator[Fault]:
@@ -431,7 +429,7 @@ def _argument_faults(
         yield ("beyond_end",), f"applies only to curves of time; {words}"
 
 
-def untracked(walker: "WalkerType") -> str:
+def untracked(walker: WalkerType) -> str:
     """Why a joint cannot follow a reference."""
     words = f"the tracked joints are {', '.join(walker.tracked)}" if walker.tracked else "it tracks none"
     return f"is not a tracked joint of {walker.model}; {words}"
@@ -458,7 +456,7 @@ class ConstantCurves(Reference):
         """One per joint."""
         return {name: (point,) for name, point in self.constant.items()}
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Bounds of unknowns that contradict their guess."""
         for name, point in self.constant.items():
             yield from ((("constant", name, *path), words) for path, words in point_faults(point))
@@ -470,7 +468,7 @@ class ConstantCurves(Reference):
 class ConstantMotion(ConstantCurves):
     """Constant angles."""
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Those of the numbers, joints that the walker does not track, and angles that it never reaches."""
         yield from super().faults(walker)
         for joint, point in self.constant.items():
@@ -508,7 +506,7 @@ class BezierCurves(Reference):
         """The control points."""
         return self.bezier
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Curves with fewer than two points, angles that no walker reaches, and bounds that contradict a guess."""
         for name, points in self.bezier.items():
             if len(points) < 2:
@@ -544,7 +542,7 @@ class BezierMotion(BezierCurves):
     span: GivenSpan = None
     beyond_end: Continuation = None
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Those of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
         yield from super().faults(walker)
         yield from _argument_faults(self, walker, tuple(self.bezier), "bezier")
@@ -603,7 +601,7 @@ class TableCurves(Reference):
         """Distance of the curves from the rows."""
         return self.motion().fit_errors
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """A degree that is missing or too large for the rows."""
         rows = len(next(iter(self.table.columns.values())))
         if self.degree is None:
@@ -622,7 +620,7 @@ class TableMotion(TableCurves):
     phase: GivenPhase = CLOCK
     beyond_end: Continuation = None
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Those of the phase, a first column that does not suit it, and a degree that does not suit the rows."""
         (first, argument), *angles = self.table.columns.items()
         yield from (
@@ -717,11 +715,11 @@ class GaitCurves(Reference):
         """The tracked gait."""
         return (self.gait, ("gait",)) if self._known is None else ("", ())
 
-    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+    def followed(self, walker: WalkerType) -> Mapping[str, str]:
         """As ``joints`` says; by default each joint its own angle."""
         return self.joints or super().followed(walker)
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """A degree that is missing."""
         if self.degree is None:
             yield ("degree",), "is missing: curves of a phase variable are polynomials, for example degree: 8"
@@ -740,7 +738,7 @@ class GaitMotion(GaitCurves):
         ),
     ] = None
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Joints that the walker does not track, and keys that do not suit the phase, or the clock."""
         yield from _argument_faults(self, walker, self.names, "joints")
         if self.phase_variable:
@@ -805,16 +803,16 @@ class FreeCurves(Reference):
         """The gait from which the curves start."""
         return (self.curve.start or "", ("curve", "start")) if self._known is None else ("", ())
 
-    def followed(self, walker: "WalkerType") -> Mapping[str, str]:
+    def followed(self, walker: WalkerType) -> Mapping[str, str]:
         """As ``joints`` says; by default each joint its own angle."""
         return self.joints or super().followed(walker)
 
-    def free_points(self, walker: "WalkerType") -> Points:
+    def free_points(self, walker: WalkerType) -> Points:
         """Unknowns within their bound, from zero."""
         zeros = (0.0,) * (self.curve.degree + 1)
         return self._unknown(dict.fromkeys(self.followers(walker), zeros))
 
-    def guesses(self, values: Mapping[str, float], walker: "WalkerType") -> Mapping[str, object]:
+    def guesses(self, values: Mapping[str, float], walker: WalkerType) -> Mapping[str, object]:
         """The control points, within their bound; empty if some are missing."""
         bound, points = self.curve.within, self.free_points(walker)
         rows = {name: [values.get(key) for key in keys(name, row)] for name, row in points.items()}
@@ -823,7 +821,7 @@ class FreeCurves(Reference):
         clipped = {name: np.clip(np.array(row, dtype=float), -bound, bound).tolist() for name, row in rows.items()}
         return {"curve.points": clipped}
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Control points that are not degree + 1 for each joint, within the bound."""
         for name, values in (self.curve.points or {}).items():
             if len(values) != self.curve.degree + 1:
@@ -887,7 +885,7 @@ class FreeMotion(FreeCurves):
         points = self._unknown(self.curve.points or {})
         return BezierMotion.model_validate({"bezier": points, "beyond_end": self.beyond_end, **argument})
 
-    def faults(self, walker: "WalkerType") -> Iterator[Fault]:
+    def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Joints that the walker does not track, keys that do not suit the phase, and points of other joints."""
         yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
         points, joints = self.curve.points, self.followers(walker)

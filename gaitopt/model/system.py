@@ -25,10 +25,11 @@ from gaitopt.building import BUILT, building, built_once
 from gaitopt.model.buffered import buffered
 from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
 from gaitopt.model.contract import quantities, torques
-from gaitopt.model.control import Control, Instant, parameter_names
+from gaitopt.model.control import Control, parameter_names
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import FOOT_COORDINATES, has_links, joint_limits, state_after_impact, state_tree
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
+from gaitopt.model.instant import Instant
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, contact_section

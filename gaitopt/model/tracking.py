@@ -10,7 +10,8 @@ from casadi import SX, vertcat, vertsplit
 from pydantic import Field
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
+from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Followed, Path
 from gaitopt.model.units import Finite, Within
 from gaitopt.model.walker import WalkerType

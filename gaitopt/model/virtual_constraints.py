@@ -32,8 +32,9 @@ from casadi import SX, jacobian, jtimes, solve, sqrt, vertcat, vertsplit
 from pydantic import Field
 
 from gaitopt.arrays import Array
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
 from gaitopt.model.curve import Curve
+from gaitopt.model.instant import Instant
 from gaitopt.model.reference import FreeCurves, GaitCurves, OverPhase, Path, Reference, TableCurves
 from gaitopt.model.units import Angle, NonNegative
 from gaitopt.model.walker import WalkerType

@@ -13,7 +13,8 @@ import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.model.clocked import Alternating
 from gaitopt.model.contract import check_clock
-from gaitopt.model.control import Control, Fixed, Instant
+from gaitopt.model.control import Control, Fixed
+from gaitopt.model.instant import Instant
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import Angle, NonNegative, Within

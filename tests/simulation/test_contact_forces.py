@@ -8,9 +8,10 @@ import pytest
 from contact_problems import contact_gait, with_point_feet
 from contact_walkers import Frame, dynamics_of
 
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction
+from gaitopt.model.instant import Instant
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending

@@ -8,9 +8,10 @@ from scipy.integrate import solve_ivp
 
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
-from gaitopt.model.control import Control, Instant
+from gaitopt.model.control import Control
 from gaitopt.model.curve import Curve, Piece
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.instant import Instant
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.tracking import ProportionalDerivative
