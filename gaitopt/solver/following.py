@@ -118,13 +118,14 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
             step /= 2
             continue
         if lost is None and following.causes:
-            lost = here, following
+            last, following = _loss(here, following, start.p, goal.p)
+            lost = (last, following) if following.causes else None
         here, step = following, 2 * step
     solver = search_record(Method.NEWTON, iterations, began)
     if here.s == 1 and not here.causes:
         words = "solved" if steps == 1 else "solved, followed from the gait of the problem's file"
         return solved_gait(problem, here.solution, message=words, solver=solver)
-    end = here if lost is None else _last_gait(*lost, start.p, goal.p)
+    end = here if lost is None else lost[0]
     causes = (_end_of_family(here),) if lost is None else here.causes or lost[1].causes
     values = dict(zip(start.system.parameters, _between(start.p, goal.p, end.s), strict=True))
     changed = [key for key, value in problem.parameters.items() if start.problem.parameters[key] != value]
@@ -179,14 +180,21 @@ def _in_order(solution: Solution) -> Solution | None:
     return refine(polish(ordered)) if ordered.converged and ordered.in_order else None
 
 
-def _last_gait(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> _PathPoint:
-    """The last gait on the path from a gait to a motion that violates a margin, by bisection."""
+def _loss(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> tuple[_PathPoint, _PathPoint]:
+    """The last gait on the path from a gait to a motion that violates a margin, by bisection; and the motion after it.
+
+    A long step may end at another solution of the equations, in which a phase has no length. A short one from the last
+    gait then leads to the motion of the family, which may be a gait.
+    """
+    end = motion
     while motion.s - gait.s > SMALLEST_STEP:
         middle, _ = _next(gait, (gait.s + motion.s) / 2, p_start, p_end)
         if middle is None:
             break
         gait, motion = (gait, middle) if middle.causes else (middle, motion)
-    return gait
+    if motion is end:
+        motion = _next(gait, end.s, p_start, p_end)[0] or end
+    return gait, motion
 
 
 def _end_of_family(last: _PathPoint) -> Cause:

@@ -11,6 +11,10 @@ from gaitopt.api.stored import save
 from gaitopt.problem.problem import restore_problem
 from gaitopt.runs.jobs import problem_job, solve_job
 from gaitopt.runs.results import restore_gait
+from gaitopt.solver import newton
+from gaitopt.solver.following import follow
+from gaitopt.solver.solve import solve_gait
+from gaitopt.systems import build_system
 from gaitopt.workers.jobs import Workers, run_jobs
 
 CHANGED = {
@@ -104,6 +108,15 @@ def test_where_the_family_ends_on_the_way_place_and_reason_are_stated():
 def test_a_near_value_takes_one_step():
     problem = load_problem("rimless-wheel-stick").replace({"walker.slope": "13.1deg"})
     assert solve(problem).message == "solved"
+
+
+def test_a_long_step_to_another_solution_of_the_equations_is_no_end_of_the_family(monkeypatch):
+    """From a coarse mesh it ends where the first slip has no length; the gait slips for 84 ms."""
+    monkeypatch.setattr(newton, "SAFETY", 4.0)
+    first = solve_gait(load_problem("compass-torque-slip"), build_system(load_problem("compass-torque-slip")))
+    gait = follow(first, first.problem.replace({"friction": 0.106}))
+    assert gait.converged, gait.message
+    assert gait.phases[0][1] == pytest.approx(0.08359469, abs=1e-8)
 
 
 def test_following_arrives_at_the_only_gait():
