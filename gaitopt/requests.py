@@ -15,11 +15,11 @@ Every command reads its options from here, so that only the standard library is 
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from enum import StrEnum
 from numbers import Integral, Real
 from types import UnionType
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 from gaitopt.errors import ArgumentError, UnknownNameError
 
@@ -58,17 +58,16 @@ SHORTEST_STEP, LONGEST_STEP = 1e-6, 0.1
 
 LONGEST_SHOWN = 60
 """Characters of a wrong value in a message."""
+WORDS = {int: "a whole number", float: "a finite number", bool: "True or False"}
+"""What a value must be, by type."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
-    """What a field of a request says about its values.
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a field of a request says about its values, beside its type and its default.
 
     Attributes
     ----------
-    kind : ``int``, ``float``, ``bool``, a choice, a tuple of one of them, or a type that is not checked here.
-    default : the value if none is given; ``MISSING`` if one must be given.
-    optional : whether None is a value too.
     help : one sentence for the command line; empty where the command has no such option.
     least, most : bounds, both included; None without, and no upper bound comes without a lower one.
     unit : of a number.
@@ -76,16 +75,44 @@ class Entry:
     effort : limits the work of one call, and does not change what is stored.
     """
 
+    help: str = ""
+    least: float | None = None
+    most: float | None = None
+    unit: str = ""
+    keyed: bool = False
+    effort: bool = False
+
+    @property
+    def span(self) -> str:
+        """The bounds in words; empty without."""
+        if self.least is None:
+            return ""
+        unit = f" {self.unit}" if self.unit else ""
+        lower = f"{self.least:,}"
+        return f"at least {lower}{unit}" if self.most is None else f"from {lower} to {self.most:,}{unit}"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A field of a request.
+
+    Attributes
+    ----------
+    kind : ``int``, ``float``, ``bool``, a choice, a tuple of one of them, or a type that is not checked here.
+    optional : whether None is a value too.
+    default : the value if none is given; ``MISSING`` if one must be given.
+    """
+
     name: str
     kind: Any
-    default: Any
     optional: bool
-    help: str
-    least: float | None
-    most: float | None
-    unit: str
-    keyed: bool
-    effort: bool
+    default: Any
+    about: About
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words of a choice; empty for other types."""
+        return tuple(self.kind) if isinstance(self.kind, type) and issubclass(self.kind, StrEnum) else ()
 
     @property
     def is_number(self) -> bool:
@@ -103,20 +130,6 @@ class Entry:
             return self._of(text) if isinstance(text, str) and text.isascii() and "_" not in text else text
         except ValueError:
             return text
-
-    @property
-    def span(self) -> str:
-        """The bounds in words; empty without."""
-        if self.least is None:
-            return ""
-        unit = f" {self.unit}" if self.unit else ""
-        lower = f"{self.least:,}"
-        return f"at least {lower}{unit}" if self.most is None else f"from {lower} to {self.most:,}{unit}"
-
-    @property
-    def choices(self) -> tuple[str, ...]:
-        """The words of a choice; empty for other types."""
-        return tuple(self.kind) if isinstance(self.kind, type) and issubclass(self.kind, StrEnum) else ()
 
     def checked(self, value: Any) -> Any:
         """The value, a number of NumPy as one of Python and a word as its choice.
@@ -140,22 +153,15 @@ class Entry:
 
     def _number(self, value: Any) -> Any:
         """A finite number within the bounds, or a truth value."""
-        kind, least, most = self._of, self.least, self.most
+        kind, least, most, span = self._of, self.about.least, self.about.most, self.about.span
         abstract: Any = {int: Integral, float: Real, bool: bool}[kind]
-        right = isinstance(value, abstract) and isinstance(value, bool) == (kind is bool)
-        inside = (
-            right and math.isfinite(value) and (least is None or value >= least) and (most is None or value <= most)
-        )
-        if not inside:
-            words = f"{WORDS[kind]}, {self.span}" if self.span else WORDS[kind]
+        right = isinstance(value, abstract) and isinstance(value, bool) == (kind is bool) and math.isfinite(value)
+        if not right or (least is not None and value < least) or (most is not None and value > most):
             shown = repr(value)
             shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
+            words = f"{WORDS[kind]}, {span}" if span else WORDS[kind]
             raise ArgumentError(self.name, f"is {shown}, but must be {words}")
         return kind(value)
-
-
-WORDS = {int: "a whole number", float: "a finite number", bool: "True or False"}
-"""What a value must be, by type."""
 
 
 def choice(kind: type[Choice], word: str) -> Choice:
@@ -171,43 +177,15 @@ def choice(kind: type[Choice], word: str) -> Choice:
     return kind(word)
 
 
-def about(
-    words: str,
-    *,
-    least: float | None = None,
-    most: float | None = None,
-    unit: str = "",
-    keyed: bool = False,
-    effort: bool = False,
-) -> dict[str, Any]:
-    """What a field says about its values, see ``Entry``; ``words`` are its help."""
-    return {"help": words, "least": least, "most": most, "unit": unit, "keyed": keyed, "effort": effort}
-
-
-METHOD = about("Newton's method from the guess, or IPOPT; auto uses IPOPT if Newton's method fails.")
-ENGINE = about("Integrator of the simulation.")
-SEED = about("Random seed.", least=0)
-SECONDS = about(
-    "Stop after this time, with what is known by then; the result then depends on the machine.",
-    least=0.0,
-    unit="s",
-    effort=True,
-)
-STARTS = about("Number of start states of the search by simulation.", least=1, most=MOST_STARTS)
-
-
 def entries(request: "type[Request]") -> dict[str, Entry]:
-    """What the fields of a request say, by name."""
+    """The fields of a request by name: those of its type ``Annotated[..., About(...)]``."""
     stated = dict[str, Entry]()
-    for one in (one for one in fields(request) if one.metadata):
-        optional = isinstance(one.type, UnionType)
-        stated[one.name] = Entry(
-            name=one.name,
-            kind=get_args(one.type)[0] if optional else one.type,
-            default=one.default if one.default_factory is MISSING else one.default_factory(),
-            optional=optional,
-            **one.metadata,
-        )
+    for one in fields(request):
+        kind, *about = get_args(one.type) if get_origin(one.type) is Annotated else (one.type,)
+        if about:
+            optional = isinstance(kind, UnionType)
+            default = one.default if one.default_factory is MISSING else one.default_factory()
+            stated[one.name] = Entry(one.name, get_args(kind)[0] if optional else kind, optional, default, about[0])
     return stated
 
 
@@ -224,8 +202,8 @@ class Request:
     """
 
     def __post_init__(self) -> None:
-        for name, stated in entries(type(self)).items():
-            object.__setattr__(self, name, stated.checked(getattr(self, name)))
+        for name, entry in entries(type(self)).items():
+            object.__setattr__(self, name, entry.checked(getattr(self, name)))
 
     @property
     def identity(self) -> list[Any]:
@@ -235,31 +213,43 @@ class Request:
         keeps its name.
         """
         stated = list[Any]()
-        for name, one in entries(type(self)).items():
+        for name, entry in entries(type(self)).items():
             value = getattr(self, name)
             word = value.value if isinstance(value, StrEnum) else value
-            if one.keyed:
+            if entry.about.keyed:
                 stated.append(word)
-            elif value != one.default and not one.effort:
-                stated.append(name if value is True else word if one.choices else [name, word])
+            elif value != entry.default and not entry.about.effort:
+                stated.append(name if value is True else word if entry.choices else [name, word])
         return stated
+
+
+METHOD = About("Newton's method from the guess, or IPOPT; auto uses IPOPT if Newton's method fails.")
+ENGINE = About("Integrator of the simulation.")
+SEED = About("Random seed.", least=0)
+STARTS = About("Number of start states of the search by simulation.", least=1, most=MOST_STARTS)
+SECONDS = About(
+    "Stop after this time, with what is known by then; the result then depends on the machine.",
+    least=0.0,
+    unit="s",
+    effort=True,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolveRequest(Request):
     """See ``gaitopt.solve``."""
 
-    method: Method = field(default=Method.AUTO, metadata=METHOD)
+    method: Annotated[Method, METHOD] = Method.AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class StartsRequest(Request):
     """See ``gaitopt.multistart``."""
 
-    starts: int = field(default=1, metadata=about("Number of sampled guesses; the best gait is stored.", least=1))
-    seed: int = field(default=0, metadata=SEED)
-    spread: float = field(
-        default=0.3, metadata=about("Spread of the samples, relative to the guess.", least=0.0, most=LARGEST_SPREAD)
+    starts: Annotated[int, About("Number of sampled guesses; the best gait is stored.", least=1)] = 1
+    seed: Annotated[int, SEED] = 0
+    spread: Annotated[float, About("Spread of the samples, relative to the guess.", least=0.0, most=LARGEST_SPREAD)] = (
+        0.3
     )
 
 
@@ -267,144 +257,131 @@ class StartsRequest(Request):
 class SimulateRequest(Request):
     """See ``gaitopt.simulate``."""
 
-    steps: int | None = field(default=None, metadata=about("Number of steps. Default: 1.", least=1))
-    dense: bool = field(default=True, metadata=about(""))
-    engine: Engine = field(default=Engine.AUTO, metadata=ENGINE)
+    steps: Annotated[int | None, About("Number of steps. Default: 1.", least=1)] = None
+    dense: Annotated[bool, About()] = True
+    engine: Annotated[Engine, ENGINE] = Engine.AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class UntilRequest(Request):
     """See ``gaitopt.Until``."""
 
-    time: float | None = field(default=None, metadata=about("End at this time [s]."))
-    events: int | None = field(
-        default=None, metadata=about("End after this number of mode changes and impacts.", least=1)
-    )
+    time: Annotated[float | None, About("End at this time [s].")] = None
+    events: Annotated[int | None, About("End after this number of mode changes and impacts.", least=1)] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainRequest(Request):
     """See ``gaitopt.explain``."""
 
-    starts: int = field(default=1000, metadata=STARTS)
-    seed: int = field(default=0, metadata=SEED)
-    seconds: float | None = field(default=None, metadata=SECONDS)
+    starts: Annotated[int, STARTS] = 1000
+    seed: Annotated[int, SEED] = 0
+    seconds: Annotated[float | None, SECONDS] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchRequest(Request):
     """A search for gaits of any mode sequence."""
 
-    starts: int = field(default=1000, metadata=STARTS)
-    seed: int = field(default=0, metadata=SEED)
-    within: Mapping[str, tuple[float, float]] = field(
-        default_factory=dict, metadata=about("Range of a start coordinate, such as dtheta1=0:1; may be repeated.")
-    )
-    method: Method = field(default=Method.AUTO, metadata=METHOD)
+    starts: Annotated[int, STARTS] = 1000
+    seed: Annotated[int, SEED] = 0
+    within: Annotated[
+        Mapping[str, tuple[float, float]],
+        About("Range of a start coordinate, such as dtheta1=0:1; may be repeated."),
+    ] = field(default_factory=dict)
+    method: Annotated[Method, METHOD] = Method.AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class FindRequest(SearchRequest):
     """See ``gaitopt.find``."""
 
-    steps: int | None = field(default=None, metadata=about("Maximum number of steps of a cycle.", least=1))
-    seconds: float | None = field(default=None, metadata=SECONDS)
+    steps: Annotated[int | None, About("Maximum number of steps of a cycle.", least=1)] = None
+    seconds: Annotated[float | None, SECONDS] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContinueRequest(Request):
     """See ``gaitopt.continuation``."""
 
-    parameter: str = field(metadata=about("Parameter: friction, walker.slope, ..."))
-    to: tuple[float, ...] = field(metadata=about("Target value; give two targets to continue in both directions."))
-    lower: float | None = field(default=None, metadata=about("Lower bound of the parameter."))
-    upper: float | None = field(default=None, metadata=about("Upper bound of the parameter."))
-    max_points: int = field(default=2000, metadata=about("Maximum number of points per target.", least=1, effort=True))
-    max_seconds: float | None = field(
-        default=None, metadata=about("Time limit per target [s].", least=0.0, unit="s", effort=True)
-    )
-    verify_every: int = field(default=10, metadata=about("Verify every N-th point by simulation; 0: none.", least=0))
+    parameter: Annotated[str, About("Parameter: friction, walker.slope, ...")]
+    to: Annotated[tuple[float, ...], About("Target value; give two targets to continue in both directions.")]
+    lower: Annotated[float | None, About("Lower bound of the parameter.")] = None
+    upper: Annotated[float | None, About("Upper bound of the parameter.")] = None
+    max_points: Annotated[int, About("Maximum number of points per target.", least=1, effort=True)] = 2000
+    max_seconds: Annotated[float | None, About("Time limit per target [s].", least=0.0, unit="s", effort=True)] = None
+    verify_every: Annotated[int, About("Verify every N-th point by simulation; 0: none.", least=0)] = 10
 
 
 @dataclass(frozen=True, kw_only=True)
 class SweepRequest(Request):
     """See ``gaitopt.sweep``."""
 
-    warm: bool = field(
-        default=False,
-        metadata=about(
-            "Start each point from the gait of its neighbour; the result may then depend on the grid.", keyed=True
-        ),
-    )
-    from_guess: bool = field(
-        default=False,
-        metadata=about(
-            "Solve from the guess of the file; by default the file's gait is followed to the changed values."
-        ),
-    )
-    method: Method = field(default=Method.AUTO, metadata=METHOD)
+    warm: Annotated[
+        bool,
+        About("Start each point from the gait of its neighbour; the result may then depend on the grid.", keyed=True),
+    ] = False
+    from_guess: Annotated[
+        bool, About("Solve from the guess of the file; by default the file's gait is followed to the changed values.")
+    ] = False
+    method: Annotated[Method, METHOD] = Method.AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class AttractorsRequest(Request):
     """See ``gaitopt.attractors``."""
 
-    starts: int = field(
-        default=20, metadata=about("Number of walks at each value.", least=1, most=MOST_STARTS, keyed=True)
-    )
-    transient: int = field(
-        default=200,
-        metadata=about("Number of cycles to discard first; take more near bifurcations.", least=1, keyed=True),
-    )
-    keep: int = field(default=64, metadata=about("Number of cycles to record afterwards.", least=2, keyed=True))
-    seed: int = field(default=0, metadata=SEED | {"keyed": True})
-    engine: Engine = field(default=Engine.AUTO, metadata=ENGINE | {"keyed": True})
+    starts: Annotated[int, About("Number of walks at each value.", least=1, most=MOST_STARTS, keyed=True)] = 20
+    transient: Annotated[
+        int, About("Number of cycles to discard first; take more near bifurcations.", least=1, keyed=True)
+    ] = 200
+    keep: Annotated[int, About("Number of cycles to record afterwards.", least=2, keyed=True)] = 64
+    seed: Annotated[int, replace(SEED, keyed=True)] = 0
+    engine: Annotated[Engine, replace(ENGINE, keyed=True)] = Engine.AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class BasinRequest(Request):
     """See ``gaitopt.basin``."""
 
-    steps: int = field(default=100, metadata=about("Maximum number of steps of each walk.", least=1))
-    engine: Engine = field(default=Engine.AUTO, metadata=ENGINE)
+    steps: Annotated[int, About("Maximum number of steps of each walk.", least=1)] = 100
+    engine: Annotated[Engine, ENGINE] = Engine.AUTO
 
 
 @dataclass(frozen=True, kw_only=True)
 class ProveRequest(Request):
     """See ``gaitopt.prove``."""
 
-    width: float | None = field(
-        default=None,
-        metadata=about(
+    width: Annotated[
+        float | None,
+        About(
             "Width of the bracket of a special point. Default: the narrowest provable one.",
             least=NARROWEST,
             most=WIDEST,
         ),
-    )
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayRequest(Request):
     """See ``gaitopt.replay``."""
 
-    time_steps: tuple[float, ...] | None = field(
-        default=None,
-        metadata=about(
+    time_steps: Annotated[
+        tuple[float, ...] | None,
+        About(
             "Time step [s]; may be repeated. Default: 0.004, 0.002, ..., 0.00025.",
             least=SHORTEST_STEP,
             most=LONGEST_STEP,
             unit="s",
         ),
-    )
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorkersRequest(Request):
     """Where jobs run; the result does not depend on it."""
 
-    workers: int | None = field(
-        default=None, metadata=about("Number of processes. Default: one per core.", least=1, most=MOST_WORKERS)
+    workers: Annotated[int | None, About("Number of processes. Default: one per core.", least=1, most=MOST_WORKERS)] = (
+        None
     )
-    scheduler: str | None = field(
-        default=None, metadata=about("Use an existing Dask scheduler, such as tls://host:8786.")
-    )
+    scheduler: Annotated[str | None, About("Use an existing Dask scheduler, such as tls://host:8786.")] = None

@@ -1,6 +1,7 @@
 """Requests: what a verb takes is stated once, checked where it is made, and names stored work as it always has."""
 
 import inspect
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,12 +64,13 @@ def stated_requests() -> set[type]:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_defaults_of_the_signatures_are_those_of_the_request(verb):
+def test_signatures_have_the_defaults_of_the_request_and_docstrings_its_fields(verb):
     request, command = VERBS[verb]
     commands = {each.name: each.callback for each in app.registered_commands}
     call, options = (inspect.signature(each).parameters for each in (getattr(go, verb), commands[command]))
     for name, entry in entries(request).items():
         assert name in call, f"gaitopt.{verb} lacks {name}"
+        assert verb == "continuation_records" or re.search(rf"^    .*\b{name}\b.* : ", getattr(go, verb).__doc__, re.M)
         if call[name].default is not inspect.Parameter.empty:
             assert (call[name].default or None) == (entry.default or None), f"{verb}({name})"
         if name in options and options[name].default is not inspect.Parameter.empty:
@@ -80,7 +82,7 @@ def test_every_entry_with_help_is_an_option_of_the_command(verb):
     request, command = VERBS[verb]
     parser = typer.main.get_command(app).commands[command]
     helps = " ".join(getattr(option, "help", None) or "" for option in parser.params)
-    missing = [name for name, entry in entries(request).items() if entry.help not in helps]
+    missing = [name for name, entry in entries(request).items() if entry.about.help not in helps]
     assert not missing, f"gaitopt {command} does not show {missing}"
 
 

@@ -918,6 +918,7 @@ def multistart(
     Parameters
     ----------
     problem : a design; or a problem without unknowns, for its distinct gaits.
+    starts : number of starts, the guess of the problem included.
     seed : random seed.
     spread : relative size of the samples: coordinates and free parameters vary by this fraction of their values,
         control points by this fraction of the range of the curve, all within their bounds.

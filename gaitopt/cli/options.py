@@ -139,7 +139,7 @@ def option(request: type[Request], name: str, flag: str = "", *, metavar: str | 
         metavar=metavar or "|".join(field.choices) or None,
         parser=field.read if is_number else None,
         callback=field.checked if is_number else None,
-        help=f"{field.help} [{field.span}]" if field.span else field.help,
+        help=" ".join(filter(None, (field.about.help, field.about.span and f"[{field.about.span}]"))),
         show_default=field.default is not None,
     )
 

@@ -33,7 +33,7 @@ AT_BOUND = 1e-9
 """Relative distance of an end from a bound below which it is at the bound: a walk stops there to rounding."""
 OLDER_LIMIT = re.compile(r"\d+ points, as many as were allowed|out of time after \d+ s")
 """Reasons that an earlier version gave for ends at a limit of points or time."""
-EFFORT = tuple(name for name, entry in entries(ContinueRequest).items() if entry.effort)
+EFFORT = tuple(name for name, entry in entries(ContinueRequest).items() if entry.about.effort)
 """Entries of a request that limit the work of one call and do not change the branch."""
 
 
