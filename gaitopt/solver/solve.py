@@ -33,8 +33,8 @@ from gaitopt.solver.rollout import FINE_ERROR, Rollout, guessed_motion, roll_out
 
 MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
-PERIODIC = 1e-6
-"""Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait."""
+PERIODIC = 1e-5
+"""Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait: five digits."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 FARTHER = "the methods auto and ipopt search farther"
 """Remedy where Newton's method alone finds nothing."""
