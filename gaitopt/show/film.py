@@ -15,11 +15,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, combinations, pairwise
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 from casadi import SX, Function, horzcat, vertcat, vertsplit
 from numpy.typing import ArrayLike
+from typing_extensions import TypedDict
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
@@ -57,6 +57,75 @@ SAME_PLACE = 1e-9
 """Distance of points that are the same up to rounding [m]."""
 DIGITS = 9
 """Digits of lengths that are compared: rounding does not decide which of two equal legs comes first."""
+
+
+class PackedRecord(TypedDict):
+    """Columns of ``rows`` numbers by name, each as its smallest number, the step of its codes, and the codes."""
+
+    rows: int
+    columns: dict[str, tuple[float, float, str]]
+
+
+class FilmContactRecord(TypedDict):
+    """A contact: its name, the point at which the ground acts, the point that leaves its mark, its friction."""
+
+    name: str
+    point: int
+    mark: int
+    friction: float
+
+
+class FilmPhaseRecord(TypedDict):
+    """A phase: ``mode`` gives its colour, ``words`` say what the contacts do, ``contacts`` have the mode of each.
+
+    It lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin`` [m].
+    """
+
+    mode: str
+    words: str
+    contacts: list[str | None]
+    start: float
+    end: float
+    step: int
+    origin: float
+    first: int
+    last: int
+
+
+class FilmRecord(TypedDict):
+    """What a page knows of a motion, in SI units: the one statement of what ``film`` writes and the scripts read.
+
+    Frames are Chebyshev points of each phase, as many as a smooth curve needs; their columns are the coordinates ``xK``
+    and ``yK`` of the points, the force ``f_tN`` and ``f_nN`` at each contact, the shape with its rates, and
+    ``torque ACTUATOR``. Point 0 is the stance foot. All x count from the stance foot at the start of its step, which is
+    ``origin`` in the cycle. The picture follows the walker between the times and places of ``path``.
+    """
+
+    name: str
+    slope: float
+    contacts: list[FilmContactRecord]
+    weight: float
+    period: float
+    steps: int
+    repeats: int
+    cycle: str
+    cycle_start: str
+    cycle_end: str
+    time_label: str
+    motor_label: str
+    step_length: float
+    path: list[tuple[float, float]]
+    impacts: list[str]
+    impulse_ratios: list[float | None]
+    shape: list[str]
+    lengths: bool
+    actuators: list[str]
+    phases: list[FilmPhaseRecord]
+    legs: Sequence[tuple[int, int]]
+    sides: Sequence[int | None]
+    ties: Sequence[tuple[int, int]]
+    discs: Sequence[tuple[int, float]]
+    frames: PackedRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,16 +286,10 @@ def _exchanged(
     return tuple(None if partner == k else int(partner < k) for k, partner in enumerate(partners))
 
 
-def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
-    """A cycle or a walk as a JSON object in SI units, which ``walker.js`` and the report read.
-
-    Frames are Chebyshev points of each phase, as many as a smooth curve needs. Point 0 is the stance foot; the ground
-    acts at the point of each of the ``contacts``, with the forces ``f_t`` and ``f_n`` and their number. All x count
-    from the stance foot at the start of its step, which is ``origin`` in the cycle. The picture follows the walker
-    between the times and places of ``path``.
-    """
+def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
+    """A cycle or a walk for a page, with at most ``frames`` frames of a cycle."""
     frames = frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))
-    arcs, phases, path, first = list[Arc](), list[dict[str, Any]](), [(0.0, 0.0)], 0
+    arcs, phases, path, first = list[Arc](), list[FilmPhaseRecord](), [(0.0, 0.0)], 0
     names = motion.walker.contact_names()
     for index, (began, step) in enumerate(with_start_times(motion.steps)):
         time, place = path[-1]
@@ -279,7 +342,7 @@ def film(motion: Motion, frames: int = FRAMES) -> dict[str, Any]:
         "time_label": time_label([motion]),
         "motor_label": motor_label([motion]),
         "step_length": _short(path[-1][1]),
-        "path": [[_short(time), _short(place)] for time, place in path],
+        "path": [(_short(time), _short(place)) for time, place in path],
         "impacts": [contacts_words(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.walker.shape),
@@ -324,14 +387,14 @@ def _short(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def pack(columns: Mapping[str, ArrayLike]) -> dict[str, Any]:
+def pack(columns: Mapping[str, ArrayLike]) -> PackedRecord:
     """Pack columns of equal length; ``columns.js`` unpacks them to within 7e-5 of their range."""
-    packed, rows = {}, 0
+    packed, rows = dict[str, tuple[float, float, str]](), 0
     for name, values in columns.items():
         numbers = np.asarray(values, dtype=float)
         rows, low = len(numbers), float(numbers.min())
         step = float(np.ptp(numbers)) / CODES
         codes = np.round((numbers - low) / step).astype("<u2") if step > 0 else np.empty(0, "<u2")
         planes = codes.view(np.uint8).reshape(-1, 2).T.tobytes()
-        packed[name] = [float(f"{low:.7g}"), float(f"{step:.5g}"), base64.b64encode(planes).decode()]
+        packed[name] = float(f"{low:.7g}"), float(f"{step:.5g}"), base64.b64encode(planes).decode()
     return {"rows": rows, "columns": packed}

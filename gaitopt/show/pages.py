@@ -188,7 +188,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     dynamics, shown = problem_dynamics(problem), parameter_of(problem, parameter)
     moved = [dynamics.at({**point["parameters"], parameter: point["value"]}) for point in points]
     motions = (motion_from_record(*pair, name=problem.name, points=POINTS) for pair in zip(moved, points, strict=True))
-    films = [film(motion, FRAMES) for motion in motions]
+    films: list[Record] = [film(motion, FRAMES) for motion in motions]
     common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
     gaits = [
         {

@@ -7,10 +7,27 @@ import pytest
 from pictured import TORSO, branch, gait
 
 from gaitopt import simulate
+from gaitopt.show.film import FilmContactRecord, FilmPhaseRecord, FilmRecord
 from gaitopt.show.motion import motion_of
 from gaitopt.show.pages import animation_page, branch_report, comparison_report, walk_report
 
 FORCE = ".walker .force"
+UNROLLED = "return { ...film, phases, columns };"
+"""Where a script has read a film: whatever is drawn reads what is returned here."""
+WATCHED = """
+  const watched = (kind, record) => new Proxy(record, {
+    get(known, key) {
+      if (typeof key === "string" && !(key in known)) throw new Error(`a ${kind} has no ${key}`);
+      (window.read ??= new Set()).add(`${kind}.${String(key)}`);
+      return known[key];
+    },
+  });
+  const contacts = film.contacts.map((contact) => watched("contact", contact));
+  return watched("film", { ...film, contacts, phases: phases.map((phase) => watched("phase", phase)), columns });
+"""
+"""The same, but reading a key that a film lacks is an error, and the keys that are read are remembered."""
+OF_PYTHON = {"film.cycle", "film.frames", "contact.point"}
+"""Keys that templates or ``unrolled`` read."""
 
 
 def position(page):
@@ -303,3 +320,30 @@ def test_a_walk_is_shown_from_start_to_end(visit):
     assert page.locator("tbody tr").count() >= len(walk.complete_steps) + 1
     page.get_by_role("slider", name="time").fill("1000")
     assert f"step {len(walk.trajectory.steps)}" in page.locator(".words").inner_text()
+
+
+def test_scripts_read_what_a_film_states_and_nothing_else(visit, branch_page):
+    kinds = {"film": FilmRecord, "phase": FilmPhaseRecord, "contact": FilmContactRecord}
+    stated = {f"{kind}.{key}" for kind, record in kinds.items() for key in record.__annotations__}
+    read = set()
+    for text in (
+        animation_page(motion_of(gait("crawler"))),
+        comparison_report([gait("heel-toe"), gait("compass-pd-impact-slip")]),
+        branch_page,
+        walk_report(simulate(gait("compass-passive-a"), steps=2)),
+    ):
+        assert text.count(UNROLLED) == 1
+        page = visit(text.replace(UNROLLED, WATCHED), motion="reduce")
+        page.locator(".walker").first.wait_for()
+        page.get_by_role("slider", name="time").first.fill("500")
+        read |= set(page.evaluate("[...window.read]"))
+    assert read - {"film.columns"} <= stated
+    assert stated - read <= OF_PYTHON
+
+
+def test_a_key_that_a_film_lacks_is_noticed(visit):
+    wrong = animation_page(motion_of(gait("crawler"))).replace("${this.film.name}", "${this.film.nome}")
+    noted = WATCHED.replace("throw new Error", "(window.errors ??= []).push")
+    page = visit(wrong.replace(UNROLLED, noted), motion="reduce")
+    page.locator(".walker").first.wait_for()
+    assert page.evaluate("window.errors") == ["a film has no nome"]

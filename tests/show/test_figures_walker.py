@@ -8,11 +8,22 @@ import numpy as np
 import pytest
 from casadi import SX, vertcat
 from pictured import SEQUENCES, TORSO, gait
+from pydantic import TypeAdapter
 
 from gaitopt.model.walker import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.show import film as skeleton_module
-from gaitopt.show.film import CODES, film, pack, skeleton, slope
+from gaitopt.show.film import (
+    CODES,
+    FilmContactRecord,
+    FilmPhaseRecord,
+    FilmRecord,
+    PackedRecord,
+    film,
+    pack,
+    skeleton,
+    slope,
+)
 from gaitopt.show.motion import motion_of
 from gaitopt.show.pages import animation_page
 
@@ -108,6 +119,16 @@ def test_the_force_in_the_film_stays_within_the_cone(name):
         tangential, normal = (unpack(shown["frames"], f"{name}{k}") for name in ("f_t", "f_n"))
         rounding = np.ptp(tangential) / CODES + contact["friction"] * np.ptp(normal) / CODES
         assert (np.abs(tangential) <= contact["friction"] * normal + rounding).all()
+
+
+@pytest.mark.parametrize("name", [*WALKERS, "crawler", "bounding", "heel-toe"])
+def test_a_film_is_what_its_type_states(name):
+    shown = json.loads(json.dumps(film(motion_of(gait(name)))))
+    TypeAdapter(FilmRecord).validate_json(json.dumps(shown), strict=True)
+    for record, kind in ((shown, FilmRecord), (shown["frames"], PackedRecord)):
+        assert record.keys() == kind.__annotations__.keys()
+    for kind, records in ((FilmPhaseRecord, shown["phases"]), (FilmContactRecord, shown["contacts"])):
+        assert all(record.keys() == kind.__annotations__.keys() for record in records)
 
 
 def test_phases_of_the_film_cover_the_step():
