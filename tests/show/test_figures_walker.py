@@ -108,7 +108,7 @@ def test_columns_come_back_to_a_part_of_their_range_and_constants_exactly():
     values = np.sin(np.linspace(0, 3, 50)) * 7 - 2
     packed = pack({"sine": values, "still": np.full(50, 0.25)})
     np.testing.assert_allclose(unpack(packed, "sine"), values, atol=0.6 * np.ptp(values) / CODES)
-    assert packed["columns"]["still"][1:] == [0.0, ""]
+    assert packed["columns"]["still"][1:] == (0.0, "")
     np.testing.assert_array_equal(unpack(packed, "still"), 0.25)
 
 
