@@ -14,7 +14,7 @@ from gaitopt.gait import curves
 from gaitopt.gait.shares import share_bounds
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered, buffered_map
-from gaitopt.model.contact_set import undetermined
+from gaitopt.model.contacts import undetermined
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
 from gaitopt.model.open_loop import OpenLoop

@@ -16,7 +16,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
-from gaitopt.model.contact_set import DEPENDENT, constraint_structure
+from gaitopt.model.contacts import DEPENDENT, constraint_structure
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 

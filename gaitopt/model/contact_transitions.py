@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from itertools import product
 
-from gaitopt.model.contact_set import shares_of
+from gaitopt.model.contacts import shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import FOOT, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN

@@ -14,11 +14,32 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
-from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, substitute, sum1, vertcat
+from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, sqrt, substitute, sum1, triu, triu2symm, vertcat
 
 from gaitopt.building import built_once
 from gaitopt.model.declaration import check_class, state_mechanism
-from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.modes import FOOT, SWING_FOOT
+from gaitopt.model.walker import Contact, Mechanism, Walker
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ContactPoint:
+    """A point of the walker that can touch the ground.
+
+    Attributes
+    ----------
+    position : SX, shape (2,) - along the ground and normal to it [m].
+    J : SX, shape (2, n_q) - its Jacobian, rows tangent and normal.
+    velocity : SX, shape (2,) - J dq [m/s].
+    convective : SX, shape (2,) - dJ/dt dq [m/s^2].
+    gap : SX - margin that falls to zero where the point lands.
+    """
+
+    position: SX
+    J: SX
+    velocity: SX
+    convective: SX
+    gap: SX
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,6 +58,8 @@ class EquationsOfMotion:
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     moment : SX, shape (2, n_q) - Jacobian of the first moment of mass, sum m r.
     W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
+    contacts : by name: ``foot`` and ``swing_foot`` of a walker that stands on one foot at a time, which swap roles.
+    gaps : SX by name, shape (1, n_q) - derivatives of the gaps of the stops, which are affine.
     energy : SX - kinetic plus potential energy [J].
     dissipation : SX - power that the dampers dissipate [W].
     mass : SX - total mass [kg].
@@ -57,6 +80,8 @@ class EquationsOfMotion:
     E: SX
     moment: SX
     W_swing: SX
+    contacts: Mapping[str, ContactPoint]
+    gaps: Mapping[str, SX]
     switches: Mapping[str, SX]
     sections: Mapping[str, SX]
     energy: SX
@@ -123,8 +148,13 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     feet = [contact.position for contact in mechanism.contacts.values()] or [SX.zeros(2)]
     distances = (norm_2(body.position - foot) for body in mechanism.bodies for foot in feet)
     straight = substitute(vertcat(*distances), q, SX.zeros(q.numel()))
+    length = mmax(straight) if mechanism.length is None else mechanism.length
 
     on_ground = "y" not in walker.coordinates()
+    points = {name: (contact.position, _gap(contact, length)) for name, contact in mechanism.contacts.items()} or {
+        FOOT: (q[-2:], q[-1]),
+        SWING_FOOT: (mechanism.swing_foot, -SX(mechanism.touchdown)),
+    }
 
     def grounded(expression: SX) -> SX:
         return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2)) if on_ground else expression
@@ -140,7 +170,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         z=vertcat(q[order], dq[order]),
         q=grounded(q),
         dq=grounded(dq),
-        M=grounded(M),
+        M=triu2symm(triu(grounded(M))),  # entries that are equal are one expression
         B=grounded(B),
         G=grounded(gradient(potential, q)),
         E=grounded(jacobian(angles, q).T),
@@ -148,6 +178,8 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             sum((body.mass * jacobian(body.position, q) for body in mechanism.bodies), SX.zeros(2, q.numel()))
         ),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
+        contacts={name: _point(position, gap, q, dq, grounded) for name, (position, gap) in points.items()},
+        gaps={name: grounded(jacobian(SX(gap), q)) for name, gap in mechanism.stops.items()},
         switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
         sections={name: grounded(SX(margin(rates))) for name, margin in mechanism.sections.items()},
         energy=grounded(kinetic + potential),
@@ -155,9 +187,31 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         mass=mass,
         centre_height=grounded(heights / mass),
         gravity=norm_2(mechanism.gravity),
-        length=mmax(straight) if mechanism.length is None else mechanism.length,
+        length=length,
         mechanism=_mapped(mechanism, grounded),
     )
+
+
+def _point(position: SX, gap: SX, q: SX, dq: SX, grounded: Callable[[SX], SX]) -> ContactPoint:
+    J = jacobian(position, q)
+    velocity = J @ dq
+    parts = position, J, velocity, jtimes(velocity, q, dq), gap
+    return ContactPoint(**dict(zip(ContactPoint.__slots__, map(grounded, parts), strict=True)))
+
+
+def _gap(contact: Contact, length: SX) -> SX:
+    """The margin that falls to zero where a contact lands."""
+    gap = contact.position[1] if contact.gap is None else contact.gap
+    counts = SX(contact.counts)
+    return gap if counts.is_constant() else _either(gap, -counts * length)
+
+
+def _either(a: SX, b: SX) -> SX:
+    """Positive where one of two numbers is; where b is negative it falls through zero with a, at the same rate.
+
+    Rvachev's disjunction: a maximum without a kink, of which engines can take Taylor series.
+    """
+    return a + b + sqrt(a**2 + b**2)
 
 
 def _inertia(mechanism: Mechanism, q: SX, dq: SX) -> tuple[SX, SX, SX]:

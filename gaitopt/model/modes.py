@@ -19,6 +19,8 @@ from pydantic_core import PydanticKnownError, core_schema
 
 FOOT = "foot"
 """Name of the one contact of a walker that stands on one foot at a time."""
+SWING_FOOT = "swing_foot"
+"""Name of the point of such a walker that lands; it then becomes the ``foot``."""
 OFF = "off"
 """State of a named contact without a force."""
 STOP_STATES, SWITCH_STATES = ("free", "locked"), ("off", "on")

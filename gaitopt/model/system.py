@@ -12,243 +12,27 @@ and the ground together; ``HybridSystem`` compiles them. The NLP and the simulat
 import pickle
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import wraps
 from types import SimpleNamespace
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, jacobian, jtimes, substitute, symvar, vec, vertcat
+from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
 
 from gaitopt.arrays import Array
-from gaitopt.building import BUILT, building, built_once
+from gaitopt.building import building, built_once
 from gaitopt.model.buffered import buffered
-from gaitopt.model.contact import Impact, Motion, Push, flight, impact, landing, motion, push_off, strike, take_off
-from gaitopt.model.contract import quantities, torques
-from gaitopt.model.control import Control, parameter_names
+from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import FOOT_COORDINATES, has_links, joint_limits, state_after_impact, state_tree
+from gaitopt.model.declaration import has_links, joint_limits, state_after_impact, state_tree
+from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
-from gaitopt.model.instant import Instant
-from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
+from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, contact_section
-from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
-
-
-class Expressions:
-    """A walker, its control and the ground in CasADi symbols; parameters as for ``HybridSystem``.
-
-    Attributes
-    ----------
-    t, z, p, r : time since the last impact, state, parameters and segment data, the arguments of all expressions.
-    eom : equations of motion of the walker.
-    transitions : the table of the walker.
-    """
-
-    def __init__(self, walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction) -> None:
-        self.walker, self._control, self._law = walker, control, law
-        self.eom = equations_of_motion(walker)
-        coefficients = SX.sym("c", len(friction.parameters))
-        self._scalars = SX.sym("k", len(control.parameters))
-        self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
-        self.p = vertcat(self.eom.p, coefficients, self._scalars)
-        self._motions: dict[Mode, Motion] = {}
-        self._impacts: dict[Mode, Impact] = {}
-        self._torques: dict[tuple[str, Mode | None], SX] = {}
-
-        self.transitions = transitions(walker, friction, law)
-        self._static, self._kinetic, self._viscous = friction.coefficients(coefficients)
-        BUILT.watch(vars(self))
-
-    def torque(self, mode: Mode, slip: SX | None = None) -> SX:
-        """Actuator torques in a mode, shape (n_u,); most laws do not depend on it.
-
-        Parameters
-        ----------
-        slip : an unknown sign of the slip in place of that of the mode.
-        """
-        held = self._held(mode)
-        for key in (("any", None), ("held", held), *((("actual", mode),) if slip is None else ())):
-            if key in self._torques:
-                return self._torques[key]
-        uses = "any"
-
-        def accelerations(actual: bool) -> tuple[SX, SX]:
-            nonlocal uses
-            uses = "actual" if actual or uses == "actual" else "held"
-            return self._accelerations(mode, slip, actual)
-
-        known = self.p if slip is None else vertcat(self.p, *symvar(slip))
-        torque = BUILT.watch(torques(self._control, self._instant(accelerations), known))
-        if uses != "actual" or slip is None:
-            self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
-        return torque
-
-    def quantities(self, mode: Mode) -> dict[str, SX]:
-        """Further expressions of the control law in a mode."""
-        now = self._instant(lambda actual: self._accelerations(mode, None, actual))
-        return quantities(self._control, now, self.p)
-
-    @property
-    def phase_rate(self) -> SX:
-        """Rate of the phase variable of the control law."""
-        return vars(self._instant(lambda actual: (SX(0), SX(0))).ds)[self._control.phase_variable]
-
-    def momentum(self, mode: Mode) -> dict[str, SX]:
-        """Terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot is held."""
-        n, eom = len(self.walker.shape), self.eom
-        weight, momentum = eom.gravity_force(eom.mechanism.gravity)[:n], eom.M[:n, :n] @ eom.dq[:n]
-        forces = (eom.B + eom.G + eom.force_of(self.potential_of(mode)))[:n]
-        rest = forces - weight - jtimes(momentum, eom.q[:n], eom.dq[:n])
-        return {"momentum": momentum, "E": eom.E[:n, :], "weight": weight, "rest": rest}
-
-    def _accelerations(self, mode: Mode, slip: SX | None, actual: bool) -> tuple[SX, SX]:
-        """Shape accelerations without torques, and their derivative by the torques, in a mode or with the foot held."""
-        u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
-        dz = self._rate(mode, u, slip) if actual else self._rate(self._held(mode), u)
-        ddq = dz[first : first + len(self.walker.shape)]
-        return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
-
-    def _held(self, mode: Mode) -> Mode:
-        """The mode in which the foot sticks instead."""
-        return mode.with_contact(Mode.STICK)
-
-    def _rate(self, mode: Mode, torque: SX, slip: SX | None = None) -> SX:
-        """dz/dt in a mode under given torques, with an unknown sign of the slip if there is one."""
-        return self._moving(_slip(mode) if slip is None else slip, mode, torque).dz
-
-    def _instant(self, accelerations: Callable[[bool], tuple[SX, SX]]) -> Instant:
-        """What the control law knows, in symbols."""
-        names, n = (*self.walker.shape, *FOOT_COORDINATES), len(self.walker.shape)
-        q, dq = ({name: values[k] for k, name in enumerate(names)} for values in (self.eom.q, self.eom.dq))
-        phases = self.eom.mechanism.phases
-        rates = {name: jtimes(phase, self.eom.q[:n], self.eom.dq[:n]) for name, phase in phases.items()}
-        shape, shape_rates = ({name: values[name] for name in self.walker.shape} for values in (q, dq))
-        return Instant(
-            t=self.t,
-            q=SimpleNamespace(**q),
-            dq=SimpleNamespace(**dq),
-            s=SimpleNamespace(**shape, **phases),
-            ds=SimpleNamespace(**shape_rates, **rates),
-            p=parameter_names(self._control, self._scalars),
-            r=self.r,
-            robot=self.eom,
-            _accelerations=accelerations,
-        )
-
-    def motion(self, mode: Mode) -> Motion:
-        """Accelerations and contact force in a mode."""
-        if mode not in self._motions:
-            self._motions[mode] = BUILT.watch(self._moving(_slip(mode), mode, self.torque(mode)))
-        return self._motions[mode]
-
-    def rate(self, mode: Mode) -> SX:
-        """dz/dt in a mode, shape (n_z,)."""
-        return self.motion(mode).dz
-
-    def forces(self, mode: Mode) -> SX:
-        """(f_t, f_n) of all contacts, one after the other [N]."""
-        return self.motion(mode).force
-
-    def slipping(self, slip: SX, mode: Mode) -> Motion:
-        """Motion with a sign of the slip that may be an unknown between -1 and 1."""
-        return self._moving(slip, mode, self.torque(mode, slip))
-
-    def _moving(self, slip: SX | None, mode: Mode, torque: SX) -> Motion:
-        """Motion under given torques with the springs and locked stops of a mode; ``slip`` None holds the foot."""
-        springs, locked = self.eom.force_of(self.potential_of(mode)), self._locked(mode.locked)
-        if not mode.touching:
-            return flight(self.eom, springs=springs, torque=torque, locked=locked)
-        drag = SX(self._viscous) * self.eom.z[-1]
-        return motion(self.eom, slip, kinetic=self._kinetic, drag=drag, springs=springs, torque=torque, locked=locked)
-
-    def potential_of(self, mode: Mode) -> SX:
-        """Potential energy that acts only in this mode and some others."""
-        energies = self.eom.mechanism.potential_while.items()
-        return sum((energy for state, energy in energies if mode.has(state)), SX(0))
-
-    def _locked(self, stops: tuple[str, ...]) -> SX:
-        """Derivative of the gaps of some stops by the shape coordinates."""
-        gaps = vertcat(SX(0, 1), *(self.eom.mechanism.stops[name] for name in stops))
-        return jacobian(gaps, self.eom.q[: len(self.walker.shape)])
-
-    def impact(self, mode: Mode) -> Impact:
-        """The impact after which the walker is in a mode: of the foot, or of the stops that are locked in it."""
-        if mode not in self._impacts:
-            walker, locked = self.walker, self._locked(mode.locked)
-            if not mode.touching:
-                result = take_off(self.eom, locked)
-            elif mode.locked:
-                result = strike(self.eom, _slip(mode), self._kinetic, locked)
-            elif walker.massless_feet:
-                result = landing(self.eom)
-            else:
-                held = self._locked(tuple(stop for stop in walker.stops if stop not in walker.open_in_impact))
-                result = impact(self.eom, _slip(mode), self._law, self._kinetic, held)
-            self._impacts[mode] = BUILT.watch(result)
-        return self._impacts[mode]
-
-    def open_impact(self, slip: SX) -> Impact:
-        """The impact of the foot where the sign of the slip is an unknown between -1 and 1."""
-        return impact(self.eom, slip, ImpactLaw.COULOMB, self._kinetic, self._locked(()))
-
-    def margins(self, mode: Mode) -> SX:
-        """Margins of a mode, in the order of ``Transitions.margin_names``."""
-        state, mu = self.motion(mode), self._static
-        f_t, f_n = state.force[0], state.force[1]
-        lands = not (mode.touching and self.walker.flies)  # a walker that flies lands out of flight alone
-        margins = {
-            "touchdown": -self.eom.mechanism.touchdown if lands else SX(1),
-            "upright": self.eom.mechanism.upright,
-            "normal_force": f_n,
-            "cone_forward": mu * f_n + f_t,
-            "cone_backward": mu * f_n - f_t,
-            "slip_velocity": mode.direction * self.eom.z[-1],
-            "painleve": state.painleve,
-            "clearance": self.eom.mechanism.swing_foot[1] if lands else SX(1),
-            **self.eom.mechanism.stops,
-            **self.eom.switches,
-        }
-        return vertcat(*(margins[name] for name in self.transitions.margin_names(mode)))
-
-    @cached_property
-    def push(self) -> Push:
-        """The push of the stance foot just before the swing foot lands."""
-        return BUILT.watch(push_off(self.eom, self._locked(self.walker.stops)))
-
-    @property
-    def approach(self) -> SX:
-        """Normal velocity with which the swing foot lands."""
-        return (self.eom.W_swing @ self.push.rates)[1]
-
-    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
-        """Margins of an impact by name."""
-        result, stick = self.impact(mode), self.impact(mode.with_contact(Mode.STICK))
-        mu = self._static
-        f_t, f_n = result.impulse[0], result.impulse[1]
-        z, n, push = self.eom.z, len(self.walker.coordinates()), self.push.impulse
-        return {
-            "impulse": f_n,
-            "lift_velocity": result.lift_velocity,
-            "touchdown_rate": jtimes(SX(self.eom.mechanism.touchdown), z[:n], z[n:]),
-            "push_cone_forward": mu * push[1] + push[0],
-            "push_cone_backward": mu * push[1] - push[0],
-            "push_landing": -self.approach,
-            "impulse_cone_forward": mu * f_n + f_t,
-            "impulse_cone_backward": mu * f_n - f_t,
-            "impact_slip_velocity": mode.direction * result.slip_velocity,
-            "impact_painleve": result.painleve,
-            "impact_onset": -mu * stick.impulse[1] - mode.direction * stick.impulse[0],
-        }
-
-
-def _slip(mode: Mode) -> SX | None:
-    """Sign of the slip in a mode; None if the foot sticks."""
-    return None if mode.sticks else SX(mode.direction)
-
 
 KEPT = 16
 """Number of unpickled systems that are kept with their compiled functions, some megabytes each."""
@@ -323,13 +107,7 @@ class HybridSystem:
         self.n_r = control.data(0).size
         n_walker = len(walker.model_fields)
         self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
-        if isinstance(friction, ContactFriction):
-            from gaitopt.model.contact_system import ContactExpressions  # it derives from ``Expressions``
-
-            self._contacts = ContactExpressions(walker, control, law, friction, cycle_end)
-            self._symbols: Expressions = self._contacts
-        else:
-            self._symbols = Expressions(walker, control, law, friction)
+        self._symbols = Expressions(walker, control, law, friction, cycle_end)
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
@@ -444,9 +222,8 @@ class HybridSystem:
 
     @compiled("zp")
     def impact(self, mode: Mode) -> dict[str, SX]:
-        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``contact.Impact``."""
-        result = self._symbols.impact(mode)
-        return {field.name: getattr(result, field.name) for field in fields(result)}
+        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``Expressions.foot_impact``."""
+        return self._symbols.foot_impact(mode)
 
     @compiled("zp")
     def impacts(self, *modes: Mode) -> dict[str, SX]:
@@ -462,7 +239,7 @@ class HybridSystem:
     @compiled("zp")
     def impact_jacobian(self, mode: Mode) -> dict[str, SX]:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
-        return {"z_plus_by_z": jacobian(self._symbols.impact(mode).z_plus, self._eom.z)}
+        return {"z_plus_by_z": jacobian(self._symbols.foot_impact(mode)["z_plus"], self._eom.z)}
 
     @compiled("zp")
     def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
@@ -488,12 +265,7 @@ class HybridSystem:
 
     @compiled("zp")
     def _reset(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
-        if before is not None:
-            return {"z_plus": self._contacts.reset(mode, before, ends_step=ends_step)}
-        z_plus = SX(self._symbols.impact(mode).z_plus)
-        if ends_step:
-            z_plus[self.n_shape] = 0
-        return {"z_plus": z_plus}
+        return {"z_plus": self._symbols.reset(mode, before, ends_step=ends_step)}
 
     @compiled("zp")
     def _reset_jacobian(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
@@ -502,8 +274,8 @@ class HybridSystem:
 
     @property
     def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the parts of ``mechanics``; see ``ContactExpressions``."""
-        return self._contacts.mechanics_shapes
+        """Shapes of the parts of ``mechanics``; see ``Expressions``."""
+        return self._symbols.mechanics_shapes
 
     @property
     def springs_while(self) -> tuple[str, ...]:
@@ -514,33 +286,33 @@ class HybridSystem:
     @compiled("zp")
     def mechanics(self) -> dict[str, SX]:
         """(z, p) -> M, forces and J of all contacts, from which forces in any mode follow; see ``mechanics_shapes``."""
-        return {"mechanics": self._contacts.mechanics}
+        return {"mechanics": self._symbols.mechanics}
 
     @property
     @compiled("zdp")
     def mechanics_rate(self) -> dict[str, SX]:
         """(z, dz/dt, p) -> rate of ``mechanics`` along a motion."""
-        dz, mechanics = SX.sym("dz", self.n_z), self._contacts.mechanics
+        dz, mechanics = SX.sym("dz", self.n_z), self._symbols.mechanics
         return {"d": dz, "rate": jtimes(mechanics, self._symbols.z, dz)}
 
     @property
     @building
     def law_uses(self) -> tuple[bool, bool]:
         """Whether the torques depend on the accelerations with the contacts held, and on the actual ones."""
-        return self._contacts.law_uses
+        return self._symbols.law_uses
 
     @property
     @compiled("tzhapr")
     def law_torques(self) -> dict[str, SX]:
-        """(t, z, held, actual, p, r) -> torques from accelerations that the law may use; see ``ContactExpressions``."""
-        torque, held, actual = self._contacts.law
+        """(t, z, held, actual, p, r) -> torques from accelerations that the law may use; see ``Expressions``."""
+        torque, held, actual = self._symbols.law
         return {"h": held, "a": actual, "torque": torque}
 
     @property
     @compiled("tzhadpr")
     def law_torques_rate(self) -> dict[str, SX]:
         """(t, z, held, actual, rates of z, held and actual, p, r) -> rate of ``law_torques``."""
-        torque, held, actual = self._contacts.law
+        torque, held, actual = self._symbols.law
         arguments = vertcat(self._symbols.z, held, actual)
         rates = SX.sym("rates", arguments.numel())
         rate = jtimes(torque, arguments, rates) + jacobian(torque, self._symbols.t)
@@ -548,21 +320,21 @@ class HybridSystem:
 
     @compiled("zp")
     def contact_impact(self, mode: Mode, landing: tuple[str, ...]) -> dict[str, SX]:
-        """(z, p) -> z_plus and impulses; see ``ContactImpact``."""
-        result = self._contacts.collision(mode, landing)
-        return {"z_plus": result.z_plus, "impulses": vertcat(*result.impulses.values())}
+        """(z, p) -> z_plus and impulses (F_t, F_n) of all contacts, without relabelling; ``landing`` are massless."""
+        impulses = self._symbols.impact(mode, landing).impulses
+        return {"z_plus": self._symbols.state_after(mode, landing), "impulses": vertcat(*impulses.values())}
 
     @property
     @compiled("zp")
     def relabelled(self) -> dict[str, SX]:
         """(z, p) -> z_plus: the state after the feet have swapped roles, x being the position of the new base point."""
-        return {"z_plus": self._contacts.relabelled}
+        return {"z_plus": self._symbols.relabelled}
 
     @property
     @compiled("zp")
     def contact_points(self) -> dict[str, SX]:
         """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number above zero where it may land."""
-        return self._contacts.points()
+        return self._symbols.points()
 
     @property
     @compiled("tzspr")
@@ -572,24 +344,24 @@ class HybridSystem:
         Friction is -mu s f_n with s in [-1, 1]; kinetic friction bounds a foot at rest too.
         """
         s, guard = SX.sym("s"), SX(self._eom.mechanism.touchdown)
-        state = self._symbols.slipping(s, self.walker.released(Mode.STICK))
-        rate = jtimes(guard, self._eom.z, state.dz)
-        return {"s": s, "dz": state.dz, "force": state.force, "guard": guard, "guard_rate": rate}
+        found = self._symbols.slipping(s, self.walker.released(Mode.SLIP_FORWARD))
+        rate = jtimes(guard, self._eom.z, found.dz)
+        return {"s": s, "dz": found.dz, "force": found.forces[FOOT], "guard": guard, "guard_rate": rate}
 
     @property
     @compiled("zsp")
     def open_impact(self) -> dict[str, SX]:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
         s = SX.sym("s")
-        result = self._symbols.open_impact(s)
-        names = ("z_plus", "impulse", "slip_velocity", "lift_velocity")
-        return {"s": s} | {name: getattr(result, name) for name in names}
+        result = self._symbols.foot_impact(Mode.SLIP_FORWARD, s)
+        return {"s": s} | {name: result[name] for name in ("z_plus", "impulse", "slip_velocity", "lift_velocity")}
 
     @property
     @compiled("zp")
     def push(self) -> dict[str, SX]:
         """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
-        return {"impulse": self._symbols.push.impulse, "work": self._symbols.push.work}
+        impulse, _, work = self._symbols.push
+        return {"impulse": impulse, "work": work}
 
     @property
     @compiled("p")

@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.model.buffered import Buffers
-from gaitopt.model.contact_set import (
+from gaitopt.model.contact_transitions import share_name
+from gaitopt.model.contacts import (
     DEPENDENT,
     active_coordinates,
     constraint_structure,
     friction_of_shares,
     share_margins,
 )
-from gaitopt.model.contact_transitions import share_name
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CONE

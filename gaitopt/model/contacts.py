@@ -1,0 +1,831 @@
+"""Motion and plastic impacts of a walker whose contacts stick, slip or are off, and whose stops are free or locked.
+
+With the positions r_i of the closed contacts, J_i = dr_i/dq with rows t and n, their forces f_i, and the gaps g_j of
+the locked stops, which are affine in the shape, with their forces l_j,
+
+    M ddq + B + G = E u + sum J_i' f_i + sum (dg_j/dq)' l_j                     Gamus & Or (2013), eq. (2)
+    J_n,i ddq + dJ_n,i dq = 0                                  of every closed contact
+    J_t,i ddq + dJ_t,i dq = 0                                  if it sticks      eq. (3)
+    f_t,i = -s_i mu_i f_n,i - c_i v_t,i,   s_i = sgn v_t,i      if it slips       eq. (5)
+    dg_j/dq ddq = 0                                            of every locked stop
+
+This is one linear system in ddq, the normal forces, the forces of sticking contacts and those of the stops. With an s
+between -1 and 1 it gives the motion of a foot whose mode is unknown.
+
+**One foot.** A walker that stands on one foot at a time has the contacts ``foot``, at (x, y), and ``swing_foot``, which
+swap roles at touchdown. With the shape eliminated, its equation along the ground while it slips is
+
+    (C_tt + mu s C_nt) ddx = -(f_t + mu s f_n)_stick - c dx         C = (W M^-1 W')^-1, the apparent mass of the foot
+
+The factor, det(C) w_n' M^-1 Gamma of eq. (6), is the last pivot of the elimination. Where it is not positive, the slip
+has no unique solution (Painleve's paradox).
+
+**Impacts.** An impact that leads to a mode has impulses in place of forces, and J dq_plus in place of accelerations:
+
+    M (dq_plus - dq_minus) = sum J_i' F_i + sum (dg_j/dq)' L_j                  eq. (8)
+
+    stick               v_plus = 0                                         eq. (9)
+    slip, coulomb       F_t = -mu s F_n,  v_n_plus = 0,  s = sgn v_t_plus  eq. (11)
+    slip, frictionless  F_t = 0,          v_n_plus = 0
+
+Contacts that are off afterwards have no impulse. The equations are written with the velocity v of a closed contact in
+place of that of (x, y), for which the mass matrix is a sum over positions relative to this contact. So they need no
+inverse of M, which is singular for walkers with a single point mass, and the inertia of a light leg is not lost in the
+rounding of a heavy hip.
+
+**Redundant constraints.** The derivatives of the closed contacts may depend on each other where the contacts are on the
+ground: two sticking contacts of one rigid part have the same tangential constraint. They are recognised by their pivots
+at a posture of the mode. A constraint that depends on the ones before it is left out: its force is one of a family
+
+    lambda = lambda_0 + N a,      J' N = 0
+
+all members of which move the walker alike. The mode holds as long as one of them lies in all friction cones. The
+margins of the mode do not contain a: Fourier and Motzkin's elimination leaves the sums in which it cancels, such as
+
+    (mu_1 f_n,1 + f_t,1) + (mu_2 f_n,2 + f_t,2) > 0
+
+of two contacts that stick together. Where forces of the family would move the walker differently (contacts of different
+friction that slip as one), the mode has no determined motion.
+
+**Massless contacts.** A contact at the end of a massless part has coordinates of its own, without inertia. While it is
+closed their equations give its force; while it is off they keep their values. It sticks, or is off. A walker with
+massless feet keeps (x, y) in flight, where its bodies fall without them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+from types import SimpleNamespace
+from typing import Any, TypeAlias
+
+import numpy as np
+from casadi import (
+    DM,
+    SX,
+    Function,
+    densify,
+    det,
+    dot,
+    horzcat,
+    jacobian,
+    solve,
+    sparsify,
+    substitute,
+    triu,
+    triu2symm,
+    vertcat,
+    vertsplit,
+)
+
+from gaitopt.arrays import Array
+from gaitopt.building import built_once
+from gaitopt.errors import ProblemError
+from gaitopt.model.declaration import state_landing
+from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
+from gaitopt.model.modes import Mode
+from gaitopt.model.walker import Walker
+
+TANGENTIAL, NORMAL, LOCKED = 0, 1, 2
+"""Kinds of constraints: the rows t and n of a contact, and that of a stop."""
+SAMPLES = 5
+"""Postures at which dependent constraints are sought; they are the same ones unless a posture is singular."""
+DEPENDENT = 1e-7
+"""A constraint whose remainder is this small, relative to itself, depends on those before it."""
+ON_GROUND = 1e-12
+"""Largest height of a closed contact of a sampled posture, relative to the walker's size."""
+Constraint: TypeAlias = tuple[str, int]
+"""The contact or stop, and the kind."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Structure:
+    """What the constraints of a mode depend on; the same in every posture of the mode.
+
+    Attributes
+    ----------
+    constraints : of the mode in order: normal, tangential, those of stops.
+    kept : indices of the independent ones.
+    dropped : indices of those that depend on the ones before them.
+    is_determined : whether the motion is the same whatever the shares of the forces, if all have the same friction.
+    nulls : ndarray, shape (n, len(dropped)) - a sample of N: the signs of its entries hold in every posture.
+    drags : ndarray, shape (n_q, n) - sampled tangential directions of the constraints whose forces cause friction.
+    group : the contacts whose forces are undetermined.
+    """
+
+    constraints: tuple[Constraint, ...]
+    kept: tuple[int, ...]
+    dropped: tuple[int, ...]
+    is_determined: bool
+    nulls: Array
+    drags: Array
+    group: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Share:
+    """A margin of a group of contacts whose shares of the forces are undetermined: a sum of margins of its contacts.
+
+    Attributes
+    ----------
+    parts : (name of the margin, contact) of each term: ``cone_forward``, ``cone_backward`` or ``normal_force``.
+    value : SX - the sum with positive weights in which the shares cancel.
+    """
+
+    parts: tuple[tuple[str, str], ...]
+    value: SX
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Friction:
+    """Coefficients by contact, numbers or symbols.
+
+    Attributes
+    ----------
+    static, kinetic : of a sticking and of a slipping contact.
+    viscous : drag of a slipping contact besides [N s/m].
+    """
+
+    static: Mapping[str, SX]
+    kinetic: Mapping[str, SX]
+    viscous: Mapping[str, SX]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """Accelerations and contact forces in one mode.
+
+    Attributes
+    ----------
+    dz : SX, shape (n_z,) - rate of the state; NaN where the motion of the mode is undetermined.
+    forces : SX, shape (2,), by contact - (f_t, f_n) [N]; zero if it is off, one of many where it is undetermined.
+    regularity : SX - determinant of the linear system relative to that without friction; not positive in the paradox of
+        Painleve.
+    apparent_mass : SX - C_tt + mu s C_nt of the one foot that slips [kg]; NaN otherwise.
+    shares : margins of the groups of contacts whose forces are undetermined.
+    """
+
+    dz: SX
+    forces: Mapping[str, SX]
+    regularity: SX
+    apparent_mass: SX
+    shares: tuple[Share, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Impact:
+    """One impact as a function of the state just before it.
+
+    Attributes
+    ----------
+    q, dq : SX, shape (n_q,) - coordinates (shape, x, y) and rates just after it, before any relabelling.
+    impulses : SX, shape (2,), by contact - (F_t, F_n) [N s]; zero if it is off afterwards.
+    velocities : SX, shape (2,), by contact - (v_t, v_n) just after it [m/s].
+    regularity, apparent_mass, shares : see ``Motion``.
+    """
+
+    q: SX
+    dq: SX
+    impulses: Mapping[str, SX]
+    velocities: Mapping[str, SX]
+    regularity: SX
+    apparent_mass: SX
+    shares: tuple[Share, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """Change of the rates (n_q,), forces (n,) of all constraints, a basis N of their family; see also ``Motion``."""
+
+    change: SX
+    forces: SX
+    nulls: SX
+    regularity: SX
+    apparent_mass: SX
+
+
+class _Constraints:
+    """The closed contacts and locked stops of one mode, and the friction of those that slip.
+
+    Parameters
+    ----------
+    slips : SX by contact - signs of the slip in place of those of the mode.
+    base : the contact whose velocity is an unknown in place of that of (x, y); None for (x, y).
+    """
+
+    def __init__(
+        self,
+        eom: EquationsOfMotion,
+        mode: Mode,
+        kinetic: Mapping[str, SX],
+        *,
+        slips: Mapping[str, SX] | None = None,
+        base: str | None = None,
+    ) -> None:
+        self.eom, self.mode, self.structure = eom, mode, constraint_structure(eom.walker, mode)
+        signs: dict[str, SX] = {name: SX(sign) for name, sign in mode.directions.items()} | dict(slips or {})
+        self.friction = {name: signs[name] * kinetic[name] for name in mode.touching}
+        n, self.M = len(eom.walker.shape), eom.M
+        self.J = {name: eom.contacts[name].J for name in mode.touching}
+        if base is not None:
+            self.M = _inertia_about(eom, base)
+            relative = horzcat(eom.contacts[base].J[:, :n], SX.zeros(2, 2))
+            self.J = {
+                name: horzcat(SX.zeros(2, n), SX.eye(2)) if name == base else J - relative for name, J in self.J.items()
+            }
+        rows, columns = [SX(0, n + 2)], [SX(n + 2, 0)]
+        for name, kind in self.structure.constraints:
+            row = eom.gaps[name] if kind == LOCKED else self.J[name][kind, :]
+            rows.append(row)
+            columns.append((row - self.friction[name] * self.J[name][0, :] if kind == NORMAL else row).T)
+        self.rows, self.columns = vertcat(*rows), horzcat(*columns)
+
+    def solve(self, force: SX, required: SX) -> _Solution:
+        """Accelerations or changes of the rates, and forces or impulses.
+
+        Parameters
+        ----------
+        force : SX, shape (n_q,) - generalised force besides those of the constraints.
+        required : SX, shape (n,) - required value of each constraint.
+        """
+        s, active = self.structure, active_coordinates(self.eom.walker, self.mode)
+        kept, n = [*s.kept], len(active)
+        M, J, G = self.M[active, active], self.rows[kept, active], self.columns[active, kept]
+        change, forces = SX.zeros(self.M.shape[0]), SX.zeros(len(s.constraints))
+        b = vertcat(force[active], required[kept])
+        if len(kept) == n:  # the walker cannot move: its posture stays
+            found = solve(J, required[kept])
+            multipliers, pivots = solve(G, M @ found - force[active]), list[SX]()
+            regularity = det(G) / det(J)
+        else:
+            bilateral = [k for k, index in enumerate(kept, start=n) if s.constraints[index][1] == LOCKED]
+            sliding = {k: s.constraints[index][0] for k, index in enumerate(kept, start=n) if self._slides(index)}
+            steady = [k for k, name in sliding.items() if self.J[name].is_constant()]
+            K = _bordered(M, J, G)
+            order, symmetric = _pivots(K, n, bilateral, [*sliding], steady)
+            solution, pivots = _eliminated(K, b, order, symmetric)
+            found, multipliers, regularity = solution[:n], solution[n:], SX(1)
+            if sliding:
+                _, frictionless = _eliminated(_bordered(M, J, J.T), b, order, symmetric)
+                for pivot, other in zip(pivots, frictionless, strict=True):
+                    regularity *= pivot / other
+        for k, index in enumerate(active):
+            change[index] = found[k]
+        for k, index in enumerate(kept):
+            forces[index] = multipliers[k]
+        is_one_foot = not self.eom.walker.contacts and self.mode.slips
+        return _Solution(change, forces, self._family(kept), regularity, pivots[-1] if is_one_foot else SX.nan())
+
+    def pairs(self, values: SX, drag: Mapping[str, SX]) -> dict[str, SX]:
+        """(f_t, f_n) by contact from the forces of the constraints; friction and drag give f_t of a slip."""
+        pairs = {name: SX.zeros(2) for name in self.eom.contacts}
+        for k, (name, kind) in enumerate(self.structure.constraints):
+            if kind == LOCKED:
+                continue
+            pairs[name][kind] = values[k]
+            if self._slides(k):
+                pairs[name][TANGENTIAL] = -self.friction[name] * values[k] + drag.get(name, 0)
+        return pairs
+
+    def _slides(self, index: int) -> bool:
+        """Whether the force of a constraint causes friction."""
+        name, kind = self.structure.constraints[index]
+        return kind == NORMAL and not self.friction[name].is_zero()
+
+    def shares(self, forces: Mapping[str, SX], nulls: SX, static: Mapping[str, SX]) -> tuple[Share, ...]:
+        """Margins of the groups of contacts whose forces are undetermined."""
+        rows = share_margins(self.eom.walker, self.mode, forces, nulls, static)
+        return tuple(Share(parts=parts, value=value) for parts, value in rows)
+
+    def _family(self, kept: list[int]) -> SX:
+        """A basis N of the forces that move the walker alike, shape (n, number of dropped constraints)."""
+        s = self.structure
+        nulls = SX.zeros(len(s.constraints), len(s.dropped))
+        if s.dropped:
+            J = self.rows[kept, :]
+            gram = J @ J.T
+            dropped = self.rows[[*s.dropped], :]
+            weights, _ = _eliminated(gram, J @ dropped.T, [(k, k) for k in range(len(kept))], range(len(kept)))
+            for j, index in enumerate(s.dropped):
+                nulls[index, j] = 1
+                for k, other in enumerate(kept):
+                    nulls[other, j] = -weights[k, j]
+        return nulls
+
+
+def motion(
+    eom: EquationsOfMotion,
+    mode: Mode,
+    friction: Friction,
+    *,
+    springs: SX,
+    torque: SX,
+    slips: Mapping[str, SX] | None = None,
+) -> Motion:
+    """Motion of the walker in a mode.
+
+    Parameters
+    ----------
+    springs : SX, shape (n_q,) - gradient of the potential energy that acts in this mode only.
+    torque : SX, shape (n_u,) - actuator torques u [N m].
+    slips : SX by contact - signs of slips, or unknowns between -1 and 1, in place of those of the mode.
+    """
+    walker = eom.walker
+    system = _Constraints(eom, mode, friction.kinetic, slips=slips)
+    sliding = [name for name in mode.touching if not system.friction[name].is_zero()]
+    drag = {name: -friction.viscous[name] * eom.contacts[name].velocity[0] for name in sliding}
+    force = eom.E @ torque - eom.B - eom.G - springs
+    force += sum((system.J[name][0, :].T * value for name, value in drag.items()), SX.zeros(force.numel()))
+    kinds = system.structure.constraints
+    convective = (SX(0) if kind == LOCKED else eom.contacts[name].convective[kind] for name, kind in kinds)
+    found = system.solve(force, -vertcat(SX(0, 1), *convective))
+    forces, rates = system.pairs(found.forces, drag), SX(eom.dq)
+    for k in {*range(rates.numel())} - {*active_coordinates(walker, mode)}:
+        rates[k] = 0
+    if mode.touching and not walker.contacts:  # the foot stays on the ground, whatever the rounding of its rates
+        rates[-1] = 0
+        rates[-2] = rates[-2] if sliding else 0
+    dz = vertcat(ordered(eom, rates), ordered(eom, found.change))
+    return Motion(
+        dz=dz if system.structure.is_determined else dz * SX.nan(),
+        forces=forces,
+        regularity=found.regularity,
+        apparent_mass=found.apparent_mass,
+        shares=system.shares(forces, found.nulls, friction.static),
+    )
+
+
+def friction_of_shares(walker: type[Walker], mode: Mode, kinetic: Mapping[str, float]) -> Array:
+    """What friction does to the walker where the shares of the forces change, shape (n_q, n): zero if nothing."""
+    structure = constraint_structure(walker, mode)
+    coefficients = np.array([0.0 if kind == LOCKED else kinetic[name] for name, kind in structure.constraints])
+    return np.asarray((structure.drags * coefficients) @ structure.nulls)
+
+
+def impact(
+    eom: EquationsOfMotion,
+    mode: Mode,
+    friction: Friction,
+    *,
+    before: SX | None = None,
+    places: Sequence[str] = (),
+    slips: Mapping[str, SX] | None = None,
+) -> Impact:
+    """The impact after which the walker is in a mode; contacts that leave the ground, and free stops, have no impulse.
+
+    Parameters
+    ----------
+    mode : just after the impact, with the contacts as they are called before it.
+    before : SX, shape (n_q,) - rates just before it; by default those of the state.
+    places : the massless contacts that land: their coordinates take the values of ``Contact.places``.
+    slips : see ``motion``.
+    """
+    n, dq = len(eom.walker.shape), eom.dq if before is None else before
+    base = next((name for name in mode.touching if name not in eom.walker.massless_contacts), None)
+    system = _Constraints(eom, mode, friction.kinetic, slips=slips, base=base)
+    v = dq if base is None else vertcat(dq[:n], eom.contacts[base].J @ dq)
+    # coordinates without inertia have no momentum: their rates follow from the constraints alone
+    found = system.solve(SX.zeros(v.numel()), -system.rows @ v)
+    impulses, after = system.pairs(found.forces, {}), v + found.change
+    velocities = dict[str, SX]()
+    if base is not None:
+        at_rest = [kind for name, kind in system.structure.constraints if name == base]
+        for kind in at_rest:
+            after[n + kind] = 0  # without the rounding of the sum
+        velocities[base] = after[n:]
+        after = vertcat(after[:n], after[n:] - eom.contacts[base].J[:, :n] @ after[:n])
+    for name, contact in eom.contacts.items():
+        velocities.setdefault(name, contact.J @ after)
+    q, names = SX(eom.q), (*eom.walker.shape, "x", "y")
+    for name in places:
+        for key, value in eom.mechanism.contacts[name].places.items():
+            q[names.index(key)] = value
+    return Impact(
+        q=q,
+        dq=after,
+        impulses=impulses,
+        velocities=velocities,
+        regularity=found.regularity,
+        apparent_mass=found.apparent_mass,
+        shares=system.shares(impulses, found.nulls, friction.static),
+    )
+
+
+def push_off(eom: EquationsOfMotion, mode: Mode) -> tuple[SX, SX]:
+    """Rates just after the walker has pushed off with its stance foot, shape (n_q,), and the work of that [J].
+
+    M (dq_plus - dq_minus) = W' P
+
+    Parameters
+    ----------
+    mode : in flight, with the stops that are locked meanwhile.
+    """
+    push, n = eom.mechanism.push, len(eom.walker.shape)
+    if push is None:
+        return eom.dq, SX(0)
+    system = _Constraints(eom, mode, {})
+    change = system.solve(vertcat(SX.zeros(n), push), SX.zeros(len(system.structure.constraints))).change
+    return eom.dq + change, dot(push, eom.dq[n:] + change[n:] / 2)
+
+
+def massless_landing(eom: EquationsOfMotion) -> tuple[SX, SX]:
+    """Shape and its rates just after a massless foot has landed, which sticks; see ``Walker.landing``."""
+    names = (*eom.walker.shape, "x", "y")
+    q, dq = (SimpleNamespace(**dict(zip(names, vertsplit(values), strict=True))) for values in (eom.q, eom.dq))
+    return state_landing(eom.walker, q, dq, parameter_namespace(eom.walker, eom.p))
+
+
+def ordered(eom: EquationsOfMotion, values: SX) -> SX:
+    """Coordinates or rates (shape, x, y) in the order of the state."""
+    n = len(eom.walker.shape)
+    return eom.state(values[:n], values[n], values[n + 1])
+
+
+def _inertia_about(eom: EquationsOfMotion, contact: str) -> SX:
+    """Mass matrix in the shape rates and the velocity of a contact, shape (n_q, n_q)."""
+    n = len(eom.walker.shape)
+    shape = eom.q[:n]
+    coupling, inertia = SX.zeros(2, n), SX.zeros(n, n)
+    for body in eom.mechanism.bodies:
+        arm = jacobian(body.position - eom.contacts[contact].position, shape)
+        turn = jacobian(SX(body.angle), shape)
+        coupling += body.mass * arm
+        inertia += body.mass * (arm.T @ arm) + body.inertia * (turn.T @ turn)
+    return triu2symm(triu(vertcat(horzcat(inertia, coupling.T), horzcat(coupling, eom.mass * SX.eye(2)))))
+
+
+def share_margins(
+    walker: type[Walker], mode: Mode, forces: Mapping[str, Any], nulls: Any, static: Mapping[str, Any]
+) -> list[tuple[tuple[tuple[str, str], ...], Any]]:
+    """Parts and value of the margins of contacts whose forces are undetermined, from numbers or symbols; see ``Share``.
+
+    Parameters
+    ----------
+    forces : (f_t, f_n) by contact, one member of the family.
+    nulls : basis N of the family, shape (n, number of dropped constraints), in the order of the constraints.
+    static : coefficients of friction by contact.
+    """
+    structure = constraint_structure(walker, mode)
+    rows = [
+        row.with_values(*_row_of(structure, row.parts[0], forces[row.name], nulls, static[row.name]))
+        for row in _inequalities(walker, mode)
+    ]
+    return [(row.parts, row.value) for row in _without_shares(structure, rows)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Inequality:
+    """g + c a > 0 in the shares a.
+
+    Attributes
+    ----------
+    parts : see ``Share``.
+    value, coefficients : g and c, numbers or symbols.
+    sample, unlike : c at a sampled posture, with equal and with different coefficients of friction.
+    """
+
+    parts: tuple[tuple[str, str], ...]
+    value: Any
+    coefficients: Any
+    sample: Array
+    unlike: Array
+
+    @property
+    def name(self) -> str:
+        """The first contact."""
+        return self.parts[0][1]
+
+    def with_values(self, value: Any, coefficients: Any) -> "_Inequality":
+        """The same with g and c."""
+        return replace(self, value=value, coefficients=coefficients)
+
+
+@lru_cache(maxsize=256)
+def _inequalities(walker: type[Walker], mode: Mode) -> tuple[_Inequality, ...]:
+    """The inequalities of the contacts that share their forces, at the sampled posture, without their values."""
+    structure = constraint_structure(walker, mode)
+    kinds = {0: ("cone_forward", "cone_backward"), 1: ("normal_force",), -1: ("normal_force",)}
+    rows = []
+    for k, name in enumerate(structure.group):
+        for kind in kinds[mode.directions[name]]:
+            part = kind, name
+            value, sample = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE)
+            _, unlike = _row_of(structure, part, (0.0, 0.0), structure.nulls, FRICTION_SAMPLE + 0.1 * k)
+            rows.append(_Inequality((part,), value, sample, sample, unlike))
+    return tuple(rows)
+
+
+def _row_of(structure: Structure, part: tuple[str, str], force: Any, nulls: Any, mu: Any) -> tuple[Any, Any]:
+    """Value and coefficients of one inequality, numbers or symbols."""
+    index = {constraint: k for k, constraint in enumerate(structure.constraints)}
+    kind, name = part
+    normal = nulls[index[name, 1], :]
+    if kind == "normal_force":
+        return force[1], normal
+    sign = 1 if kind == "cone_forward" else -1
+    return mu * force[1] + sign * force[0], mu * normal + sign * nulls[index[name, 0], :]
+
+
+def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_Inequality]:
+    """What remains of the inequalities when the shares are eliminated.
+
+    One share after the other: in place of each pair of inequalities in which it has opposite signs comes the sum in
+    which it cancels. Where its sign depends on which coefficient of friction is larger, the inequality must hold at
+    that end of the share's range where it is easier to meet: the contact with more friction takes the load.
+    """
+    for k in range(len(structure.dropped)):
+        rising, falling = ([row for row in rows if sign * row.sample[k] > DEPENDENT] for sign in (1, -1))
+        turning = [row for row in rows if abs(row.sample[k]) <= DEPENDENT < abs(row.unlike[k])]
+        rows = [row for row in rows if max(abs(row.sample[k]), abs(row.unlike[k])) <= DEPENDENT]
+        for one, other in product(rising, falling):
+            parts = _joined(one.parts, other.parts)
+            (kind, name), (other_kind, other_name) = parts[0], parts[-1]
+            if len(parts) == 2 and name == other_name and kind != other_kind:
+                parts = (("normal_force", name),)  # the two edges of a cone: twice the friction that it provides
+            c, other_c = one.coefficients, other.coefficients
+            rows.append(
+                _Inequality(
+                    parts,
+                    c[k] * other.value - other_c[k] * one.value,
+                    c[k] * other_c - other_c[k] * c,
+                    one.sample[k] * other.sample - other.sample[k] * one.sample,
+                    one.unlike[k] * other.unlike - other.unlike[k] * one.unlike,
+                )
+            )
+        for row, one, other in product(turning, rising, falling):
+            c = row.coefficients[k]
+            size = (c**2 + TINY) ** 0.5  # the absolute value, whose derivative is zero at zero
+            low, high = (each.value / each.coefficients[k] for each in (one, other))  # less the ends of the range
+            by_low, by_high = (each.coefficients / each.coefficients[k] for each in (one, other))
+            ends, unlike = [one.unlike / one.unlike[k], other.unlike / other.unlike[k]], row.unlike[k]
+            rows.append(
+                _Inequality(
+                    _joined(row.parts, (*one.parts, *other.parts)),
+                    row.value - (c * (low + high) + size * (high - low)) / 2,
+                    row.coefficients - (c * (by_low + by_high) + size * (by_high - by_low)) / 2,
+                    row.sample,
+                    row.unlike - (unlike * sum(ends) + abs(unlike) * (ends[1] - ends[0])) / 2,
+                )
+            )
+    return list(rows)
+
+
+def _joined(parts: tuple[tuple[str, str], ...], others: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    """All parts, once each."""
+    return tuple(dict.fromkeys((*parts, *others)))
+
+
+def undetermined(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
+    """The contacts whose forces are undetermined in a mode, because they share them."""
+    return constraint_structure(walker, mode).group
+
+
+def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], ...], ...]:
+    """Parts of the margins of the groups of contacts whose forces are undetermined; see ``Share``."""
+    structure = constraint_structure(walker, mode)
+    return tuple(row.parts for row in _without_shares(structure, _inequalities(walker, mode)))
+
+
+FRICTION_SAMPLE = 0.37
+"""Coefficient of friction at which the structure of a mode is examined."""
+TINY = 1e-300
+
+
+def _bordered(M: SX, J: SX, G: SX) -> SX:
+    return vertcat(horzcat(M, -G), horzcat(J, SX.zeros(J.shape[0], J.shape[0])))
+
+
+def _pivots(
+    K: SX, n: int, bilateral: Sequence[int], sliding: Sequence[int], steady: Sequence[int]
+) -> tuple[list[tuple[int, int]], list[int]]:
+    """(row, column) of the entries by which the linear system of a mode is eliminated, in order.
+
+    The pivots vanish in no posture. First come entries of J that are the same everywhere, each with its partner in G;
+    what is left of M then is the mass matrix of a walker with fewer joints, whose pivots on the diagonal are positive.
+    Those of the other constraints are effective masses, which vanish at redundant constraints and in the paradox of
+    Painleve alone. Where the normal constraint of a slipping contact is the same everywhere, the coordinate along which
+    it slips comes last: its pivot is the apparent mass of the contact.
+
+    Parameters
+    ----------
+    n : number of coordinates; the constraints come after them.
+    bilateral, sliding : indices of the constraints of stops, and of those whose forces cause friction.
+    steady : those of the latter whose contact has the same Jacobian everywhere.
+
+    Returns
+    -------
+    order : the pivots.
+    symmetric : the coordinates whose block is symmetric and stays so.
+    """
+    N = K.shape[0]
+    filled = np.asarray(DM.ones(sparsify(K).sparsity())).astype(bool)
+    constant = np.array([[K[row, column].is_constant() for column in range(N)] for row in range(N)])
+    order, left, late = list[tuple[int, int]](), list(range(N)), set[int]()
+
+    def eliminate(row: int, column: int) -> None:
+        order.append((row, column))
+        changed = np.ix_(filled[:, column], filled[row])
+        filled[changed], constant[changed] = True, False
+        filled[row] = filled[:, column] = False
+
+    def fill(row: int, column: int) -> int:  # Markowitz
+        return int((filled[:, column].sum() - 1) * (filled[row].sum() - 1))
+
+    def are_partners(force: int, c: int) -> bool:
+        is_fixed = filled[force, c] and constant[force, c] and constant[c, force]
+        return bool(is_fixed and float(K[force, c]) == -float(K[c, force]) != 0)
+
+    no_inertia = [c for c in range(n) if not filled[c, c]]
+    for columns in (no_inertia, range(n)):
+        for force in (k for k in range(n, N) if k in left):
+            if force in sliding and force not in steady:
+                continue
+            free = [c for c in columns if c in left and are_partners(force, c)]
+            if free:
+                c = min(free, key=lambda c: fill(force, c))
+                late |= {k for k in range(n) if force in sliding and k != c and filled[k, force]}
+                eliminate(force, c)
+                eliminate(c, force)
+                left = [other for other in left if other not in (force, c)]
+    symmetric = [k for k in range(n) if k not in late]
+    for group in (symmetric, bilateral, sorted(late), range(n, N)):
+        while rest := [k for k in left if k in group]:
+            k = min(rest, key=lambda k: fill(k, k))
+            eliminate(k, k)
+            left.remove(k)
+    return order, symmetric
+
+
+def _eliminated(K: SX, b: SX, order: Sequence[tuple[int, int]], symmetric: Sequence[int]) -> tuple[SX, list[SX]]:
+    """K^-1 b by elimination, and the pivots; ``order`` and ``symmetric`` as returned by ``_pivots``."""
+    A, rest, pivots, changed = SX(K), SX(b), list[SX](), set[int]()
+    for k, (row, column) in enumerate(order):
+        pivots.append(A[row, column])
+        others = [other for other, _ in order[k + 1 :] if not A[other, column].is_zero()]
+        for other in others:
+            factor = A[other, column] / A[row, column]
+            A[other, :] = A[other, :] - factor * A[row, :]
+            A[other, column] = 0
+            rest[other, :] = rest[other, :] - factor * rest[row, :]
+        changed |= {other for other in others if other in symmetric}
+        if row == column or (k and order[k - 1] == (column, row)):  # else its partner follows
+            block = sorted(changed - {row})
+            A[block, block] = triu2symm(triu(A[block, block]))  # the same expressions on both sides
+            changed = set()
+    x = SX.zeros(*b.shape)
+    for k, (row, column) in reversed(list(enumerate(order))):
+        known = sum((A[row, later] * x[later, :] for _, later in order[k + 1 :] if not A[row, later].is_zero()), SX(0))
+        x[column, :] = (rest[row, :] - known) / A[row, column]
+    return x, pivots
+
+
+def active_coordinates(walker: type[Walker], mode: Mode) -> list[int]:
+    """Indices of the coordinates that move in a mode: all but those of massless contacts, or feet, that are off."""
+    contacts = equations_of_motion(walker).mechanism.contacts
+    resting = {key for name in walker.contacts if name not in mode.touching for key in contacts[name].places}
+    if walker.massless_feet and not mode.touching:
+        resting = {"x", "y"}
+    return [k for k, name in enumerate((*walker.shape, "x", "y")) if name not in resting]
+
+
+@built_once(maxsize=64)
+def _sampled(walker: type[Walker]) -> Function:
+    """(q, p) -> heights of all contacts, and J with their rows t and n in turn and then those of the stops."""
+    eom = equations_of_motion(walker)
+    heights = vertcat(SX(0, 1), *(contact.position[1] for contact in eom.contacts.values()))
+    J = vertcat(SX(0, eom.q.numel()), *(contact.J for contact in eom.contacts.values()), *eom.gaps.values())
+    q = SX.sym("q", eom.q.numel())
+    at = [substitute(densify(x), eom.z[: len(walker.coordinates())], ordered(eom, q)) for x in (heights, J)]
+    return Function("contacts", [q, eom.p], at)
+
+
+@lru_cache(maxsize=256)
+def _postures(walker: type[Walker], touching: tuple[str, ...]) -> tuple[Array, ...]:
+    """J of all contacts and stops at sampled postures in which some contacts are on the ground.
+
+    Raises
+    ------
+    ProblemError
+        If the contacts cannot be on the ground together.
+    """
+    sampled, names = _sampled(walker), [*equations_of_motion(walker).contacts]
+    places = [names.index(name) for name in touching]
+    rows = [row for k in places for row in (2 * k, 2 * k + 1)]
+    n_q, n_p = sampled.size1_in(0), sampled.size1_in(1)
+    random, found = np.random.default_rng(0), list[Array]()
+    for _ in range(20 * SAMPLES):
+        p, place = random.uniform(0.5, 1.5, n_p), random.uniform(-0.3, 0.3, n_q)
+        for _ in range(50):
+            height, J = (np.asarray(value) for value in sampled(place, p))
+            height, slope = height[places], J[[2 * k + 1 for k in places]]
+            if not np.all(np.isfinite(slope)) or np.abs(height).max(initial=0.0) < ON_GROUND:
+                break
+            place = place - np.linalg.pinv(slope) @ height.ravel()
+        if np.all(np.isfinite(J[rows])) and np.abs(height).max(initial=0.0) < ON_GROUND:
+            found.append(J)
+        if len(found) == SAMPLES:
+            break
+    if not found:
+        words = f"its contacts {', '.join(touching)} do not reach the ground together"
+        raise ProblemError(f"{walker.__name__}: {words}")
+    return tuple(found)
+
+
+def _constraints(mode: Mode) -> tuple[Constraint, ...]:
+    """Of a mode, the normal ones first."""
+    return (
+        *((name, NORMAL) for name in mode.touching),
+        *((name, TANGENTIAL) for name in mode.touching if not mode.directions[name]),
+        *((name, LOCKED) for name in mode.locked),
+    )
+
+
+@lru_cache(maxsize=1024)
+def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
+    """What the constraints of a mode depend on, from sampled postures in which its contacts are on the ground.
+
+    Raises
+    ------
+    ProblemError
+        If the contacts cannot be on the ground together.
+    """
+    active, eom, constraints = active_coordinates(walker, mode), equations_of_motion(walker), _constraints(mode)
+    if _is_independent(eom, constraints, active):
+        n = len(constraints)
+        return Structure(
+            constraints=constraints,
+            kept=tuple(range(n)),
+            dropped=(),
+            is_determined=True,
+            nulls=np.zeros((n, 0)),
+            drags=np.zeros((len(active), n)),
+            group=(),
+        )
+    names, stops = [*eom.contacts], [*eom.gaps]
+    found = list[Structure]()
+    for J_all in _postures(walker, mode.touching):
+        at = [
+            J_all[2 * len(names) + stops.index(name) if kind == LOCKED else 2 * names.index(name) + kind]
+            for name, kind in constraints
+        ]
+        J = np.array(at).reshape(len(constraints), -1)
+        drags = [
+            mode.directions[name] * J_all[2 * names.index(name)] if kind == NORMAL else np.zeros(J.shape[1])
+            for name, kind in constraints
+        ]
+        found.append(_dependence(constraints, J[:, active], np.array(drags).reshape(J.shape)[:, active].T))
+    return max(found, key=lambda one: sum(one.kept == other.kept for other in found))
+
+
+def _is_independent(eom: EquationsOfMotion, constraints: Sequence[Constraint], active: Sequence[int]) -> bool:
+    """Whether constraints are independent in every posture, because their entries that are the same everywhere are.
+
+    That is so of one contact and of stops with constant derivatives: velocities relative to the contact decide.
+    """
+    base = next((name for name, kind in constraints if kind == NORMAL), None)
+    n = len(eom.walker.shape)
+    rows = [SX(0, n + 2)]
+    for name, kind in constraints:
+        row = eom.gaps[name] if kind == LOCKED else eom.contacts[name].J[kind, :]
+        if base is not None and kind != LOCKED:
+            reach = SX.zeros(1, n) if name == base else row[:n] - eom.contacts[base].J[kind, :n]
+            row = horzcat(reach, row[n:])
+        rows.append(row)
+    J = vertcat(*rows)
+    columns = [k for k in active if J[:, k].is_constant()]
+    rank = np.linalg.matrix_rank(np.asarray(DM(J[:, columns]))) if constraints and columns else 0
+    return bool(rank == len(constraints))
+
+
+def _dependence(constraints: tuple[Constraint, ...], J: Array, drags: Array) -> Structure:
+    """The structure at one posture.
+
+    Parameters
+    ----------
+    J : rows of all constraints, shape (n, n_q).
+    drags : see ``Structure``.
+    """
+    kept: list[int] = []
+    basis = np.zeros((0, J.shape[1]))
+    for k, row in enumerate(J):
+        rest = row - basis.T @ (basis @ row)
+        rest = rest - basis.T @ (basis @ rest)
+        if np.linalg.norm(rest) > DEPENDENT * np.linalg.norm(row):
+            kept.append(k)
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+    dropped = [k for k in range(len(constraints)) if k not in kept]
+    nulls = np.zeros((len(constraints), len(dropped)))
+    for j, k in enumerate(dropped):
+        nulls[k, j] = 1
+        nulls[kept, j] = -np.linalg.lstsq(J[kept].T, J[k], rcond=None)[0]
+    G = J.T - FRICTION_SAMPLE * drags
+    size = np.abs(G).max(initial=1.0)
+    return Structure(
+        constraints=constraints,
+        kept=tuple(kept),
+        dropped=tuple(dropped),
+        is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
+        nulls=nulls,
+        drags=drags,
+        group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),
+    )

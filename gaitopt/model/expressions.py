@@ -1,0 +1,455 @@
+"""A walker, its control law and the ground in CasADi symbols; ``gaitopt.model.system`` compiles them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+
+from casadi import SX, densify, depends_on, horzcat, jacobian, jtimes, reshape, substitute, symvar, vec, vertcat
+
+from gaitopt.building import BUILT
+from gaitopt.model.contact_transitions import contact_transitions, impulse_name, share_name
+from gaitopt.model.contacts import Friction as Coefficients
+from gaitopt.model.contacts import Impact, Motion, impact, massless_landing, motion, ordered, push_off
+from gaitopt.model.contract import quantities, torques
+from gaitopt.model.control import Control, parameter_names
+from gaitopt.model.declaration import FOOT_COORDINATES
+from gaitopt.model.friction import ContactFriction, Friction, ImpactLaw
+from gaitopt.model.instant import Instant
+from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
+from gaitopt.model.section import TOUCHDOWN, contact_section
+from gaitopt.model.transitions import Transitions, transitions
+from gaitopt.model.walker import Walker
+from gaitopt.threads import cached_property
+
+
+class Expressions:
+    """All expressions of one walker under one control law; parameters as for ``HybridSystem``.
+
+    Attributes
+    ----------
+    t, z, p, r : time since the last impact, state, parameters and segment data, the arguments of all expressions.
+    eom : equations of motion of the walker.
+    transitions : the table of the walker.
+    """
+
+    def __init__(
+        self,
+        walker: type[Walker],
+        control: Control,
+        law: ImpactLaw,
+        friction: Friction | ContactFriction,
+        cycle_end: str = TOUCHDOWN,
+    ) -> None:
+        self.walker, self._control, self._law = walker, control, law
+        self.eom = equations_of_motion(walker)
+        coefficients = SX.sym("c", len(friction.parameters))
+        self._scalars = SX.sym("k", len(control.parameters))
+        self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
+        self.p = vertcat(self.eom.p, coefficients, self._scalars)
+        self._motions: dict[Mode, Motion] = {}
+        self._impacts: dict[tuple[Mode, tuple[str, ...]], Impact] = {}
+        self._torques: dict[tuple[str, Mode | None], SX] = {}
+
+        self.transitions: Transitions = (
+            contact_transitions(walker, cycle_end)
+            if isinstance(friction, ContactFriction)
+            else transitions(walker, friction, law)
+        )
+        of = friction.of(coefficients)
+        if FOOT in of and FOOT not in walker.contacts:
+            of[SWING_FOOT] = of[FOOT]
+        static, kinetic, viscous = ({name: SX(c[k]) for name, c in of.items()} for k in range(3))
+        self._friction = Coefficients(static=static, kinetic=kinetic, viscous=viscous)
+        BUILT.watch(vars(self))
+
+    # ---- the control law
+
+    def torque(self, mode: Mode, slip: SX | None = None) -> SX:
+        """Actuator torques in a mode, shape (n_u,); most laws do not depend on it.
+
+        Parameters
+        ----------
+        slip : an unknown sign of the slip of the foot in place of that of the mode.
+        """
+        held = _held(mode)
+        for key in (("any", None), ("held", held), *((("actual", mode),) if slip is None else ())):
+            if key in self._torques:
+                return self._torques[key]
+        uses = "any"
+
+        def accelerations(actual: bool) -> tuple[SX, SX]:
+            nonlocal uses
+            uses = "actual" if actual or uses == "actual" else "held"
+            return self._accelerations(mode, slip, actual)
+
+        known = self.p if slip is None else vertcat(self.p, *symvar(slip))
+        torque = BUILT.watch(torques(self._control, self._instant(accelerations), known))
+        if uses != "actual" or slip is None:
+            self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
+        return torque
+
+    def quantities(self, mode: Mode) -> dict[str, SX]:
+        """Further expressions of the control law in a mode."""
+        now = self._instant(lambda actual: self._accelerations(mode, None, actual))
+        return quantities(self._control, now, self.p)
+
+    @property
+    def phase_rate(self) -> SX:
+        """Rate of the phase variable of the control law."""
+        return vars(self._instant(lambda actual: (SX(0), SX(0))).ds)[self._control.phase_variable]
+
+    @cached_property
+    def law(self) -> tuple[SX, SX, SX]:
+        """Torques as a function of the accelerations that the law uses, and these: with the contacts held, and actual.
+
+        Each is a column: the shape accelerations without torques, then their derivative by each torque.
+        """
+        n, u = len(self.walker.shape), len(self.walker.actuators)
+        held, actual = SX.sym("held", n * (1 + u)), SX.sym("actual", n * (1 + u))
+
+        def accelerations(is_actual: bool) -> tuple[SX, SX]:
+            values = reshape(actual if is_actual else held, n, 1 + u)
+            return values[:, 0], values[:, 1:]
+
+        torque = torques(self._control, self._instant(accelerations), vertcat(self.p, held, actual))
+        return BUILT.watch((torque, held, actual))
+
+    @property
+    def law_uses(self) -> tuple[bool, bool]:
+        """Whether the torques depend on the accelerations with the contacts held, and on the actual ones."""
+        torque, held, actual = self.law
+        return depends_on(torque, held), depends_on(torque, actual)
+
+    def _accelerations(self, mode: Mode, slip: SX | None, actual: bool) -> tuple[SX, SX]:
+        """Shape accelerations without torques, and by each torque, in a mode or with all contacts held."""
+        u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
+        dz = (self._driven(mode, u, slip) if actual else self._driven(_held(mode), u)).dz
+        ddq = dz[first : first + len(self.walker.shape)]
+        return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
+
+    def _instant(self, accelerations: Callable[[bool], tuple[SX, SX]]) -> Instant:
+        """What the control law knows, in symbols."""
+        names, n = (*self.walker.shape, *FOOT_COORDINATES), len(self.walker.shape)
+        q, dq = ({name: values[k] for k, name in enumerate(names)} for values in (self.eom.q, self.eom.dq))
+        phases = self.eom.mechanism.phases
+        rates = {name: jtimes(phase, self.eom.q[:n], self.eom.dq[:n]) for name, phase in phases.items()}
+        shape, shape_rates = ({name: values[name] for name in self.walker.shape} for values in (q, dq))
+        return Instant(
+            t=self.t,
+            q=SimpleNamespace(**q),
+            dq=SimpleNamespace(**dq),
+            s=SimpleNamespace(**shape, **phases),
+            ds=SimpleNamespace(**shape_rates, **rates),
+            p=parameter_names(self._control, self._scalars),
+            r=self.r,
+            robot=self.eom,
+            _accelerations=accelerations,
+        )
+
+    # ---- motions
+
+    def motion(self, mode: Mode) -> Motion:
+        """Accelerations and contact forces in a mode."""
+        if mode not in self._motions:
+            self._motions[mode] = BUILT.watch(self._driven(mode, self.torque(mode)))
+        return self._motions[mode]
+
+    def slipping(self, slip: SX, mode: Mode) -> Motion:
+        """Motion of a foot whose sign of the slip may be an unknown between -1 and 1; ``mode`` is that of a slip."""
+        return self._driven(mode, self.torque(mode, slip), slip)
+
+    def _driven(self, mode: Mode, torque: SX, slip: SX | None = None) -> Motion:
+        """Accelerations and contact forces in a mode under given torques."""
+        springs = self.eom.force_of(self.potential_of(mode))
+        slips = None if slip is None else {FOOT: slip}
+        return motion(self.eom, mode, self._friction, springs=springs, torque=torque, slips=slips)
+
+    def rate(self, mode: Mode) -> SX:
+        """dz/dt in a mode, shape (n_z,)."""
+        return self.motion(mode).dz
+
+    def forces(self, mode: Mode) -> SX:
+        """(f_t, f_n) of all contacts, one after the other [N]."""
+        forces = self.motion(mode).forces
+        return vertcat(*(forces[name] for name in self.walker.contact_names()))
+
+    def potential_of(self, mode: Mode) -> SX:
+        """Potential energy that acts only in this mode and some others."""
+        energies = self.eom.mechanism.potential_while.items()
+        return sum((energy for state, energy in energies if mode.has(state)), SX(0))
+
+    def momentum(self, mode: Mode) -> dict[str, SX]:
+        """Terms of d(M dq)/dt = E u - weight - rest for the shape, while the foot is held."""
+        n, eom = len(self.walker.shape), self.eom
+        weight, momentum = eom.gravity_force(eom.mechanism.gravity)[:n], eom.M[:n, :n] @ eom.dq[:n]
+        forces = (eom.B + eom.G + eom.force_of(self.potential_of(mode)))[:n]
+        rest = forces - weight - jtimes(momentum, eom.q[:n], eom.dq[:n])
+        return {"momentum": momentum, "E": eom.E[:n, :], "weight": weight, "rest": rest}
+
+    def margins(self, mode: Mode) -> SX:
+        """Margins of a mode, in the order of ``Transitions.margin_names``."""
+        found, eom = self.motion(mode), self.eom
+        margins: dict[str, SX] = {
+            "upright": eom.mechanism.upright,
+            **eom.sections,
+            **eom.mechanism.stops,
+            **eom.switches,
+        }
+        margins |= {"regularity": found.regularity, "painleve": found.apparent_mass}
+        for name, contact in eom.contacts.items():
+            f_t, f_n = found.forces[name][0], found.forces[name][1]
+            of_contact = {
+                "normal_force": f_n,
+                "cone_forward": self._friction.static[name] * f_n + f_t,
+                "cone_backward": self._friction.static[name] * f_n - f_t,
+                "slip_velocity": mode.directions.get(name, 0) * contact.velocity[0],
+                "gap": contact.gap,
+            }
+            margins |= {self._label(what, name): value for what, value in of_contact.items()}
+        margins |= {share_name(share.parts): share.value for share in found.shares}
+        if not self.walker.contacts:
+            lands = not (mode.touching and self.walker.flies)  # a walker that flies lands out of flight alone
+            swing_foot = eom.contacts[SWING_FOOT]
+            margins |= {
+                "touchdown": swing_foot.gap if lands else SX(1),
+                "clearance": swing_foot.position[1] if lands else SX(1),
+            }
+        return vertcat(*(margins[name] for name in self.transitions.margin_names(mode)))
+
+    def _label(self, what: str, contact: str) -> str:
+        """Name of a margin of a contact; the foot has no name where there is one."""
+        return f"{what}.{contact}" if self.walker.contacts or contact != FOOT else what
+
+    # ---- impacts
+
+    def impact(self, mode: Mode, massless: tuple[str, ...] = ()) -> Impact:
+        """The impact after which the walker is in a mode, with the contacts as they are called before it.
+
+        Parameters
+        ----------
+        massless : the massless contacts that land.
+        """
+        if (mode, massless) not in self._impacts:
+            result = impact(self.eom, mode, self._friction, places=massless)
+            self._impacts[mode, massless] = BUILT.watch(result)
+        return self._impacts[mode, massless]
+
+    def massless_landing(self, mode: Mode, before: Mode) -> tuple[str, ...]:
+        """The massless contacts that land in an impact."""
+        massless = self.walker.massless_contacts
+        return tuple(name for name in massless if name in mode.touching and name not in before.touching)
+
+    def foot_impact(self, mode: Mode, slip: SX | None = None) -> dict[str, SX]:
+        """The impact after which a walker on one foot is in a mode: of the foot, or of the stops that are locked in it.
+
+        Parameters
+        ----------
+        slip : an unknown sign of the slip between -1 and 1, by Coulomb's law.
+
+        Returns
+        -------
+        z_plus : SX, shape (n_z,) - state just after it; after the impact of a foot, the feet have swapped roles.
+        impulse : SX, shape (2,) - (F_t, F_n) of the ground [N s].
+        slip_velocity : SX - tangential velocity of the foot on the ground [m/s].
+        lift_velocity : SX - normal velocity of the foot that leaves the ground [m/s]; NaN if none does.
+        painleve : SX - apparent mass of the slipping foot [kg], which must be positive; NaN without an impulse.
+        """
+        eom, n = self.eom, len(self.walker.shape)
+        if mode.locked or not mode.touching:
+            result, v = self.impact(mode), SX(0)
+            lift = SX.nan() if mode.touching else result.velocities[FOOT][1]
+            z_plus = vertcat(self.z[: self.z.numel() // 2], ordered(eom, result.dq))
+            if mode.touching:
+                v = result.velocities[FOOT][0]
+            return _outputs(z_plus, result.impulses[FOOT], v, lift, result.apparent_mass)
+        if self.walker.massless_feet:
+            shape, rates = massless_landing(eom)
+            z_plus = vertcat(eom.state(shape, eom.mechanism.swing_foot[0]), eom.state(rates, SX(0)))
+            return _outputs(z_plus, SX.zeros(2), SX(0), SX.nan(), SX.nan())
+        result = self._collision(mode, slip)
+        v = result.velocities[SWING_FOOT][0]
+        rates = jtimes(eom.mechanism.relabel, eom.q[:n], result.dq[:n])
+        return _outputs(
+            vertcat(eom.state(eom.mechanism.relabel, eom.mechanism.swing_foot[0]), eom.state(rates, v)),
+            result.impulses[SWING_FOOT],
+            v,
+            SX.nan() if self.walker.flies else result.velocities[FOOT][1],
+            result.apparent_mass,
+        )
+
+    def _collision(self, mode: Mode, slip: SX | None) -> Impact:
+        """The impact of the swing foot, which then does as ``mode`` says of the foot."""
+        held = (name for name in self.walker.stops if name not in self.walker.open_in_impact)
+        stops = dict.fromkeys(() if slip is not None else held, "locked")
+        struck = Mode.of(Mode.of_contacts({SWING_FOOT: mode.contacts[FOOT]}), stops)
+        friction, slips = self._friction, None if slip is None else {SWING_FOOT: slip}
+        if self._law is ImpactLaw.FRICTIONLESS and slip is None:
+            friction = replace(friction, kinetic={**friction.kinetic, SWING_FOOT: SX(0)})
+        key = struck, ("open",) if slip is not None else ()
+        if key not in self._impacts:
+            result = impact(self.eom, struck, friction, before=self.push[1], slips=slips)
+            self._impacts[key] = BUILT.watch(result)
+        return self._impacts[key]
+
+    @cached_property
+    def push(self) -> tuple[SX, SX, SX]:
+        """The push of the stance foot just before the swing foot lands.
+
+        Its impulse (P_t, P_n) [N s], shape (2,), the rates just after it, shape (n_q,), and its work [J].
+        """
+        stops = dict.fromkeys(self.walker.stops, "locked")
+        rates, work = push_off(self.eom, Mode.of(Mode.FLIGHT, stops))
+        impulse = self.eom.mechanism.push
+        return BUILT.watch((SX.zeros(2) if impulse is None else impulse, rates, work))
+
+    @property
+    def approach(self) -> SX:
+        """Normal velocity with which the swing foot lands."""
+        return (self.eom.W_swing @ self.push[1])[1]
+
+    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
+        """Margins of an impact by name.
+
+        Parameters
+        ----------
+        mode : just after it; of named contacts, as they are called before it.
+        before : mode just before it; needed where the contacts have names.
+        """
+        if not self.walker.contacts:
+            return self._foot_impact_margins(mode)
+        assert before is not None
+        names = self.transitions.impact_margin_names(mode, before)
+        if not names:
+            return {}
+        result, static = self.impact(mode, self.massless_landing(mode, before)), self._friction.static
+        margins: dict[str, SX] = {"impact_regularity": result.regularity}
+        for name, contact in self.eom.contacts.items():
+            impulse_t, impulse_n = result.impulses[name][0], result.impulses[name][1]
+            of_contact = {
+                "impulse": impulse_n,
+                "impulse_cone_forward": static[name] * impulse_n + impulse_t,
+                "impulse_cone_backward": static[name] * impulse_n - impulse_t,
+                "impact_slip_velocity": mode.directions[name] * result.velocities[name][0],
+                "lift_velocity": result.velocities[name][1],
+                "touchdown_rate": -self._rate_of(contact.gap),
+            }
+            margins |= {self._label(what, name): value for what, value in of_contact.items()}
+        margins |= {impulse_name(share_name(share.parts)): share.value for share in result.shares}
+        return {name: margins[name] for name in names}
+
+    def _foot_impact_margins(self, mode: Mode) -> dict[str, SX]:
+        result, stick = self.foot_impact(mode), self.foot_impact(mode.with_contact(Mode.STICK))
+        mu, push = self._friction.static[FOOT], self.push[0]
+        f_t, f_n = result["impulse"][0], result["impulse"][1]
+        return {
+            "impulse": f_n,
+            "lift_velocity": result["lift_velocity"],
+            "touchdown_rate": -self._rate_of(self.eom.contacts[SWING_FOOT].gap),
+            "push_cone_forward": mu * push[1] + push[0],
+            "push_cone_backward": mu * push[1] - push[0],
+            "push_landing": -self.approach,
+            "impulse_cone_forward": mu * f_n + f_t,
+            "impulse_cone_backward": mu * f_n - f_t,
+            "impact_slip_velocity": mode.direction * result["slip_velocity"],
+            "impact_painleve": result["painleve"],
+            "impact_onset": -mu * stick["impulse"][1] - mode.direction * stick["impulse"][0],
+        }
+
+    def _rate_of(self, expression: SX) -> SX:
+        """Derivative of a function of the coordinates by the time."""
+        n = len(self.walker.coordinates())
+        return jtimes(SX(expression), self.z[:n], self.z[n:])
+
+    def reset(self, mode: Mode, before: Mode | None, *, ends_step: bool) -> SX:
+        """The state after a step or an impact has ended a phase, as a function of that before it, shape (n_z,).
+
+        Parameters
+        ----------
+        mode, before : of the impact, with named contacts as they are called before it; it has none if none lands.
+        ends_step : relabels the shape, and counts x from the new base point. Deviations from the section are removed
+            where the motion would keep them: of heights of contacts that never leave the ground, and of the energy.
+        """
+        x = len(self.walker.coordinates()) - 1
+        if not self.walker.contacts:
+            z = SX(self.foot_impact(mode)["z_plus"])
+            if ends_step:
+                z[x] = 0
+            return z
+        assert before is not None
+        lands = any(name not in before.touching for name in mode.touching)
+        z = self.state_after(mode, self.massless_landing(mode, before)) if lands else SX(self.z)
+        if not ends_step:
+            return z
+        end = self.transitions.cycle_end
+        if end == TOUCHDOWN:
+            z = substitute(self.relabelled, self.z, z)
+        z[x] = 0
+        if end != TOUCHDOWN or "energy" in self.walker.model_fields:
+            after = self.walker.swapped(mode) if end == TOUCHDOWN else mode
+            section = contact_section(self.walker, before, after, end)
+            z = section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
+        return z
+
+    def state_after(self, mode: Mode, massless: tuple[str, ...]) -> SX:
+        """The state just after an impact, before any relabelling, shape (n_z,); arguments as for ``impact``."""
+        result = self.impact(mode, massless)
+        return vertcat(ordered(self.eom, result.q), ordered(self.eom, result.dq))
+
+    @property
+    def relabelled(self) -> SX:
+        """The state after the feet have swapped roles, x being the position of the new base point."""
+        eom, n = self.eom, len(self.walker.shape)
+        shape, base, velocity = eom.mechanism.relabel, eom.mechanism.swing_foot, eom.W_swing @ eom.dq
+        rates = jtimes(shape, eom.q[:n], eom.dq[:n])
+        return vertcat(eom.state(shape, base[0], base[1]), eom.state(rates, velocity[0], velocity[1]))
+
+    # ---- what decides about the contacts
+
+    def points(self) -> dict[str, SX]:
+        """Height, velocity (v_t, v_n), and ``Contact.counts`` of every contact."""
+        counts = (contact.counts for contact in self.eom.mechanism.contacts.values())
+        contacts = self.eom.contacts.values()
+        return {
+            "heights": vertcat(*(contact.position[1] for contact in contacts)),
+            "velocities": vertcat(*(contact.velocity for contact in contacts)),
+            "counts": vertcat(*counts),
+        }
+
+    @cached_property
+    def mechanics(self) -> SX:
+        """M, forces and J of all contacts, in the order and the shapes of ``mechanics_shapes``."""
+        eom, contacts = self.eom, self.eom.contacts.values()
+        J, convective = (vertcat(*parts) for parts in zip(*((c.J, c.convective) for c in contacts), strict=True))
+        springs = [-eom.force_of(energy) for energy in eom.mechanism.potential_while.values()]
+        parts = (eom.M, -eom.B - eom.G, eom.E, horzcat(SX(eom.q.numel(), 0), *springs), J, convective)
+        return BUILT.watch(vertcat(*(vec(densify(part.T)) for part in parts)))  # rows one after the other
+
+    @property
+    def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the parts of ``mechanics``.
+
+        M, generalised forces besides those of motors and contacts, E, forces of the springs that act in some modes
+        (a column for each entry of ``Mechanism.potential_while``), J with the rows t and n of each contact, and dJ dq.
+        """
+        n, k = self.eom.q.numel(), 2 * len(self.eom.contacts)
+        springs = len(self.eom.mechanism.potential_while)
+        shapes = ((n, n), (n,), (n, len(self.walker.actuators)), (n, springs), (k, n), (k,))
+        return dict(zip(("M", "force", "E", "springs", "J", "convective"), shapes, strict=True))
+
+
+def _held(mode: Mode) -> Mode:
+    """The mode in which all contacts on the ground stick; of the one foot, also where it flies."""
+    if not mode.is_named:
+        return mode.with_contact(Mode.STICK)
+    return mode.with_states(dict.fromkeys(mode.touching, str(Mode.STICK)))
+
+
+def _outputs(z_plus: SX, impulse: SX, slip_velocity: SX, lift_velocity: SX, painleve: SX) -> dict[str, SX]:
+    return {
+        "z_plus": z_plus,
+        "impulse": impulse,
+        "slip_velocity": slip_velocity,
+        "lift_velocity": lift_velocity,
+        "painleve": painleve,
+    }
