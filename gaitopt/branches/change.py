@@ -120,7 +120,7 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     if not walker.contacts:
         return ""
     if "." in key.kind:
-        partner = {**walker.exchanged_contacts, **{other: one for one, other in walker.exchanged_contacts.items()}}
+        partner = walker.partners()
         names = contact_of(key.kind).split("+")
         return "+".join(names if key.phase is not None else (partner.get(name, name) for name in names))
     if key.phase is None:

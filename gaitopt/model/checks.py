@@ -247,7 +247,7 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     """Message about the first contradiction of a walker with several contacts; None if there is none."""
     eom, n = equations_of_motion(walker), len(walker.shape)
     contacts, names = eom.mechanism.contacts, (*walker.shape, "x", "y")
-    partner = {**walker.exchanged_contacts, **{other: one for one, other in walker.exchanged_contacts.items()}}
+    partner = walker.partners()
     springs = vertcat(eom.mechanism.potential, *eom.mechanism.potential_while.values())
     points = horzcat(*(contact.position for contact in contacts.values())).T
     size = Function("size", [eom.p], [eom.length, eom.gravity, eom.mass])

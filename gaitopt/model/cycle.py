@@ -175,9 +175,8 @@ class Cycle:
         after, step = self.after(phase), self.step_of(phase)
         if after is None:
             return self.steps[step].impact
-        if self.steps[step].landings:
-            return dict(self.steps[step].landings).get(phase + 1 - self.first_phases[step])
-        return after if after.locked != self.phases[phase].locked else None
+        landed = dict(self.steps[step].landings).get(phase + 1 - self.first_phases[step])
+        return after if landed is None and after.locked != self.phases[phase].locked else landed
 
     def impact_before(self, phase: int) -> Mode | None:
         """The impact before a phase, that of the last step before the first; None where the state is continuous."""

@@ -53,6 +53,7 @@ DERIVED = (
     "contact_names",
     "foot_modes",
     "modes",
+    "partners",
     "steps_per_cycle",
     "step_parameters",
     "released",

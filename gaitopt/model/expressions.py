@@ -7,7 +7,6 @@ from types import SimpleNamespace
 from casadi import SX, densify, depends_on, horzcat, jacobian, jtimes, reshape, substitute, symvar, vec, vertcat
 
 from gaitopt.building import BUILT
-from gaitopt.model.contact_transitions import contact_transitions, impulse_name, share_name
 from gaitopt.model.contacts import Friction as Coefficients
 from gaitopt.model.contacts import Impact, Motion, impact, massless_landing, motion, ordered, push_off
 from gaitopt.model.contract import quantities, torques
@@ -18,7 +17,7 @@ from gaitopt.model.instant import Instant
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, contact_section
-from gaitopt.model.transitions import Transitions, transitions
+from gaitopt.model.transitions import impulse_name, share_name, transitions
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
@@ -51,11 +50,7 @@ class Expressions:
         self._impacts: dict[tuple[Mode, tuple[str, ...]], Impact] = {}
         self._torques: dict[tuple[str, Mode | None], SX] = {}
 
-        self.transitions: Transitions = (
-            contact_transitions(walker, cycle_end)
-            if isinstance(friction, ContactFriction)
-            else transitions(walker, friction, law)
-        )
+        self.transitions = transitions(walker, friction, law, cycle_end)
         of = friction.of(coefficients)
         if FOOT in of and FOOT not in walker.contacts:
             of[SWING_FOOT] = of[FOOT]
@@ -440,9 +435,7 @@ class Expressions:
 
 def _held(mode: Mode) -> Mode:
     """The mode in which all contacts on the ground stick; of the one foot, also where it flies."""
-    if not mode.is_named:
-        return mode.with_contact(Mode.STICK)
-    return mode.with_states(dict.fromkeys(mode.touching, str(Mode.STICK)))
+    return mode.with_states(dict.fromkeys(mode.touching if mode.is_named else (FOOT,), Mode.STICK))
 
 
 def _outputs(z_plus: SX, impulse: SX, slip_velocity: SX, lift_velocity: SX, painleve: SX) -> dict[str, SX]:

@@ -132,7 +132,9 @@ class Mode(str):
         return ": " in self
 
     def with_states(self, changed: Mapping[str, str]) -> "Mode":
-        """Other states of some named contacts, with the same stops and switches."""
+        """Other states of some contacts, with the same stops and switches."""
+        if not self.is_named:
+            return self.with_contact(Mode(changed.get(FOOT, self.contact)))
         return self.with_contact(Mode.of_contacts({**self.contacts, **changed}))
 
     @staticmethod

@@ -8,18 +8,33 @@ is the time, torques and contact forces may jump. The table contains facts only:
 the margins are in ``gaitopt.model.system``, and each method decides by itself which candidate is consistent: the
 simulator from forces and impulses, the NLP by following a cycle, a branch by trying the candidates in turn. In the
 same way a witness function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
+
+Margins of forces and velocities belong to one contact each: ``normal_force.left``, or ``normal_force`` of the foot of a
+walker that stands on one at a time. Contacts that stick together and share their forces have margins of their group,
+such as ``cone_forward.left+right``. ``gap.left`` falls to zero where a contact that is off lands; ``touchdown`` is that
+of the swing foot. Where several contacts touch, any event may change the forces of all of them, so that the candidates
+are all modes of these contacts: one that slips goes on or lifts, one at rest may do anything. A foot that stands alone
+does what the margin says: it slips, or leaves the ground. The event between two given modes follows from what changes:
+
+    a stop or switch                    its margin
+    a contact lands                     gap             else    a slip ends or turns        slip_velocity
+    else    a contact leaves            normal_force    else    a contact begins to slip    its cone
+
+A step ends where the swing foot or a contact of ``Walker.landing_contacts`` lands, where a margin of
+``Walker.sections`` falls to zero, or with a period of the control law.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
-from itertools import pairwise
+from itertools import pairwise, product
 
-from gaitopt.model.cycle import BREAKPOINT, Cycle
-from gaitopt.model.friction import COULOMB, Friction, ImpactLaw
-from gaitopt.model.modes import FOOT, NEXT_STATE, Mode
+from gaitopt.model.contacts import shares_of
+from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
+from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
+from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
@@ -276,6 +291,10 @@ CONE: Mapping[Mode, str] = {Mode.SLIP_FORWARD: "cone_forward", Mode.SLIP_BACKWAR
 """The margin of a sticking foot that falls to zero where each slip begins; for impacts ``impulse_`` precedes it."""
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
 """Margins from the force of the ground; for a massless foot all are zero where it lands and where it takes off."""
+AT_REST = (str(Mode.STICK), str(Mode.SLIP_FORWARD), str(Mode.SLIP_BACKWARD), OFF)
+"""What a contact at rest on the ground may do; sticking comes first."""
+PRIORITY = ("gap", "slip_velocity", "normal_force", "cone_forward", "cone_backward")
+"""Kinds of margins in the order in which they explain a change of modes."""
 ONE_AT_A_TIME = "a step begins with all stops free and all switches off, and they change one at a time"
 CANNOT_SLIP = "a massless foot cannot slip, and friction does not hold it"
 
@@ -314,6 +333,25 @@ def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
     return tuple(mode for mode in candidates if mode.touching)
 
 
+def share_name(parts: tuple[tuple[str, str], ...]) -> str:
+    """Name of the margin of a group: its kind once, if all parts have the same, and its contacts."""
+    kinds = "+".join(dict.fromkeys(kind for kind, _ in parts))
+    return f"{kinds}.{'+'.join(dict.fromkeys(contact for _, contact in parts))}"
+
+
+def impulse_name(name: str) -> str:
+    """Name of the margin of an impact that has impulses in place of the forces of a margin of a mode."""
+    what, _, contacts = name.partition(".")
+    kinds = ("impulse" if part == "normal_force" else f"impulse_{part}" for part in what.split("+"))
+    return f"{'+'.join(kinds)}.{contacts}"
+
+
+def _parts(guard: str) -> set[tuple[str, str]]:
+    """Kinds and contacts of a margin of one contact, or of a group; not all pairs need to be parts of a group's."""
+    kinds, _, contacts = guard.partition(".")
+    return {(what, name) for what in kinds.split("+") for name in (contacts or FOOT).split("+")}
+
+
 def margin_unit(name: str, scales: Scales) -> float:
     """Natural unit of a margin in SI."""
     return UNITS[margin(name).unit][1](scales)
@@ -325,20 +363,23 @@ class Transitions:
     Parameters
     ----------
     walker : the class of the walker.
-    friction : the friction law of its feet.
+    friction : the friction law of its contacts.
     law : tangential law of its slipping impacts.
+    cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
 
     Attributes
     ----------
     modes : all modes of the walker.
-    cycle_end : what ends a cycle; other than ``touchdown`` only where the contacts have names.
-    landed : candidates after the impact that ends a step, with all stops free and all switches off.
+    cycle_end : as given.
+    landed : modes with all stops free and all switches off in which the walker touches the ground.
     unloaded : margins that are zero where a foot lands and where it takes off: ``GROUND_FORCES`` of massless feet.
     """
 
-    def __init__(self, walker: type[Walker], friction: Friction, law: ImpactLaw) -> None:
-        self.walker, self._friction, self._law = walker, friction, law
-        self.cycle_end = TOUCHDOWN
+    def __init__(
+        self, walker: type[Walker], friction: Friction | ContactFriction, law: ImpactLaw, cycle_end: str = TOUCHDOWN
+    ) -> None:
+        self.walker, self._friction, self._law, self.cycle_end = walker, friction, law, cycle_end
+        self._alone = not walker.contacts
         self.modes = walker.modes()
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
@@ -358,17 +399,19 @@ class Transitions:
 
         Parameters
         ----------
-        mode : just after the impact; without stops for the impact of the foot, with a locked stop for that of a stop.
+        mode : just after the impact, with named contacts as they are called before it.
         before : just before it; needed where the contacts have names.
         """
         if (mode, before) not in self._impacts:
-            self._impacts[mode, before] = {row.guard: row for row in self._of_impact(mode, before)}
+            rows = self._of_foot_impact(mode) if self._alone else self._of_impact(mode, before)
+            self._impacts[mode, before] = {row.guard: row for row in rows}
         return self._impacts[mode, before]
 
     @property
     def most_margins(self) -> int:
-        """A bound of the number of margins of a mode."""
-        return max(len(self.of(mode)) for mode in self.modes)
+        """A bound of the number of margins of a mode: three of each contact, and sums of those that share forces."""
+        n = len(self.walker.contact_names())
+        return 3 + 3 * n + n**2 + len(self.walker.stops) + len(self.walker.switches)
 
     def margin_names(self, mode: Mode) -> tuple[str, ...]:
         """Names of the margins of a mode, in the order of ``HybridSystem.margins``."""
@@ -379,8 +422,10 @@ class Transitions:
         return tuple(self.of_impact(mode, before))
 
     def struck(self, cycle: Cycle, phase: int) -> Mode | None:
-        """The impact that ends a phase, with the contacts as they are called before it; None without an impact."""
-        return cycle.reset_after(phase)
+        """The impact that ends a phase, with named contacts as they are called before it; None without an impact."""
+        impact = cycle.reset_after(phase)
+        relabelled = impact is not None and cycle.after(phase) is None and self.cycle_end == TOUCHDOWN
+        return self.walker.swapped(impact) if impact is not None and relabelled else impact
 
     def between(self, mode: Mode, after: Mode | None, struck: Mode | None = None) -> Transition:
         """The transition from ``mode`` to the next mode ``after`` of the step; None stands for the end of the step.
@@ -394,24 +439,52 @@ class Transitions:
         ValueError
             If no event leads from one to the other.
         """
-        leading = [row for row in self.of(mode).values() if row.ends_step is (after is None)]
-        if after is not None:
-            leading = [row for row in leading if after in row.candidates]
-        if not leading:
-            raise ValueError(f"no event of the {self.walker.model} leads from {mode} to {after}")
-        return min(leading, key=lambda row: len(row.candidates))  # the event that distinguishes ``after`` best
+        rows = self.of(mode)
+        if after is None and self.cycle_end == CLOCK:
+            return self._row(CLOCK, reset=Reset(of=CLOCK, ends_step=True), candidates=(mode,))
+        if after is None and (self._alone or self.cycle_end != TOUCHDOWN):
+            found = [row for row in rows.values() if row.ends_step]
+        else:
+            found = self._leading(mode, after, struck)
+        if not found:
+            words = "the end of a step" if after is None else after.brief
+            raise ValueError(f"no event of the {self.walker.model} leads from {mode.brief} to {words}")
+        return found[0]
+
+    def _leading(self, mode: Mode, after: Mode | None, struck: Mode | None) -> list[Transition]:
+        """The transitions that explain a change of modes, the best first."""
+        rows, reached = self.of(mode), [m for m in (after, struck) if m is not None]
+        for name, state in () if after is None else after.stops.items():
+            if state != mode.stops[name]:
+                return [rows[name]] if name in rows and after in rows[name].candidates else []
+        landed = [name for m in reached for name in m.touching if name not in mode.touching]
+        gaps = (rows.get(f"gap.{name}") for name in landed)
+        if lands := [row for row in gaps if row is not None and row.ends_step is (after is None)]:
+            return lands
+        parts = set[tuple[str, str]]()
+        for name, word in after.contacts.items() if after is not None and not landed else ():
+            direction = mode.directions[name]
+            if name in mode.touching and word != mode.contacts[name]:
+                leaves = name not in (after or mode).touching
+                what = "normal_force" if leaves else "slip_velocity" if direction else CONE[Mode(word)]
+                parts.add((what, name))
+
+        def rank(row: Transition) -> tuple[int, int]:
+            own = _parts(row.guard)
+            return min(PRIORITY.index(what) for what, _ in parts & own), -2 * len(parts & own) + len(own)
+
+        found = [r for r in rows.values() if after in r.candidates and r.reset is None and parts & _parts(r.guard)]
+        return sorted(found, key=rank)
 
     def at_breakpoint(self, mode: Mode) -> Transition:
         """The transition at a breakpoint of the control law, where the torques and with them the forces may jump.
 
-        Its time is fixed, so that deviations pass it unchanged although the flow jumps. A foot at rest does what its
-        forces demand; a slipping foot goes on slipping, or is lifted off; in flight nothing changes.
+        Its time is fixed, so that deviations pass it unchanged although the flow jumps. A contact at rest does what its
+        forces demand; a slipping one goes on slipping, or is lifted off; in flight nothing changes.
         """
         if mode not in self._breakpoints:
-            flight = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies and mode.slips else ()
-            rests = (FOOT,) if mode.sticks else ()
-            candidates = self.at_rest(mode) if rests else (mode, *flight)
-            self._breakpoints[mode] = self._row(BREAKPOINT, at_rest=rests, candidates=candidates)
+            rests = _at_rest(mode)
+            self._breakpoints[mode] = self._row(BREAKPOINT, at_rest=rests, candidates=self._candidates(mode, rests))
         return self._breakpoints[mode]
 
     def ending(self, cycle: Cycle, phase: int) -> Transition:
@@ -421,21 +494,39 @@ class Transitions:
         return self.between(cycle.phases[phase], cycle.after(phase), self.struck(cycle, phase))
 
     def zeros_after(self, cycle: Cycle, phase: int) -> tuple[str, ...]:
-        """Margins of the next phase that are zero just after the event that ends a phase."""
+        """Margins of the next phase that are zero just after the event that ends a phase.
+
+        The forces of massless contacts that have just landed; of a foot that stands alone, its velocity where it begins
+        to slip.
+        """
         following = self.of(cycle.phases[(phase + 1) % len(cycle.phases)])
-        return tuple(name for name in self.ending(cycle, phase).zeros_after if name in following)
+        if self._alone:
+            return tuple(name for name in self.ending(cycle, phase).zeros_after if name in following)
+        struck = self.struck(cycle, phase)
+        landed = [] if struck is None else [n for n in struck.touching if n not in cycle.phases[phase].touching]
+        landed = [name for name in landed if name in self.walker.massless_contacts]
+        if cycle.after(phase) is None and self.cycle_end == TOUCHDOWN:
+            partner = self.walker.partners()
+            landed = [partner.get(name, name) for name in landed]
+        forces = (f"{force}.{name}" for name in landed for force in GROUND_FORCES)
+        return tuple(name for name in forces if name in following)
 
     def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
-        """The mode in which a contact that slips sticks instead, and its margin beyond which it slips so."""
-        return Mode.STICK, CONE[mode.contact]
+        """The mode in which a contact that slips sticks instead, and its margin beyond which it slips so.
+
+        The margin may be that of a group to which the contact then belongs.
+        """
+        sticking, part = mode.with_states({contact: Mode.STICK}), (CONE[Mode(mode.contacts[contact])], contact)
+        return sticking, next(guard for guard in self.of(sticking) if part in _parts(guard))
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
-        """Candidates for a foot at rest on the ground, with stops and switches as in ``mode``; stick first."""
-        return tuple(mode.with_contact(contact) for contact in self.walker.foot_modes())
+        """Candidates where the forces are decided anew and the contacts that stick are at rest; stick first."""
+        return self._candidates(mode, _at_rest(mode))
 
     def onset(self, mode: Mode, contact: str = FOOT) -> Transition:
         """The transition where static friction holds a contact at the start of a slip from rest."""
-        return self._row("onset", at_rest=(FOOT,), candidates=self.at_rest(mode))
+        rests = tuple(name for name in mode.touching if not mode.directions[name] or name == contact)
+        return self._row(self._name("onset", contact), at_rest=rests, candidates=self._candidates(mode, rests))
 
     def pull(self, mode: Mode) -> Transition:
         """The transition where a jump of the torques no longer lifts the foot out of a mode."""
@@ -451,56 +542,136 @@ class Transitions:
         """
         if cycle in self._checked:
             return
-        model, contacts = self.walker.model, self.walker.foot_modes()
-        start = self.walker.released(Mode.STICK).stops
+        model, start = self.walker.model, self.walker.released(self.landed[0].contact).stops
         for step in cycle.steps:
-            for mode in (*step.phases, step.impact):
-                if mode.contact not in contacts:
-                    raise ValueError(f"the {model} has no {mode.contact}; its foot can {', '.join(contacts)}")
-            for mode in step.phases:
-                if [*mode.stops] != [*start] or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
-                    form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
-                    raise ValueError(
-                        f"{mode} does not fit the stops of the {model}: write {form if start else mode.contact}"
-                    )
-            if not step.impact.touching:
-                raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
-            if step.impact.stops:
-                raise ValueError(f"write the impact {step.impact.contact}: the impact of the foot frees all stops")
-            if self.walker.flies and step.phases[-1].touching:
-                raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
+            self._check_modes(step, start)
             if step.phases[0].stops != start:
                 raise ValueError(ONE_AT_A_TIME)
             for mode, after in pairwise(step.phases):
                 changed = [name for name in start if after.stops[name] != mode.stops[name]]
                 if len(changed) > 1 or any(after.stops[name] == start[name] for name in changed):
                     raise ValueError(ONE_AT_A_TIME)
-                self.between(mode, after)
-            if not any(row.ends_step for row in self.of(step.phases[-1]).values()):
+            if self._alone and self.walker.flies and step.phases[-1].touching:
+                raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
+            if self._alone and not any(row.ends_step for row in self.of(step.phases[-1]).values()):
                 raise ValueError("all stops must lock before the foot comes down")
+        for phase, mode in enumerate(cycle.phases):
+            self.between(mode, cycle.after(phase), self.struck(cycle, phase))
+            reset = cycle.reset_after(phase)
+            following = cycle.phases[(phase + 1) % len(cycle.phases)]
+            touching = mode.touching if reset is None else reset.touching
+            foreign = [name for name in following.touching if name not in touching]
+            if foreign and not self._alone:
+                words = "in the impact before it" if reset is not None else f"in {mode.brief}"
+                raise ValueError(f"{foreign[0]} touches the ground in {following.brief}, but not {words}")
         self._checked.add(cycle)  # a problem is read again at every ``replace``
 
+    def _check_modes(self, step: ModeSequence, start: Mapping[str, str]) -> None:
+        """Check that the walker has the modes of a step; ``start`` are the states of stops and switches there."""
+        model, contacts = self.walker.model, {*self.walker.foot_modes()}
+        for mode in (*step.phases, step.impact, *(mode for _, mode in step.landings)):
+            if mode.contact not in contacts and self._alone:
+                names = ", ".join(self.walker.foot_modes())
+                raise ValueError(f"the {model} has no {mode.contact}; its foot can {names}")
+            if mode.contact not in contacts:
+                massless = self.walker.massless_contacts
+                words = f"{', '.join(massless)} cannot slip" if massless else "it is not a state of its contacts"
+                raise ValueError(f"the {model} has no mode {mode.brief}: {words}")
+        for mode in step.phases:
+            if [*mode.stops] != [*start] or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
+                form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
+                raise ValueError(
+                    f"{mode} does not fit the stops of the {model}: write {form if start else mode.contact}"
+                )
+        if self._alone and not step.impact.touching:
+            raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
+        if step.impact.stops:
+            raise ValueError(f"write the impact {step.impact.contact}: the impact of the foot frees all stops")
+
+    def _candidates(self, mode: Mode, at_rest: Iterable[str], landing: str | None = None) -> tuple[Mode, ...]:
+        """Modes of the contacts that touch, with the stops and switches of a mode.
+
+        Parameters
+        ----------
+        at_rest : the contacts at rest.
+        landing : the contact that lands; its impact may change the motion of all that touch.
+        """
+        rests, massless = {*at_rest}, {*self.walker.massless_contacts}
+        if self._alone:
+            if not rests and landing is None:
+                flies = self.walker.flies and mode.slips
+                return (mode, *((mode.with_contact(Mode.FLIGHT),) if flies else ()))
+            return tuple(mode.with_contact(contact) for contact in self.walker.foot_modes())
+        states = dict[str, tuple[str, ...]]()
+        for name, word in mode.contacts.items():
+            if name in massless:
+                states[name] = (AT_REST[0], OFF) if name in mode.touching or name == landing else (OFF,)
+            elif (landing is not None and (name in mode.touching or name == landing)) or name in rests:
+                states[name] = AT_REST
+            else:
+                states[name] = (word, OFF) if name in mode.touching else (OFF,)
+        return tuple(
+            mode.with_contact(Mode.of_contacts(dict(zip(states, words, strict=True))))
+            for words in product(*states.values())
+        )
+
     def _of_phase(self, mode: Mode) -> list[Transition]:
-        flight = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()
-        lands = Reset(of=FOOT, ends_step=True)
-        touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self.unloaded)
-        rows = [self._row("clearance") if mode.touching and mode.free else touchdown, self._row("upright")]
-        if mode.touching:
-            rows.append(self._row("normal_force", candidates=flight, zeros=self.unloaded))
-        if mode.sticks:
-            rows += [self._slips(name, mode.with_contact(slip)) for slip, name in CONE.items()]
+        rests, rows = _at_rest(mode), list[Transition]()
+        again = self._candidates(mode, rests)
+        if self._alone:
+            lands = Reset(of=FOOT, ends_step=True)
+            touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self.unloaded)
+            rows.append(self._row("clearance") if mode.touching and mode.free else touchdown)
+        rows.append(self._row("upright"))
+        if self.cycle_end not in (TOUCHDOWN, CLOCK):
+            ends = Reset(of=self.cycle_end, ends_step=True)
+            rows.append(self._row(self.cycle_end, reset=ends, candidates=(mode,)))
+        shares = shares_of(self.walker, mode)
+        shared = {contact for share in shares for _, contact in share}
+        for name in mode.contacts:
+            if name in mode.touching:
+                rows += self._of_contact(mode, name, rests, again, is_shared=name in shared)
+            elif not self._alone:
+                ends_step = name in self.walker.landing_contacts and self.cycle_end == TOUCHDOWN
+                landed = self._candidates(mode, rests, landing=name)
+                rows.append(self._row(f"gap.{name}", reset=Reset(of=name, ends_step=ends_step), candidates=landed))
+        rows += [self._row(share_name(share), at_rest=rests, candidates=again) for share in shares]
         if mode.slips:
-            rows += [self._row("slip_velocity", at_rest=(FOOT,), candidates=self.at_rest(mode)), self._row("painleve")]
-        for stop in mode.free:  # the foot may stick, slip or leave the ground after the impact of the stop
+            rows.append(self._row("painleve" if self._alone else "regularity"))
+        for stop in mode.free:  # all contacts may stick, slip or leave the ground after the impact of the stop
             locked = mode.with_next(stop)
-            candidates = self.at_rest(locked) if mode.touching else (locked,)
-            rows.append(self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=candidates))
-        for switch in mode.off:  # forces may jump, so that a foot at rest may change its mode
-            on, rests = mode.with_next(switch), (FOOT,) if mode.sticks else ()
-            rows.append(self._row(switch, at_rest=rests, candidates=self.at_rest(on) if rests else (on,)))
+            struck = self._candidates(locked, mode.touching) if mode.touching else (locked,)
+            rows.append(self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=struck))
+        for switch in mode.off:  # forces may jump, so that a contact at rest may change its mode
+            on = mode.with_next(switch)
+            decided = self._candidates(on, rests) if rests or not self._alone else (on,)
+            rows.append(self._row(switch, at_rest=rests, candidates=decided))
         return rows
 
-    def _of_impact(self, mode: Mode, before: Mode | None) -> list[Transition]:
+    def _of_contact(
+        self, mode: Mode, name: str, rests: tuple[str, ...], again: tuple[Mode, ...], *, is_shared: bool
+    ) -> list[Transition]:
+        """Rows of a contact on the ground; those of its forces are in the rows of its group if it shares them."""
+        rows = list[Transition]()
+        if not is_shared:  # the forces of a massless contact vanish together
+            massless = self.walker.massless_feet or name in self.walker.massless_contacts
+            zeros = tuple(self._name(force, name) for force in GROUND_FORCES) if massless else ()
+            leaves = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()
+            resting, lifted = ((), leaves) if self._alone else (rests, again)
+            rows.append(self._row(self._name("normal_force", name), at_rest=resting, candidates=lifted, zeros=zeros))
+        if not mode.directions[name] and not is_shared:
+            for slip, cone in CONE.items():
+                guard = self._name(cone, name)
+                begins = self._slips(guard, mode.with_contact(slip)) if self._alone else None
+                rows.append(begins or self._row(guard, at_rest=rests, candidates=again))
+        if mode.directions[name]:
+            resting = (*rests, name)
+            stopped = self._candidates(mode, resting)
+            rows.append(self._row(self._name("slip_velocity", name), at_rest=resting, candidates=stopped))
+        return rows
+
+    def _of_foot_impact(self, mode: Mode) -> list[Transition]:
+        """Margins of the impact of a foot that stands alone, or of a stop that is locked in ``mode``."""
         walker, of_stop, stick = self.walker, bool(mode.locked), mode.with_contact(Mode.STICK)
         if not mode.touching:
             return [self._row("lift_velocity")]
@@ -524,6 +695,40 @@ class Transitions:
         if walker.pushes and not of_stop:
             rows += map(self._row, PUSH)
         return rows
+
+    def _of_impact(self, mode: Mode, before: Mode | None) -> list[Transition]:
+        """Margins of an impact of named contacts, or of a stop; None where the state is continuous."""
+        assert before is not None
+        landing = [name for name in mode.touching if name not in before.touching]
+        if not landing and mode.locked == before.locked:
+            return []
+        shares, massless = shares_of(self.walker, mode), {*self.walker.massless_contacts}
+        shared = {contact for share in shares for _, contact in share}
+        rows = [self._row(f"touchdown_rate.{name}") for name in landing]
+
+        def other(name: str, *words: str) -> tuple[Mode, ...]:
+            return tuple(mode.with_states({name: word}) for word in words)
+
+        for name in (name for name in mode.contacts if name not in massless):
+            if name in mode.touching and name not in shared:
+                rows.append(self._row(f"impulse.{name}", candidates=other(name, OFF)))
+            if name in mode.touching and mode.directions[name]:
+                stops = other(name, AT_REST[0])
+                rows.append(self._row(f"impact_slip_velocity.{name}", at_rest=(name,), candidates=stops))
+            elif name in mode.touching and name not in shared:
+                rows += [
+                    self._row(f"impulse_{cone}.{name}", candidates=other(name, slip)) for slip, cone in CONE.items()
+                ]
+            elif name in before.touching and name not in mode.touching:
+                rows.append(self._row(f"lift_velocity.{name}", candidates=other(name, *AT_REST[:-1])))
+        rows += [self._row(impulse_name(share_name(share)), candidates=(mode,)) for share in shares]
+        if mode.slips:
+            rows.append(self._row("impact_regularity"))
+        return rows
+
+    def _name(self, what: str, contact: str) -> str:
+        """Name of a margin of a contact; that of a foot that stands alone has no contact."""
+        return what if self._alone else f"{what}.{contact}"
 
     def _slips(self, name: str, slip: Mode) -> Transition:
         if self.walker.massless_feet:
@@ -557,7 +762,17 @@ class Transitions:
         )
 
 
+def _at_rest(mode: Mode) -> tuple[str, ...]:
+    """The contacts on the ground that stick."""
+    return tuple(name for name in mode.touching if not mode.directions[name])
+
+
 @lru_cache(maxsize=64)
-def transitions(walker: type[Walker], friction: Friction = COULOMB, law: ImpactLaw = ImpactLaw.COULOMB) -> Transitions:
+def transitions(
+    walker: type[Walker],
+    friction: Friction | ContactFriction = COULOMB,
+    law: ImpactLaw = ImpactLaw.COULOMB,
+    cycle_end: str = TOUCHDOWN,
+) -> Transitions:
     """The table of a walker under a friction law and a law of slipping impacts."""
-    return Transitions(walker, friction, law)
+    return Transitions(walker, friction, law, cycle_end)

@@ -325,8 +325,13 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         """A mode after the feet have swapped roles."""
         if not cls.contacts:
             return mode
-        partner = {**cls.exchanged_contacts, **{theirs: ours for ours, theirs in cls.exchanged_contacts.items()}}
+        partner = cls.partners()
         return mode.with_states({name: mode.contacts[partner.get(name, name)] for name in cls.contacts})
+
+    @classmethod
+    def partners(cls) -> dict[str, str]:
+        """Of every contact that swaps places with another one, that other one."""
+        return {**cls.exchanged_contacts, **{theirs: ours for ours, theirs in cls.exchanged_contacts.items()}}
 
     @classmethod
     def steps_per_cycle(cls) -> int:

@@ -17,7 +17,6 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import before_impact, check_walker, section_posture, stepping_posture, swing_foot
-from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.contract import check_hooks, law_faults, law_section
 from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
@@ -640,10 +639,8 @@ class _StatementReader:
             if self._model is not None:
                 if len(steps) % self._model.steps_per_cycle():
                     raise ValueError(UNEVEN.format(len(steps)))
-                if self._model.contacts and not self._faults:
-                    contact_transitions(self._model, self._cycle_end).check(cycle)
-                elif not self._model.contacts:
-                    transitions(self._model).check(cycle)
+                if not (self._model.contacts and self._faults):  # else a mode of named contacts may not be known
+                    transitions(self._model, cycle_end=self._cycle_end).check(cycle)
             return cycle
         except ValueError as error:
             self._fault(path, str(error))

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.model.buffered import Buffers
-from gaitopt.model.contact_transitions import share_name
 from gaitopt.model.contacts import (
     DEPENDENT,
     active_coordinates,
@@ -35,7 +34,7 @@ from gaitopt.model.contacts import (
 )
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.transitions import CONE
+from gaitopt.model.transitions import CONE, share_name
 from gaitopt.model.walker import Walker
 
 IMAGINARY = 1e-50

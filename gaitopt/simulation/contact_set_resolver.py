@@ -28,11 +28,10 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord, impact_record
 from gaitopt.model.buffered import Buffers, buffered
-from gaitopt.model.contact_transitions import AT_REST
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import CONE, Ending, Transition
+from gaitopt.model.transitions import AT_REST, CONE, Ending, Transition
 from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
 from gaitopt.simulation.contact_resolver import Termination
 from gaitopt.simulation.events import EDGE, LOOK_AHEAD, STEADY, bends_decide, falls_at_start

@@ -10,10 +10,10 @@ import pytest
 from casadi import vertcat
 
 from gaitopt.errors import ProblemError
-from gaitopt.model.contact_transitions import contact_transitions
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import contact_section
+from gaitopt.model.transitions import transitions
 from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_walker import SlipWalker
@@ -199,7 +199,7 @@ def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
     ],
 )  # fmt: skip
 def test_the_event_between_two_modes_follows_from_what_changes(before: dict, after: dict, guard: str) -> None:
-    table = contact_transitions(HeelToe)
+    table = transitions(HeelToe)
     assert table.between(contacts(HeelToe, **before), contacts(HeelToe, **after)).guard == guard
 
 

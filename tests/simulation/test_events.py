@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from gaitopt.model.contact_transitions import ContactTransitions
 from gaitopt.model.transitions import kind, transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
@@ -131,7 +130,7 @@ def test_simultaneous_events_are_ranked(names: tuple[str, ...], winner: str) -> 
 
 
 def test_every_margin_has_a_rank() -> None:
-    tables = [transitions(CompassBiped), transitions(KneedWalker), ContactTransitions(HeelToe)]
+    tables = [transitions(CompassBiped), transitions(KneedWalker), transitions(HeelToe)]
     names = {
         kind(name)
         for table in tables
