@@ -14,7 +14,7 @@ from gaitopt.gait.shares import undetermined_in
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.buffered import buffered
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
 
 SAME_STATE = 1e-9
@@ -37,9 +37,7 @@ def impact_records(motion: Trajectory) -> Iterator[dict[str, Any]]:
             locked = [name for name in arc.mode.locked if before is not None and name not in before.mode.locked]
             struck = arc.struck if arc.mode.is_named else arc.mode if locked else None
             if struck is not None:
-                of = (
-                    _landing(arc.dynamics, struck, None if before is None else before.mode, z) if arc.struck else locked
-                )
+                of = locked or _landing(arc.dynamics, struck, None if before is None else before.mode, z)
                 impulse = _impulse(arc.dynamics, struck, of, z, arc.states[0])
                 yield _impact_entry(began + arc.start, number, of, struck, _determined(arc.dynamics, struck, impulse))
         last = step.arcs[-1]
@@ -68,8 +66,8 @@ def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: 
     """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
     system, p = dynamics.system, dynamics.p
     if struck.is_named:
-        massless = tuple(name for name in of if name in system.walker.massless_contacts)
-        after, impulse, *_ = (value.copy() for value in buffered(system.contact_impact(struck, massless))(z, p))
+        before = struck.with_states({name: OFF for name in of if name in system.walker.contacts})
+        after, impulse, *_ = (value.copy() for value in buffered(system.contact_impact(struck, before))(z, p))
     else:
         after, impulse, *_ = (value.copy() for value in buffered(system.impact(struck))(z, p))
     return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None

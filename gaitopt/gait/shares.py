@@ -16,7 +16,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
-from gaitopt.model.contacts import DEPENDENT, constraint_structure
+from gaitopt.model.contacts import DEPENDENT, LOCKED, constraint_rows, constraint_structure
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 
@@ -35,7 +35,7 @@ def undetermined_in(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
         return ()
     structure, found = constraint_structure(walker, mode), dict[str, None]()
     for (name, row), shares in zip(structure.constraints, structure.nulls, strict=True):
-        if np.abs(shares).max(initial=0.0) > DEPENDENT:
+        if row != LOCKED and np.abs(shares).max(initial=0.0) > DEPENDENT:
             slides = row == 1 and mode.directions[name]  # friction follows the normal force
             found |= dict.fromkeys((f"f_t.{name}", f"f_n.{name}") if slides else (f"f_{'tn'[row]}.{name}",))
     return tuple(found)
@@ -101,13 +101,12 @@ def _null_spaces(arc: Arc) -> Array:
     """N at all times of an arc, shape (m, n, d); its entries belong to the constraints of the mode."""
     system, mode = arc.dynamics.system, arc.mode
     structure, shapes = constraint_structure(system.walker, mode), system.mechanics_shapes
-    place = {name: 2 * k for k, name in enumerate(system.walker.contacts)}
     parts, start = [*shapes], 0
     for part in parts[: parts.index("J")]:
         start += int(np.prod(shapes[part]))
     (values,) = buffered_map(system.mechanics, arc.times.size)(arc.states, arc.dynamics.p)
     J = values[:, start : start + int(np.prod(shapes["J"]))].reshape(-1, *shapes["J"])
-    J = J[:, [place[name] + row for name, row in structure.constraints]]
+    J = J[:, constraint_rows(system.walker, structure.constraints)]
     kept, dropped = J[:, [*structure.kept]], J[:, [*structure.dropped]]
     nulls = np.zeros((arc.times.size, len(structure.constraints), len(structure.dropped)))
     nulls[:, [*structure.dropped], range(len(structure.dropped))] = 1

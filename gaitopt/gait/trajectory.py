@@ -143,10 +143,9 @@ def _contact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode
     if system.cycle_end == TOUCHDOWN:
         struck = walker.swapped(mode)
         landing = [name for name in struck.touching if name not in before.touching]
-        massless = tuple(name for name in landing if name in walker.massless_contacts)
         held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
-        z_plus, impulses = (value.copy() for value in buffered(system.contact_impact(struck, massless))(z_minus, p)[:2])
-        sticking = buffered(system.contact_impact(held, massless))(z_minus, p)[1].reshape(-1, 2)
+        z_plus, impulses = (value.copy() for value in buffered(system.contact_impact(struck, before))(z_minus, p)[:2])
+        sticking = buffered(system.contact_impact(held, before))(z_minus, p)[1].reshape(-1, 2)
         stick_impulse = sticking[[walker.contacts.index(name) for name in landing]].sum(axis=0)
         state = buffered(system.relabelled)(z_plus, p)[0].copy()
     length, state[x] = float(state[x]), 0.0

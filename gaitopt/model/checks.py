@@ -251,6 +251,8 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     springs = vertcat(eom.mechanism.potential, *eom.mechanism.potential_while.values())
     points = horzcat(*(contact.position for contact in contacts.values())).T
     size = Function("size", [eom.p], [eom.length, eom.gravity, eom.mass])
+    gaps = vertcat(SX(0, 1), *eom.mechanism.stops.values())
+    stops = Function("stops", [eom.q, eom.p], [densify(gaps), densify(jacobian(gaps, eom.q))])
     at = Function("contacts", [eom.q, eom.p], [densify(eom.M), densify(points), densify(sum1(springs))])
     length, gravity, mass = (float(np.asarray(value).item()) for value in size(p))
     if not (length > 0 and gravity > 0 and mass > 0):
@@ -261,6 +263,9 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     for _ in range(CHECKED_TOUCHDOWNS):
         q = random.uniform(-SPREAD, SPREAD, n + 2)
         dq = random.standard_normal(n + 2) / scales.time
+        if walker.stops:  # all are locked when the feet swap roles
+            gap, slope = (np.asarray(value) for value in stops(q, p))
+            q, dq = q - np.linalg.pinv(slope) @ gap.ravel(), dq - np.linalg.pinv(slope) @ (slope @ dq)
         M, before, energy = (np.asarray(value) for value in at(q, p))
         if not all(np.isfinite(value).all() for value in (M, before, energy)):
             return f"its equations are not finite at {_posture_words(walker, q[:n])}"

@@ -52,7 +52,7 @@ closed their equations give its force; while it is off they keep their values. I
 massless feet keeps (x, y) in flight, where its bodies fall without them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -729,6 +729,14 @@ def _postures(walker: type[Walker], touching: tuple[str, ...]) -> tuple[Array, .
         words = f"its contacts {', '.join(touching)} do not reach the ground together"
         raise ProblemError(f"{walker.__name__}: {words}")
     return tuple(found)
+
+
+def constraint_rows(walker: type[Walker], constraints: Iterable[Constraint]) -> list[int]:
+    """Rows of constraints in the Jacobian of all contacts (t and n in turn) and, behind them, stops."""
+    names = walker.contact_names()
+    places = {name: 2 * k for k, name in enumerate(names)}
+    stops = {name: 2 * len(names) + k for k, name in enumerate(walker.stops)}
+    return [stops[name] if kind == LOCKED else places[name] + kind for name, kind in constraints]
 
 
 def _constraints(mode: Mode) -> tuple[Constraint, ...]:

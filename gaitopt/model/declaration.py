@@ -53,6 +53,7 @@ DERIVED = (
     "contact_names",
     "foot_modes",
     "modes",
+    "held_in_impact",
     "partners",
     "steps_per_cycle",
     "step_parameters",
@@ -81,8 +82,6 @@ REMEDIES = {
 }
 WITHOUT_CONTACTS = {
     "pushes": "leave pushes and Mechanism.push out, or describe a walker that stands on one foot at a time",
-    "stops": "leave stops and Mechanism.stops out, or describe a walker that stands on one foot at a time",
-    "switches": "leave switches and Mechanism.switches out, or describe a walker that stands on one foot at a time",
     "massless_feet": "name the contacts at the end of massless parts in massless_contacts",
 }
 """Class attributes that walkers with several contacts do not have, each with a remedy."""

@@ -218,22 +218,27 @@ class Expressions:
 
     # ---- impacts
 
-    def impact(self, mode: Mode, massless: tuple[str, ...] = ()) -> Impact:
+    def impact(self, mode: Mode, before: Mode) -> Impact:
         """The impact after which the walker is in a mode, with the contacts as they are called before it.
+
+        A massless contact that lands takes its place. Under the frictionless law contacts that land and slip have no
+        tangential impulse.
 
         Parameters
         ----------
-        massless : the massless contacts that land.
+        mode : just after it, with the stops that are locked then; without stops at the end of a step.
+        before : mode just before it.
         """
-        if (mode, massless) not in self._impacts:
-            result = impact(self.eom, mode, self._friction, places=massless)
-            self._impacts[mode, massless] = BUILT.watch(result)
-        return self._impacts[mode, massless]
-
-    def massless_landing(self, mode: Mode, before: Mode) -> tuple[str, ...]:
-        """The massless contacts that land in an impact."""
-        massless = self.walker.massless_contacts
-        return tuple(name for name in massless if name in mode.touching and name not in before.touching)
+        walker, landing = self.walker, tuple(name for name in mode.touching if name not in before.touching)
+        if walker.stops and not mode.stops:
+            mode = walker.held_in_impact(mode, before)
+        if (mode, landing) not in self._impacts:
+            friction, massless = self._friction, [name for name in landing if name in walker.massless_contacts]
+            if self._law is ImpactLaw.FRICTIONLESS:
+                friction = replace(friction, kinetic=dict(friction.kinetic) | dict.fromkeys(landing, SX(0)))
+            result = impact(self.eom, mode, friction, before=self._pushed(landing), places=massless)
+            self._impacts[mode, landing] = BUILT.watch(result)
+        return self._impacts[mode, landing]
 
     def foot_impact(self, mode: Mode, slip: SX | None = None) -> dict[str, SX]:
         """The impact after which a walker on one foot is in a mode: of the foot, or of the stops that are locked in it.
@@ -252,17 +257,20 @@ class Expressions:
         """
         eom, n = self.eom, len(self.walker.shape)
         if mode.locked or not mode.touching:
-            result, v = self.impact(mode), SX(0)
+            result = self.impact(mode, mode)
+            v = result.velocities[FOOT][0] if mode.touching else SX(0)
             lift = SX.nan() if mode.touching else result.velocities[FOOT][1]
             z_plus = vertcat(self.z[: self.z.numel() // 2], ordered(eom, result.dq))
-            if mode.touching:
-                v = result.velocities[FOOT][0]
             return _outputs(z_plus, result.impulses[FOOT], v, lift, result.apparent_mass)
         if self.walker.massless_feet:
             shape, rates = massless_landing(eom)
             z_plus = vertcat(eom.state(shape, eom.mechanism.swing_foot[0]), eom.state(rates, SX(0)))
             return _outputs(z_plus, SX.zeros(2), SX(0), SX.nan(), SX.nan())
-        result = self._collision(mode, slip)
+        landed, stance = Mode.of_contacts({SWING_FOOT: mode.contacts[FOOT]}), Mode.FLIGHT
+        if slip is None:
+            result = self.impact(landed, Mode.of(stance, dict.fromkeys(self.walker.stops, "locked")))
+        else:
+            result = impact(eom, landed, self._friction, before=self.push[1], slips={SWING_FOOT: slip})
         v = result.velocities[SWING_FOOT][0]
         rates = jtimes(eom.mechanism.relabel, eom.q[:n], result.dq[:n])
         return _outputs(
@@ -273,19 +281,9 @@ class Expressions:
             result.apparent_mass,
         )
 
-    def _collision(self, mode: Mode, slip: SX | None) -> Impact:
-        """The impact of the swing foot, which then does as ``mode`` says of the foot."""
-        held = (name for name in self.walker.stops if name not in self.walker.open_in_impact)
-        stops = dict.fromkeys(() if slip is not None else held, "locked")
-        struck = Mode.of(Mode.of_contacts({SWING_FOOT: mode.contacts[FOOT]}), stops)
-        friction, slips = self._friction, None if slip is None else {SWING_FOOT: slip}
-        if self._law is ImpactLaw.FRICTIONLESS and slip is None:
-            friction = replace(friction, kinetic={**friction.kinetic, SWING_FOOT: SX(0)})
-        key = struck, ("open",) if slip is not None else ()
-        if key not in self._impacts:
-            result = impact(self.eom, struck, friction, before=self.push[1], slips=slips)
-            self._impacts[key] = BUILT.watch(result)
-        return self._impacts[key]
+    def _pushed(self, landing: tuple[str, ...]) -> SX | None:
+        """Rates just before a contact lands, where the walker pushes off before it; None for those of the state."""
+        return self.push[1] if self.walker.pushes and landing else None
 
     @cached_property
     def push(self) -> tuple[SX, SX, SX]:
@@ -317,7 +315,7 @@ class Expressions:
         names = self.transitions.impact_margin_names(mode, before)
         if not names:
             return {}
-        result, static = self.impact(mode, self.massless_landing(mode, before)), self._friction.static
+        result, static = self.impact(mode, before), self._friction.static
         margins: dict[str, SX] = {"impact_regularity": result.regularity}
         for name, contact in self.eom.contacts.items():
             impulse_t, impulse_n = result.impulses[name][0], result.impulses[name][1]
@@ -329,6 +327,9 @@ class Expressions:
                 "lift_velocity": result.velocities[name][1],
                 "touchdown_rate": -self._rate_of(contact.gap),
             }
+            if self._label("impact_onset", name) in names:
+                stick = self.impact(mode.with_states({name: Mode.STICK}), before).impulses[name]
+                of_contact["impact_onset"] = -static[name] * stick[1] - mode.directions[name] * stick[0]
             margins |= {self._label(what, name): value for what, value in of_contact.items()}
         margins |= {impulse_name(share_name(share.parts)): share.value for share in result.shares}
         return {name: margins[name] for name in names}
@@ -373,7 +374,7 @@ class Expressions:
             return z
         assert before is not None
         lands = any(name not in before.touching for name in mode.touching)
-        z = self.state_after(mode, self.massless_landing(mode, before)) if lands else SX(self.z)
+        z = self.state_after(mode, before) if lands or (not ends_step and mode.locked != before.locked) else SX(self.z)
         if not ends_step:
             return z
         end = self.transitions.cycle_end
@@ -386,9 +387,9 @@ class Expressions:
             z = section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
         return z
 
-    def state_after(self, mode: Mode, massless: tuple[str, ...]) -> SX:
+    def state_after(self, mode: Mode, before: Mode) -> SX:
         """The state just after an impact, before any relabelling, shape (n_z,); arguments as for ``impact``."""
-        result = self.impact(mode, massless)
+        result = self.impact(mode, before)
         return vertcat(ordered(self.eom, result.q), ordered(self.eom, result.dq))
 
     @property
@@ -413,9 +414,10 @@ class Expressions:
 
     @cached_property
     def mechanics(self) -> SX:
-        """M, forces and J of all contacts, in the order and the shapes of ``mechanics_shapes``."""
-        eom, contacts = self.eom, self.eom.contacts.values()
-        J, convective = (vertcat(*parts) for parts in zip(*((c.J, c.convective) for c in contacts), strict=True))
+        """M, forces and J of all contacts and stops, in the order and the shapes of ``mechanics_shapes``."""
+        eom, contacts = self.eom, [self.eom.contacts[name] for name in self.walker.contact_names()]
+        J = vertcat(*(contact.J for contact in contacts), *eom.gaps.values())
+        convective = vertcat(*(contact.convective for contact in contacts), SX.zeros(len(eom.gaps)))
         springs = [-eom.force_of(energy) for energy in eom.mechanism.potential_while.values()]
         parts = (eom.M, -eom.B - eom.G, eom.E, horzcat(SX(eom.q.numel(), 0), *springs), J, convective)
         return BUILT.watch(vertcat(*(vec(densify(part.T)) for part in parts)))  # rows one after the other
@@ -425,9 +427,10 @@ class Expressions:
         """Shapes of the parts of ``mechanics``.
 
         M, generalised forces besides those of motors and contacts, E, forces of the springs that act in some modes
-        (a column for each entry of ``Mechanism.potential_while``), J with the rows t and n of each contact, and dJ dq.
+        (a column for each entry of ``Mechanism.potential_while``), J with the rows t and n of each contact and one of
+        each stop, and dJ dq.
         """
-        n, k = self.eom.q.numel(), 2 * len(self.eom.contacts)
+        n, k = self.eom.q.numel(), 2 * len(self.walker.contact_names()) + len(self.walker.stops)
         springs = len(self.eom.mechanism.potential_while)
         shapes = ((n, n), (n,), (n, len(self.walker.actuators)), (n, springs), (k, n), (k,))
         return dict(zip(("M", "force", "E", "springs", "J", "convective"), shapes, strict=True))

@@ -181,7 +181,8 @@ class Mode(str):
         }
         state = {"type": "string", "enum": list(STATES)}
         foot = {**word, "description": "what the stance foot does"}
-        stops = {"type": "object", "properties": {"mode": foot}, "required": ["mode"], "additionalProperties": state}
+        of_mode = {"anyOf": [foot, contacts]}
+        stops = {"type": "object", "properties": {"mode": of_mode}, "required": ["mode"], "additionalProperties": state}
         return {"anyOf": [word, stops, contacts]}
 
     @classmethod
@@ -190,9 +191,10 @@ class Mode(str):
         if isinstance(record, str):
             return cls(record)
         contact = record.get("mode", record)
-        if isinstance(contact, Mapping):
-            return cls.of_contacts(contact)
-        return cls.of(contact, {name: state for name, state in record.items() if state in STATES})
+        stops = {name: state for name, state in record.items() if name != "mode" and state in STATES}
+        if not isinstance(contact, Mapping):
+            return cls.of(contact, stops)
+        return cls.of(cls.of_contacts(contact), stops if "mode" in record else {})
 
     @property
     def brief(self) -> str:

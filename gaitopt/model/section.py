@@ -8,6 +8,7 @@ contacts, c follows from what its contacts do just before and just after the eve
     height of every contact that touches before or after it             = 0
     velocity of every contact that touches after it                     = 0       normal; tangential if it sticks
     coordinates of a massless contact that lands less their values      = 0
+    gap of every stop that is locked before it                          = 0       and its rate, if it is held
     the margin that ends the cycle, if one is stated                    = 0
     energy less the parameter ``energy``, if the walker has one         = 0       which removes the multiplier of one
 
@@ -20,7 +21,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from casadi import SX, Function, densify, jacobian, jtimes, solve, vertcat
+from casadi import DM, SX, Function, densify, depends_on, inv, jacobian, jtimes, solve, substitute, vertcat
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
@@ -195,7 +196,7 @@ def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str
         If the contacts cannot be on the ground together.
     """
     before = walker.swapped(before) if event == TOUCHDOWN else before
-    return _contact_section(walker, before.contact, impact.contact, event)
+    return _contact_section(walker, before, impact.contact, event)
 
 
 @built_once(maxsize=64)
@@ -210,18 +211,21 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     """
     eom, state, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
     contacts, q, dq = eom.mechanism.contacts, eom.q, eom.dq
+    gaps, gap_rates = _closed_stops(walker, before) if event == TOUCHDOWN else ([], [])
     names = (*walker.shape, "x", "y")
     on_ground = [name for name in walker.contacts if name in before.touching or name in after.touching]
     places = [q[names.index("x")], *(contacts[name].position[1] for name in on_ground)]
     for name in walker.massless_contacts:
         if name in after.touching and name not in before.touching:
             places += [q[names.index(key)] - value for key, value in contacts[name].places.items()]
+    places += gaps
     modes, rates, others = (after,) if event == TOUCHDOWN else (before, after), list[SX](), list[SX]()
     for name in on_ground:
         velocity = jtimes(contacts[name].position, q, dq)
         touching = [mode for mode in modes if name in mode.touching]
         rates += [velocity[1]] if touching else []
         rates += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
+    rates += gap_rates
     if event not in (TOUCHDOWN, CLOCK):
         others.append(eom.sections[event])
     if "energy" in walker.model_fields:
@@ -230,6 +234,27 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     off = [key for name in walker.massless_contacts if name not in after.touching for key in contacts[name].places]
     stale = [k for key in off for k in (state.index(key), state.index(key) + n)]
     return vertcat(*places, *rates, *others), (len(places), len(rates)), stale
+
+
+def _closed_stops(walker: type[Walker], before: Mode) -> tuple[list[SX], list[SX]]:
+    """Gaps of the stops that are locked before a relabelling, and rates of those held in the impact, from z after it.
+
+    Raises
+    ------
+    ProblemError
+        If the relabelling is not affine.
+    """
+    if not before.locked:
+        return [], []
+    eom, n = equations_of_motion(walker), len(walker.shape)
+    shape, relabel = eom.q[:n], eom.mechanism.relabel
+    swap, offset = jacobian(relabel, shape), substitute(relabel, shape, SX.zeros(n))
+    if depends_on(swap, shape):
+        raise ProblemError(f"{walker.__name__}: relabel is not affine: the postures after an impact are unknown")
+    unswapped = inv(DM(swap) if swap.is_constant() else swap)
+    places = [substitute(eom.mechanism.stops[name], shape, unswapped @ (shape - offset)) for name in before.locked]
+    held = (place for name, place in zip(before.locked, places, strict=True) if name not in walker.open_in_impact)
+    return places, [jtimes(place, shape, eom.dq[:n]) for place in held]
 
 
 def _in_order(walker: type[Walker]) -> list[int]:

@@ -319,10 +319,10 @@ class HybridSystem:
         return {"h": held, "a": actual, "d": rates, "rate": rate}
 
     @compiled("zp")
-    def contact_impact(self, mode: Mode, landing: tuple[str, ...]) -> dict[str, SX]:
-        """(z, p) -> z_plus and impulses (F_t, F_n) of all contacts, without relabelling; ``landing`` are massless."""
-        impulses = self._symbols.impact(mode, landing).impulses
-        return {"z_plus": self._symbols.state_after(mode, landing), "impulses": vertcat(*impulses.values())}
+    def contact_impact(self, mode: Mode, before: Mode) -> dict[str, SX]:
+        """(z, p) -> z_plus and impulses (F_t, F_n) of all contacts, without relabelling; see ``Expressions.impact``."""
+        impulses = self._symbols.impact(mode, before).impulses
+        return {"z_plus": self._symbols.state_after(mode, before), "impulses": vertcat(*impulses.values())}
 
     @property
     @compiled("zp")

@@ -542,8 +542,10 @@ class Transitions:
         """
         if cycle in self._checked:
             return
-        model, start = self.walker.model, self.walker.released(self.landed[0].contact).stops
+        model, start = self.walker.model, self.landed[0].stops
         for step in cycle.steps:
+            if self.cycle_end != TOUCHDOWN and step.phases[-1].stops != start:
+                raise ValueError(f"nothing releases the stops of the {model}: only a landing that ends a step does")
             self._check_modes(step, start)
             if step.phases[0].stops != start:
                 raise ValueError(ONE_AT_A_TIME)
@@ -579,10 +581,12 @@ class Transitions:
                 raise ValueError(f"the {model} has no mode {mode.brief}: {words}")
         for mode in step.phases:
             if [*mode.stops] != [*start] or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
-                form = "{" + ", ".join([f"mode: {mode.contact}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
-                raise ValueError(
-                    f"{mode} does not fit the stops of the {model}: write {form if start else mode.contact}"
-                )
+                stated = str(mode.contact)
+                if not self._alone:
+                    stated = "{" + ", ".join(f"{name}: {mode.contacts[name]}" for name in mode.touching) + "}"
+                form = "{" + ", ".join([f"mode: {stated}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
+                words = form if start else stated
+                raise ValueError(f"{mode.brief} does not fit the stops of the {model}: write {words}")
         if self._alone and not step.impact.touching:
             raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
         if step.impact.stops:
@@ -700,9 +704,10 @@ class Transitions:
         """Margins of an impact of named contacts, or of a stop; None where the state is continuous."""
         assert before is not None
         landing = [name for name in mode.touching if name not in before.touching]
-        if not landing and mode.locked == before.locked:
+        if not landing and (not mode.stops or mode.locked == before.locked):
             return []
-        shares, massless = shares_of(self.walker, mode), {*self.walker.massless_contacts}
+        struck = self.walker.held_in_impact(mode, before) if self.walker.stops and not mode.stops else mode
+        shares, massless = shares_of(self.walker, struck), {*self.walker.massless_contacts}
         shared = {contact for share in shares for _, contact in share}
         rows = [self._row(f"touchdown_rate.{name}") for name in landing]
 
@@ -715,6 +720,8 @@ class Transitions:
             if name in mode.touching and mode.directions[name]:
                 stops = other(name, AT_REST[0])
                 rows.append(self._row(f"impact_slip_velocity.{name}", at_rest=(name,), candidates=stops))
+                if self._law is ImpactLaw.FRICTIONLESS and name in landing:
+                    rows.append(self._row(f"impact_onset.{name}", at_rest=(name,), candidates=stops))
             elif name in mode.touching and name not in shared:
                 rows += [
                     self._row(f"impulse_{cone}.{name}", candidates=other(name, slip)) for slip, cone in CONE.items()

@@ -329,6 +329,12 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return mode.with_states({name: mode.contacts[partner.get(name, name)] for name in cls.contacts})
 
     @classmethod
+    def held_in_impact(cls, contacts: Mode, before: Mode) -> Mode:
+        """The contacts just after the impact that ends a step, with the stops that stay locked during its impulse."""
+        locked = [name for name in before.locked if name not in cls.open_in_impact]
+        return Mode.of(contacts, {name: STOP_STATES[name in locked] for name in cls.stops})
+
+    @classmethod
     def partners(cls) -> dict[str, str]:
         """Of every contact that swaps places with another one, that other one."""
         return {**cls.exchanged_contacts, **{theirs: ours for ours, theirs in cls.exchanged_contacts.items()}}

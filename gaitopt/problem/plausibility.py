@@ -271,7 +271,7 @@ def least_friction(problem: ProblemStatement) -> float:
 def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
     walker = problem.walker
-    keeps_energy = walker.flies or walker.massless_contacts or problem.cycle_end != TOUCHDOWN
+    keeps_energy = walker.flies or walker.massless_contacts or walker.switches or problem.cycle_end != TOUCHDOWN
     if keeps_energy or problem.free or not isinstance(problem.control, NoControl):
         return False
     downhill = _geometry_at_guess(problem)[2][0]

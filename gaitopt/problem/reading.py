@@ -21,8 +21,7 @@ from gaitopt.model.contract import check_hooks, law_faults, law_section
 from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import calling, is_default, joint_limits
-from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, Mode
+from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, contact_section
@@ -117,9 +116,6 @@ class _StatementReader:
                 why = f"its phase at the start of a step of the {self._model.model} is unknown"
                 why += "; walkers with several contacts may end a cycle with its period, gait: {section: clock}"
             self._fault(("control", "type"), f"the clock of {self._control.type} does not restart at impacts: {why}")
-        if self._model and self._model.contacts and fields.get("impact_law") is ImpactLaw.FRICTIONLESS:
-            why = f"has no effect on the contacts of the {self._model.model} yet; allowed: coulomb"
-            self._fault(("impact_law",), f"{fields['impact_law']} {why}")
         if self._model:
             objective, constraints = self._read_objective(), self._read_constraints()
             if not self._faults:
@@ -469,19 +465,6 @@ class _StatementReader:
         stated = [data] if is_step else data["steps"]
         is_touchdown = bool(model.landing_contacts)
 
-        def mode(entry: Any, path: Key, *words: str) -> Any:
-            if not isinstance(entry, Mapping):
-                self._fault(path, f"{shown(entry)} is not a mapping of contacts: {', '.join(model.contacts)}")
-                return Mode.FLIGHT
-            for name, word in entry.items():
-                if name not in model.contacts:
-                    near = near_miss(name, model.contacts)
-                    self._fault((*path, name), f"is not a contact of the {model.model}{near}")
-                elif word not in words:
-                    self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
-            known = {name: entry.get(name, OFF) for name in model.contacts}
-            return Mode.of_contacts({n: w if isinstance(w, str) and w in NAMED else OFF for n, w in known.items()})
-
         steps = []
         for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
             place: Key = ("gait",) if is_step else ("gait", "steps", number)
@@ -491,26 +474,55 @@ class _StatementReader:
             for k, phase in enumerate(step["phases"]):
                 words = dict(phase) if isinstance(phase, Mapping) else phase
                 impact = words.pop(IMPACT, None) if isinstance(words, dict) else None
-                modes.append(mode(words, (*place, "phases", k), *NAMED))
-                before = modes[k - 1].touching if k else ()
-                lands = bool(k) and any(name not in before for name in modes[k].touching)
+                modes.append(self._contact_mode(model, words, (*place, "phases", k), *NAMED))
+                before = modes[k - 1] if k else modes[k]
+                locks = modes[k].locked != before.locked
+                lands = locks or (bool(k) and any(name not in before.touching for name in modes[k].touching))
                 if impact is not None:
-                    after = mode(impact, (*place, "phases", k, IMPACT), *NAMED, LEAVES)
-                    lands = any(name not in before for name in after.touching)
+                    after = self._contact_mode(model, impact, (*place, "phases", k, IMPACT), *NAMED, LEAVES)
+                    after = Mode.of(after, modes[k].stops)
+                    lands = locks or any(name not in before.touching for name in after.touching)
                     if not k or not lands:
-                        words = "the step begins there" if not k else "no contact lands"
+                        words = "the step begins there" if not k else "no contact lands and no stop locks"
                         self._fault((*place, "phases", k, IMPACT), f"{words}: leave it out")
                 struck += [(k, after if impact is not None else modes[k])] if lands else []
             final = step.get("impact")
             if not is_touchdown and modes:
-                if final is not None and mode(final, (*place, "impact"), *NAMED) is not modes[-1]:
+                if final is not None and self._contact_mode(model, final, (*place, "impact"), *NAMED) is not modes[-1]:
                     self._fault((*place, "impact"), "the cycle ends without an impact: leave it out")
                 final = modes[-1]
             elif final is not None:
-                final = mode(final, (*place, "impact"), *NAMED, LEAVES)
+                final = self._contact_mode(model, final, (*place, "impact"), *NAMED, LEAVES)
             steps.append({**step, "phases": modes} | ({} if final is None else {"impact": final}))
             landings.append(tuple(struck))
         return ({**data, **steps[0]} if is_step and steps else {**data, "steps": steps}), landings
+
+    def _contact_mode(self, model: type[Walker], entry: Any, path: Key, *words: str) -> Mode:
+        """The mode of named contacts, which do one of ``words``: a mapping, or under ``mode`` where there are stops."""
+        devices = dict[str, str]()
+        if isinstance(entry, Mapping) and "mode" in entry and "mode" not in model.contacts:
+            devices = {name: state for name, state in entry.items() if name != "mode"}
+            choices: Mapping[str, tuple[str, ...]] = dict.fromkeys(model.stops, STOP_STATES) | dict.fromkeys(
+                model.switches, SWITCH_STATES
+            )
+            for name, state in devices.items():
+                if state not in choices.get(name, ()):
+                    allowed = " or ".join(choices.get(name, ())) or f"no stop or switch of the {model.model}"
+                    self._fault((*path, name), f"{shown(state)} is not possible: {allowed}")
+                    return Mode.FLIGHT
+            entry, path = entry["mode"], (*path, "mode")
+        if not isinstance(entry, Mapping):
+            self._fault(path, f"{shown(entry)} is not a mapping of contacts: {', '.join(model.contacts)}")
+            return Mode.FLIGHT
+        for name, word in entry.items():
+            if name not in model.contacts:
+                near = near_miss(name, model.contacts)
+                self._fault((*path, name), f"is not a contact of the {model.model}{near}")
+            elif word not in words:
+                self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
+        known = {name: entry.get(name, OFF) for name in model.contacts}
+        contacts = {n: w if isinstance(w, str) and w in NAMED else OFF for n, w in known.items()}
+        return Mode.of(Mode.of_contacts(contacts), devices)
 
     def _read_cycle_end(self, section: Any) -> str:
         """What ends a cycle: ``touchdown``, ``clock`` or the name of a margin."""

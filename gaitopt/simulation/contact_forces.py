@@ -28,6 +28,7 @@ from gaitopt.model.buffered import Buffers
 from gaitopt.model.contacts import (
     DEPENDENT,
     active_coordinates,
+    constraint_rows,
     constraint_structure,
     friction_of_shares,
     share_margins,
@@ -50,8 +51,9 @@ class Mechanics(NamedTuple):
     force : generalised forces besides those of motors, contacts, and springs that act in some modes, shape (n,).
     E : generalised forces of the motors, shape (n, n_u); torques are in SI.
     springs : generalised forces of the springs that act in some modes, one column each, shape (n, n_s).
-    J : rows t and n of every contact, shape (2 k, n).
-    convective : dJ/dt dq, shape (2 k,).
+    J : rows t and n of every contact, then one of every stop, shape (2 k + n_l, n).
+    convective : dJ/dt dq, shape (2 k + n_l,).
+    contacts : the rows of the contacts.
     dq : rates of the coordinates, shape (n,).
     """
 
@@ -62,11 +64,12 @@ class Mechanics(NamedTuple):
     J: Array
     convective: Array
     dq: Array
+    contacts: slice
 
     @property
     def velocities(self) -> Array:
         """(v_t, v_n) of every contact, shape (k, 2)."""
-        return (self.J @ self.dq).reshape(-1, 2)
+        return (self.J[self.contacts] @ self.dq).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,12 +93,12 @@ class Candidates:
     shared : whether its force is undetermined, shape (m, k).
     own : closed and not shared.
     sticks : own and at rest.
-    rows : 1 where a mode has the constraint of a row of J and keeps it, shape (m, 2 k).
+    rows : 1 where a mode has the constraint of a row of J and keeps it, shape (m, 2 k + n_l).
     moves : 1 where a coordinate moves, shape (m, n).
     springs : 1 where a spring acts, shape (m, n_s).
     slides : whether a contact slips in one of them.
-    blank : the matrices of the module without M, J and G, shape (m, n + 2 k, n + 2 k).
-    pairs, kept : 1 for the entries of M, and of J, that a mode has, shape (m, n, n) and (m, 2 k, n).
+    blank : the matrices of the module without M, J and G, shape (m, n + 2 k + n_l, n + 2 k + n_l).
+    pairs, kept : 1 for the entries of M, and of J, that a mode has, shape (m, n, n) and (m, 2 k + n_l, n).
     """
 
     modes: tuple[Mode, ...]
@@ -116,13 +119,14 @@ class Candidates:
 @lru_cache(maxsize=256)
 def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode, ...]) -> Candidates:
     """Modes as arrays; ``springs`` are the states in which springs act."""
-    names, n = walker.contacts, len(walker.shape) + 2
+    names, n = walker.contact_names(), len(walker.shape) + 2
     place = {name: k for k, name in enumerate(names)}
     shape = len(modes), len(names)
-    rows, moves, shared = np.zeros((shape[0], 2 * shape[1])), np.zeros((shape[0], n)), np.zeros(shape, bool)
+    rows = np.zeros((shape[0], 2 * shape[1] + len(walker.stops)))
+    moves, shared = np.zeros((shape[0], n)), np.zeros(shape, bool)
     for j, mode in enumerate(modes):
         structure = constraint_structure(walker, mode)
-        rows[j, [2 * place[name] + row for name, row in (structure.constraints[k] for k in structure.kept)]] = 1
+        rows[j, constraint_rows(walker, [structure.constraints[k] for k in structure.kept])] = 1
         moves[j, active_coordinates(walker, mode)] = 1
         shared[j, [place[name] for name in structure.group]] = True
     slip = np.array([[mode.directions[name] for name in names] for mode in modes], float).reshape(shape)
@@ -148,13 +152,13 @@ def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode
 
 
 def systems(M: Array, J: Array, modes: Candidates, kinetic: Array) -> Array:
-    """The matrices of all modes, shape (m, n + 2 k, n + 2 k)."""
-    n, K = M.shape[0], modes.blank.astype(M.dtype)
+    """The matrices of all modes, shape (m, n + 2 k + n_l, n + 2 k + n_l)."""
+    n, k, K = M.shape[0], 2 * modes.slip.shape[1], modes.blank.astype(M.dtype)
     K[:, :n, :n] += modes.pairs * M
     K[:, n:, :n] = G = modes.kept * J
     if modes.slides:
         G = G.copy()
-        G[:, 1::2] -= (modes.slip * kinetic)[:, :, None] * modes.kept[:, 1::2] * J[::2]
+        G[:, 1:k:2] -= (modes.slip * kinetic)[:, :, None] * modes.kept[:, 1:k:2] * J[:k:2]
     K[:, :n, n:] -= G.swapaxes(1, 2)
     return K
 
@@ -170,14 +174,14 @@ def inverses(K: Array) -> Array:
 
 
 def solve(K: Array, inverse: Array, modes: Candidates, loads: Array, required: Array) -> tuple[Array, Array]:
-    """Accelerations, shape (m, n, r), and forces of the constraints, (m, 2 k, r).
+    """Accelerations, shape (m, n, r), and forces of the constraints, (m, 2 k + n_l, r).
 
     Parameters
     ----------
     K, inverse : the matrices, see ``systems``, and the inverses of their real parts.
     modes : the m modes.
     loads : generalised forces besides those of the contacts, shape (m, n, r).
-    required : tangential and normal acceleration of every contact, besides dJ dq, shape (2 k, r).
+    required : acceleration along every row of J, shape (2 k + n_l, r).
     """
     n = modes.moves.shape[1]
     b = np.concatenate([modes.moves[:, :, None] * loads, modes.rows[:, :, None] * required], axis=1)
@@ -230,20 +234,22 @@ class ContactForces:
         self._order = [self.walker.coordinates().index(name) for name in names]
         n_q = len(names)
         self._rates = [n_q + k for k in self._order]
-        shapes, u, k = system.mechanics_shapes, self._unit, len(self.walker.contacts)
+        shapes, u, k = system.mechanics_shapes, self._unit, len(self.walker.contact_names())
+        n_l, self._contacts = len(self.walker.stops), slice(0, 2 * k)
+        of_row = np.concatenate([np.full(2 * k, 1 / scales.length), np.ones(n_l)])  # gaps of stops have no unit
         per_force = u / scales.energy
         sizes = {
             "M": np.outer(u, u) / (scales.mass * scales.length**2),
             "force": per_force,
             "E": np.broadcast_to(per_force[:, None], shapes["E"]),
             "springs": np.broadcast_to(per_force[:, None], shapes["springs"]),
-            "J": np.broadcast_to(u / scales.length, (2 * k, n_q)),
-            "convective": np.full(2 * k, scales.time**2 / scales.length),
+            "J": np.outer(of_row, u),
+            "convective": scales.time**2 * of_row,
         }
         self._scale = np.concatenate([sizes[part].ravel() for part in shapes])
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
         self._parts = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes.values(), strict=True)]
-        values = [system.contact_coefficients(dynamics.p)[name] for name in self.walker.contacts]
+        values = [system.contact_coefficients(dynamics.p)[name] for name in self.walker.contact_names()]
         static, kinetic, viscous = np.array(values, dtype=float).reshape(-1, 3).T
         self.friction = Friction(static=static, kinetic=kinetic, viscous=viscous * scales.speed / scales.force)
         self.springs = system.springs_while
@@ -265,7 +271,7 @@ class ContactForces:
     def is_undetermined(self, mode: Mode) -> bool:
         """Whether the motion in a mode depends on the shares of forces that are undetermined."""
         if mode not in self._moved:
-            of = dict(zip(self.walker.contacts, self.friction.kinetic.tolist(), strict=True))
+            of = dict(zip(self.walker.contact_names(), self.friction.kinetic.tolist(), strict=True))
             self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > DEPENDENT)
         return self._moved[mode]
 
@@ -278,15 +284,15 @@ class ContactForces:
         """The contacts at one instant, in SI."""
         return ContactInstant(self, t, z, segment)
 
-    def impacts(self, mechanics: Mechanics, modes: Sequence[Mode]) -> Solutions:
-        """Impacts after which the contacts are in each of some modes."""
-        of, J = self.of(modes), mechanics.J
+    def impacts(self, mechanics: Mechanics, modes: Sequence[Mode], kinetic: Array) -> Solutions:
+        """Impacts after which the walker is in each of some modes, with kinetic friction in them, shape (k,)."""
+        of, J, k = self.of(modes), mechanics.J, self._contacts.stop
         loads = np.zeros((len(of.modes), mechanics.dq.size, 1))
-        K = systems(mechanics.M, J, of, self.friction.kinetic)
+        K = systems(mechanics.M, J, of, kinetic)
         change, impulses = solve(K, inverses(K), of, loads, -(J @ mechanics.dq)[:, None])
-        normal = impulses[:, 1::2, 0]
-        tangential = np.where(of.slip != 0, -of.slip * self.friction.kinetic * normal, impulses[:, ::2, 0])
-        after = (change[:, :, 0] + mechanics.dq) @ J.T
+        normal = impulses[:, 1:k:2, 0]
+        tangential = np.where(of.slip != 0, -of.slip * kinetic * normal, impulses[:, :k:2, 0])
+        after = (change[:, :, 0] + mechanics.dq) @ J[self._contacts].T
         return Solutions(
             modes=of,
             motion=change[:, :, 0],
@@ -295,13 +301,14 @@ class ContactForces:
             contact=after.reshape(len(of.modes), -1, 2),
         )
 
-    def regularity(self, mechanics: Mechanics, modes: Sequence[Mode]) -> Array:
+    def regularity(self, mechanics: Mechanics, modes: Sequence[Mode], kinetic: Array) -> Array:
         """See ``regularity``."""
-        return regularity(mechanics.M, mechanics.J, self.of(modes), self.friction.kinetic)
+        return regularity(mechanics.M, mechanics.J, self.of(modes), kinetic)
 
     def margins(self, mode: Mode, tangential: Array, normal: Array, J: Array) -> tuple[list[str], list[Any]]:
         """Names and values of the margins of the forces, or impulses, in a mode."""
-        structure, names, static = constraint_structure(self.walker, mode), self.walker.contacts, self.friction.static
+        structure, names = constraint_structure(self.walker, mode), self.walker.contact_names()
+        static = self.friction.static
         found, values = list[str](), list[Any]()
         for k, name in enumerate(names):
             if name not in mode.touching or name in structure.group:
@@ -313,7 +320,7 @@ class ContactForces:
                 values += [static[k] * normal[k] + sign * tangential[k] for sign in (1, -1)]
         if structure.dropped:
             place = {name: k for k, name in enumerate(names)}
-            rows = [2 * place[name] + row for name, row in structure.constraints]
+            rows = constraint_rows(self.walker, structure.constraints)
             kept, dropped = [rows[k] for k in structure.kept], [rows[k] for k in structure.dropped]
             nulls = np.zeros((len(rows), len(dropped)), dtype=J.dtype)
             nulls[[*structure.dropped], range(len(dropped))] = 1
@@ -326,7 +333,7 @@ class ContactForces:
 
     def _mechanics_from(self, values: Array, dq: Array) -> Mechanics:
         M, force, E, springs, J, convective = (values[span].reshape(shape) for span, shape in self._parts)
-        return Mechanics(M, force, E, springs, J, convective, dq)
+        return Mechanics(M, force, E, springs, J, convective, dq, self._contacts)
 
     def _rate(self, z: Array, mode: Mode, ddq: Array) -> Array:
         """Rate of the state in SI; coordinates that a mode does not have keep their values."""
@@ -340,7 +347,7 @@ class ContactForces:
         if self._mechanics_rate is None:
             self._mechanics_rate = Buffers(self._system.mechanics_rate)
         (rates,) = self._mechanics_rate(z, dz, self.dynamics.p)
-        values = np.concatenate([part.ravel() for part in mechanics[:-1]])
+        values = np.concatenate([part.ravel() for part in mechanics[:-2]])
         moving = values + (1j * IMAGINARY * self._time) * (rates * self._scale)
         return self._mechanics_from(moving, mechanics.dq + 1j * IMAGINARY * ddq)
 
@@ -415,7 +422,7 @@ class ContactInstant:
         drag, (holds, responds) = None, forces.law_uses
         if modes.slides and friction.viscous.any():
             drag = -(modes.slip != 0) * friction.viscous * mechanics.velocities[:, 0]
-            loads = loads + drag @ J[::2]
+            loads = loads + drag @ J[mechanics.contacts][::2]
         n_u, n_shape = mechanics.E.shape[1], len(forces.walker.shape)
         free = np.zeros((n_shape, 1 + n_u)) if n_u else mechanics.E
         if holds:
@@ -434,12 +441,12 @@ class ContactInstant:
             K, inverse = self._systems(mechanics, modes)
             ddq, lambdas = solve(K, inverse, modes, loads[:, :, None], -mechanics.convective[:, None])
             motion, lambdas = ddq[:, :, 0], lambdas[:, :, 0]
-        normal, tangential = lambdas[:, 1::2], lambdas[:, ::2]
+        normal, tangential = lambdas[:, mechanics.contacts][:, 1::2], lambdas[:, mechanics.contacts][:, ::2]
         if modes.slides:
             tangential = np.where(modes.slip != 0, -modes.slip * friction.kinetic * normal, tangential)
         if drag is not None:
             tangential = tangential + drag
-        accelerations = motion @ J.T + mechanics.convective
+        accelerations = motion @ J[mechanics.contacts].T + mechanics.convective[mechanics.contacts]
         return Solutions(
             modes=modes,
             motion=motion,

@@ -27,11 +27,11 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
-from gaitopt.model.buffered import Buffers
+from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import CANNOT_SLIP, CONE, Ending, Transition, grounded
-from gaitopt.simulation.events import EDGE, LOOK_AHEAD, Point, bends_decide, falls_at_start
+from gaitopt.simulation.events import AT_REST, EDGE, LOOK_AHEAD, Point, bends_decide, falls_at_start
 from gaitopt.simulation.natural import NaturalDynamics
 
 
@@ -87,6 +87,42 @@ class ContactResolver:
         self._push = Buffers(dynamics.system.push)
         self._impacts: dict[tuple[Mode, ...], Buffers] = {}
 
+    def settled(self, z: Array, *, at_rest: bool) -> Array:
+        """A state with a slip velocity of exactly zero instead of its rounding, where the foot is at rest or nearly."""
+        if not at_rest and abs(z[-1]) > AT_REST * self._dynamics.scales.speed:
+            return z
+        z = z.copy()
+        z[-1] = 0.0
+        return z
+
+    def below_ground(self, z: Array) -> str | None:
+        """Message about a contact below the ground; the foot is on it."""
+
+    def start(self, z: Array, *, anywhere: bool) -> tuple[Mode, Transition | None] | Termination:
+        """The mode in which a motion starts if the foot at rest sticks; no contact lands there.
+
+        Parameters
+        ----------
+        anywhere : whether the state may be any, not only one just after an impact.
+        """
+        stick, *slips = self._system.transitions.landed
+        if anywhere and (stick.stops or self._system.walker.flies):
+            mode = self._any_mode(z)
+            return mode if isinstance(mode, Termination) else (mode, None)
+        if z[-1] == 0:
+            return stick, None
+        following = [mode for mode in slips if mode.direction * z[-1] > 0]
+        return (following[0], None) if following else Termination(Ending.PAINLEVE, CANNOT_SLIP)
+
+    def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
+        """The mode after an event without a reset: forces decide about a foot at rest.
+
+        A slip whose foot a jump of the torques lifts off ends with the first event of the next arc.
+        """
+        if not transition.at_rest:
+            return transition.candidates[0]
+        return self.mode_at_rest(transition.candidates, t, z, segment)
+
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on a segment of the control.
 
@@ -123,8 +159,8 @@ class ContactResolver:
         values = " and ".join(f"{float(mass):.6g} kg in {slip}" for slip, mass in masses)
         return Termination(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
 
-    def impact(self, z_minus: Array) -> ImpactRecord | Termination:
-        """The impact at touchdown in state ``z_minus``."""
+    def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
+        """The impact that ends a step in ``mode`` and state ``z_minus``."""
         walker, push_work = self._system.walker, 0.0
         if walker.pushes:
             (p_t, p_n), work = self._push(z_minus, self._dynamics.p)
@@ -132,7 +168,7 @@ class ContactResolver:
                 words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
                 return Termination(Ending.PUSH_SLIPS, f"{words}, has {self._friction:g}")
             push_work = work.item()
-        candidates, v_n = self._candidates(self._system.transitions.landed, z_minus)
+        candidates, v_n = self._candidates(transition.candidates, z_minus)
         if not comes_down(v_n, self._natural.speed):
             words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
             return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
@@ -154,8 +190,8 @@ class ContactResolver:
             push_work=push_work,
         )
 
-    def strike(self, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
-        """Mode and state just after a stop has locked in state ``z_minus``."""
+    def strike(self, mode: Mode, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
+        """Mode and state just after a stop has locked in ``mode`` and state ``z_minus``."""
         ground = grounded(transition.candidates)
         flights = tuple(mode for mode in transition.candidates if mode not in ground)
         if not ground:
@@ -197,6 +233,33 @@ class ContactResolver:
         candidates = [_Candidate(mode, row[:n], *row[n:].tolist()) for mode, row in zip(modes, columns, strict=True)]
         return candidates, approach.item()
 
+    def _any_mode(self, z: Array) -> Mode | Termination:
+        """The mode of any state of a walker with flight, stops or switches: forces decide about a foot at rest.
+
+        A stop is locked where its gap and the rate of that are zero; switches are as after a landing. A massless foot
+        is in flight where the ground would have to pull at it.
+        """
+        landed, names, scales = self._system.transitions.landed[0], self._system.state_names, self._dynamics.scales
+        state = dict(zip(names, z.tolist(), strict=True))
+        lifted = state.get("y", 0.0) > AT_REST * scales.length or state.get("dy", 0.0) > AT_REST * scales.speed
+        if self._system.walker.massless_feet:  # on the ground the force would pull
+            value, rate = margin_and_rate(self._dynamics, "normal_force", landed, z)
+            lifted = value < -AT_REST * scales.force or (value <= AT_REST * scales.force and rate < 0)
+        contact = Mode.FLIGHT if lifted else Mode.slip(z[-1]) if z[-1] else Mode.STICK
+        mode = Mode.of(contact, {name: "free" if word == "locked" else word for name, word in landed.stops.items()})
+        known = {mode.key: mode for mode in self._system.walker.modes()}
+        for stop in mode.free:
+            locked = Mode.of(contact, {**mode.stops, stop: "locked"})
+            free = mode if mode.key in known else next((m for m in known.values() if stop in m.free), None)
+            if free is None or locked.key not in known:
+                continue
+            gap, rate = margin_and_rate(self._dynamics, stop, free, z)
+            if abs(gap) <= AT_REST and abs(rate) * scales.time <= AT_REST:
+                mode = locked
+        if mode.key not in known:
+            return Termination(Ending.CONTACT_INCONSISTENT, f"the walker has no mode {mode.brief}")
+        return mode
+
     def _slips_that_begin(self, stuck: Mode, point: Point, segment: int) -> set[Mode]:
         """The slips whose margin of the cone is violated for longer than an instant."""
         margins, rates = point.margins, point.rates
@@ -208,6 +271,14 @@ class ContactResolver:
             for slip, k in near.items()
             if falls_at_start(CONE[slip], margins[k], rates[k], (ahead[k] - rates[k]) / LOOK_AHEAD)
         }
+
+
+def margin_and_rate(dynamics: Dynamics, name: str, mode: Mode, z: Array) -> tuple[float, float]:
+    """A margin of a mode and its rate at the start of a motion, in SI."""
+    system = dynamics.system
+    row = system.transitions.margin_names(mode).index(name)
+    margins, rates = buffered(system.events(mode))(0.0, z, dynamics.p, system.data(0))
+    return float(margins[row]), float(rates[row])
 
 
 def is_within_cone(f_t: Any, f_n: Any, friction: float) -> Any:

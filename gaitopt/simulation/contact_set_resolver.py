@@ -29,11 +29,12 @@ from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord, impact_record
 from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import AT_REST, CONE, Ending, Transition
 from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
-from gaitopt.simulation.contact_resolver import Termination
+from gaitopt.simulation.contact_resolver import Termination, margin_and_rate
 from gaitopt.simulation.events import EDGE, LOOK_AHEAD, STEADY, bends_decide, falls_at_start
 
 ALIKE = 1e-9
@@ -126,7 +127,8 @@ class ContactSetResolver:
         self._place = {name: k for k, name in enumerate(self._names)}
         self._massless = dynamics.system.walker.massless_contacts
         self._weightless = np.array([name in self._massless for name in self._names])
-        self._drops = dynamics.friction_drops
+        self._drops, self._stick_first = dynamics.friction_drops, dynamics.stick_comes_first
+        self._frictionless = dynamics.system.law is ImpactLaw.FRICTIONLESS
         self._forces = ContactForces(dynamics)
         self._points = Buffers(dynamics.system.contact_points)
 
@@ -138,8 +140,17 @@ class ContactSetResolver:
                 return f"{name} is {-height:.6g} m below the ground at the start"
         return None
 
-    def start(self, z: Array) -> Mode | Transition | Termination:
-        """What contacts do in a given state; the row of the table if one of them is on the ground and comes down."""
+    def settled(self, z: Array, *, at_rest: bool) -> Array:
+        """The state as it is: velocities of contacts are no coordinates."""
+        return z
+
+    def start(self, z: Array, *, anywhere: bool) -> tuple[Mode, Transition | None] | Termination:
+        """What contacts do in a given state, with the row of the table if one of them is on the ground and comes down.
+
+        Parameters
+        ----------
+        anywhere : whether the state may be any: stops are then locked whose gap and its rate are zero.
+        """
         reason = self.below_ground(z)
         if reason is not None:
             return Termination(Ending.SCUFFING, reason)
@@ -152,13 +163,23 @@ class ContactSetResolver:
             if grounded and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
                 landing.append(name)
         mode = self.system.walker.released(Mode.of_contacts(words))
+        for stop in mode.free if anywhere else ():  # a landing has just released the stops
+            gap, rate = margin_and_rate(self._dynamics, stop, mode, z)
+            if abs(gap) <= TOUCHING and abs(rate) * self._dynamics.scales.time <= TOUCHING:
+                mode = mode.with_next(stop)
         if not landing:
-            return mode
+            return mode, None
         row = self.system.transitions.of(mode)[f"gap.{landing[0]}"]
         if row.ends_step:
             reason = f"{landing[0]} is on the ground and comes down where the step starts, which its landing ends"
             return Termination(Ending.IMPACT_INCONSISTENT, reason)
-        return row
+        return mode, row
+
+    def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
+        """The mode after an event without a reset: forces decide, unless there is one candidate."""
+        if len(transition.candidates) == 1:
+            return transition.candidates[0]
+        return self.mode_at_rest(transition.candidates, t, z, segment)
 
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
@@ -206,7 +227,7 @@ class ContactSetResolver:
             return Termination(Ending.UNDETERMINED, words)
         among = f"none of {len(candidates)} combinations of {', '.join(sorted(touching)) or 'no contact'}"
         words = f"no motion is consistent with the contact forces: {among}"
-        regularity = self._forces.regularity(instant.mechanics, known)
+        regularity = self._forces.regularity(instant.mechanics, known, self._forces.friction.kinetic)
         singular = [f"{mode.brief} {value:.4g}" for mode, value in zip(known, regularity, strict=True) if value <= EDGE]
         if singular:
             return Termination(Ending.PAINLEVE, f"{words}; regularity is not positive: {', '.join(singular)}")
@@ -221,15 +242,18 @@ class ContactSetResolver:
                 candidates = tuple(dict.fromkeys(words))
         return candidates
 
-    def strike(self, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
-        """Mode and state just after a contact has landed in state ``z_minus``; forces then decide about the motion."""
+    def strike(self, mode: Mode, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
+        """Mode and state just after a contact has landed, or a stop has locked, in ``mode`` and state ``z_minus``.
+
+        Forces then decide about the motion.
+        """
         assert transition.reset is not None
-        landing = transition.reset.of
+        of = transition.reset.of
+        landing = {of} & {*self._names}
         chosen = self._impact(transition.candidates, landing, z_minus)
         if isinstance(chosen, Termination):
             return chosen
-        massless = (landing,) if landing in self._massless else ()
-        z_plus, _ = buffered(self.system.contact_impact(chosen, massless))(z_minus, self._dynamics.p)
+        z_plus, _ = buffered(self.system.contact_impact(chosen, mode))(z_minus, self._dynamics.p)
         return chosen, z_plus.copy()
 
     def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
@@ -237,40 +261,51 @@ class ContactSetResolver:
         assert transition.reset is not None
         if self.system.cycle_end != TOUCHDOWN:
             return impact_record(self._dynamics, mode.contact, z_minus, mode)
-        chosen = self._impact(transition.candidates, transition.reset.of, z_minus)
+        held = [self.system.walker.held_in_impact(candidate.contact, mode) for candidate in transition.candidates]
+        chosen = self._impact(held, {transition.reset.of}, z_minus)
         if isinstance(chosen, Termination):
             return chosen
-        return impact_record(self._dynamics, self.system.walker.swapped(chosen).contact, z_minus, mode)
+        return impact_record(self._dynamics, self.system.walker.swapped(chosen.contact), z_minus, mode)
 
-    def _impact(self, candidates: Iterable[Mode], landing: str, z_minus: Array) -> Mode | Termination:
-        """The contacts after the only consistent impact; those that arrive at the same instant take part."""
+    def _impact(self, candidates: Iterable[Mode], landing: set[str], z_minus: Array) -> Mode | Termination:
+        """The mode after the only consistent impact; contacts that arrive at the same instant take part.
+
+        Parameters
+        ----------
+        landing : the contact that lands; empty for the impact of a stop.
+        """
         heights, mechanics = self._points(z_minus, self._dynamics.p)[0].copy(), self._forces.mechanics(z_minus)
         before, size, place = mechanics.velocities, self._dynamics.scales.length, self._place
-        massless = landing in self._massless
-        if not massless and heights[place[landing]] < -TOUCHING * size:
-            depth = -heights[place[landing]]
-            words = f"{landing} scuffs: it is {depth:.3g} m below the ground where it begins to count as a contact"
-            return Termination(Ending.SCUFFING, words)
-        if not massless and before[place[landing], 1] >= -EDGE:
-            words = f"{landing} does not come down: its normal velocity is {before[place[landing], 1]:.6g} sqrt(g l)"
-            return Termination(Ending.IMPACT_INCONSISTENT, words)
+        massless = landing & {*self._massless}
+        for name in landing - massless:
+            if heights[place[name]] < -TOUCHING * size:
+                depth = -heights[place[name]]
+                words = f"{name} scuffs: it is {depth:.3g} m below the ground where it begins to count as a contact"
+                return Termination(Ending.SCUFFING, words)
+            if before[place[name], 1] >= -EDGE:
+                words = f"{name} does not come down: its normal velocity is {before[place[name], 1]:.6g} sqrt(g l)"
+                return Termination(Ending.IMPACT_INCONSISTENT, words)
         touching = {name for mode in candidates for name in mode.touching}
         for name in {*self._names} - touching - {*self._massless}:
             if abs(heights[place[name]]) <= TOUCHING * size and before[place[name], 1] < -TOUCHING:
+                landing = landing | {name}
                 touching.add(name)
                 candidates = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
-        conceivable = [mode for mode in candidates if not massless or landing in mode.touching]
+        conceivable = [mode for mode in candidates if massless <= {*mode.touching}]
         known = [mode for mode in conceivable if not self._forces.is_undetermined(mode)]
-        found = self._forces.impacts(mechanics, known)
+        kinetic = self._forces.friction.kinetic
+        if self._frictionless:
+            kinetic = np.where([name in landing for name in self._names], 0.0, kinetic)
+        found = self._forces.impacts(mechanics, known, kinetic)
         options = [
             _Option(mode, mechanics.dq + found.motion[k])
             for k, mode in enumerate(known)
             if self._follows(found, k, touching, mechanics.J)
         ]
         different = self._different(options)
-        if len(different) == 1 or (different and self._drops):
+        if len(different) == 1 or (different and self._stick_first):
             chosen = self._preferred(different).mode
-            regularity = self._forces.regularity(mechanics, (chosen,)).item() if chosen.slips else 1.0
+            regularity = self._forces.regularity(mechanics, (chosen,), kinetic).item() if chosen.slips else 1.0
             if regularity > 0:
                 return chosen
             words = f"the impulses have no unique solution: regularity is {regularity:.4g} after {chosen.brief}"

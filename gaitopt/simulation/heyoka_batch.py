@@ -114,7 +114,7 @@ class BatchSimulator:
             motions.end(rows, transition.ending)
             return
         if transition.ends_step:
-            impacts, endings, states, step_lengths = self._resolver.land(motions.states[rows])
+            impacts, endings, states, step_lengths = self._resolver.land(mode, transition, motions.states[rows])
             motions.impacts[rows], motions.endings[rows] = impacts, endings
             motions.states[rows], motions.step_lengths[rows] = states, step_lengths
             return
@@ -123,7 +123,7 @@ class BatchSimulator:
         motions.end(rows[chattering], Ending.CHATTERING)
         rows = rows[~chattering]
         if transition.reset is not None:
-            modes, endings, states = self._resolver.strike(transition, motions.states[rows])
+            modes, endings, states = self._resolver.strike(mode, transition, motions.states[rows])
             motions.states[rows] = states
             motions.choose(rows, modes, endings)
             self._continue(motions, rows[endings == 0])
@@ -266,18 +266,18 @@ class BatchResolver:
                 modes[k] = self._modes.index(decision)
         return modes, endings
 
-    def strike(self, transition: Transition, states: Array) -> tuple[Codes, Codes, Array]:
+    def strike(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array]:
         """Modes just after a stop has locked, endings where no impact is possible, and states after it."""
         modes, endings, after = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), np.int64), states.copy()
         for k, state in enumerate(states):
-            struck = self._one_by_one.strike(transition, state)
+            struck = self._one_by_one.strike(mode, transition, state)
             if isinstance(struck, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
             else:
                 modes[k], after[k] = self._modes.index(struck[0]), struck[1]
         return modes, endings, after
 
-    def land(self, states: Array) -> tuple[Codes, Codes, Array, Array]:
+    def land(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array, Array]:
         """Impacts at touchdown, endings where there is none, states after them and step lengths [m]."""
         n, n_z = states.shape
         columns, approach = self._impacts(states)
@@ -305,7 +305,7 @@ class BatchResolver:
             p_t, p_n = self._push(states)[0].T
             clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
         for k in np.flatnonzero(~clear):
-            decision = self._one_by_one.impact(states[k])
+            decision = self._one_by_one.impact(mode, transition, states[k])
             if isinstance(decision, ImpactRecord):
                 impacts[k] = CONTACTS.index(decision.mode)
                 after[k], step_lengths[k] = decision.state, decision.step_length

@@ -8,7 +8,6 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf, isfinite
-from typing import Any
 
 import numpy as np
 
@@ -16,17 +15,15 @@ from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
-from gaitopt.model.buffered import buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
-from gaitopt.model.transitions import CANNOT_SLIP, Ending, Transition
+from gaitopt.model.transitions import Ending, Transition
 from gaitopt.problem.statement import Until
 from gaitopt.requests import Engine
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import Stepper, choose_engine
-from gaitopt.simulation.events import AT_REST
 from gaitopt.simulation.outcomes import StepOutcome
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.threads import cached_property
@@ -77,6 +74,11 @@ def segment_ends(dynamics: Dynamics, longest: float = inf) -> tuple[float, ...]:
     return (*(t for t in control.breakpoints if t < limit), limit)
 
 
+def contact_resolver(dynamics: Dynamics) -> ContactResolver | ContactSetResolver:
+    """What decides about the contacts: with few candidates by their compiled margins, with many by dense algebra."""
+    return (ContactSetResolver if dynamics.system.walker.contacts else ContactResolver)(dynamics)
+
+
 class Simulator:
     """Simulates one walker under one control law at fixed parameters.
 
@@ -108,8 +110,7 @@ class Simulator:
         self.dynamics, self.system = dynamics, dynamics.system
         self.stepper = stepper(dynamics)
         self._make_stepper, self._max_switches = stepper, max_switches
-        self._ends, self._several = segment_ends(dynamics), bool(dynamics.system.walker.contacts)
-        self._resolver: Any = (ContactSetResolver if self._several else ContactResolver)(dynamics)
+        self._ends, self._resolver = segment_ends(dynamics), contact_resolver(dynamics)
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:
@@ -212,8 +213,8 @@ class Simulator:
             mode = following
             arrival = self.stepper.advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
             transition = None if arrival.event is None else table.of(mode)[arrival.event]
-            stops = transition is not None and transition.at_rest and not self._several
-            end = _stopped(arrival.state) if stops else arrival.state
+            comes_to_rest = transition is not None and bool(transition.at_rest)
+            end = self._resolver.settled(arrival.state, at_rest=comes_to_rest)
             if arrival.time > time:
                 arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense, struck))
                 struck = None
@@ -243,8 +244,7 @@ class Simulator:
             elif transition.ending is not None:
                 following = Termination(transition.ending, transition.reason)
             elif transition.ends_step:
-                at = (mode, transition, z) if self._several else (z,)
-                landed = self._resolver.impact(*at)
+                landed = self._resolver.impact(mode, transition, z)
                 if isinstance(landed, ImpactRecord):
                     return _completed(arcs, landed, number, origin, len(switches) + 1)
                 following = landed
@@ -262,7 +262,7 @@ class Simulator:
                     following = Termination(Ending.CHATTERING, words)
                     break
                 switches.append(time)
-                following, z, struck = self._switch(transition, time, z, segment, struck)
+                following, z, struck = self._switch(mode, transition, time, z, segment, struck)
         values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
         where = "at the choice of the first mode" if mode is None else f"in mode {mode.brief}"
         return StepOutcome(
@@ -276,22 +276,17 @@ class Simulator:
         z = _finite_vector("state", state, self.system.state_names)
         if not anywhere:
             z[self.system.n_shape] = 0.0
-        return _stopped(z) if not self._several and abs(z[-1]) <= AT_REST * self.dynamics.scales.speed else z
+        return self._resolver.settled(z, at_rest=False)
 
     def _first_mode(self, z: Array, *, anywhere: bool = False) -> tuple[Mode | Termination, Array, Mode | None]:
         """The mode just after an impact; of named contacts, also the impact of those that come down onto the ground."""
-        if self._several:
-            start = self._resolver.start(z)
-            if isinstance(start, Transition):
-                return self._switch(start, 0.0, z, 0, None)
-            return self._continued(start, 0.0, z, 0) if isinstance(start, Mode) else start, z, None
-        stick, *slips = self.system.transitions.landed
-        if anywhere and (stick.stops or self.system.walker.flies):
-            return self._mode_of(z), z, None
-        if z[-1] == 0:
-            return self._continued(stick, 0.0, z, 0), z, None
-        following = [mode for mode in slips if mode.direction * z[-1] > 0]
-        return following[0] if following else Termination(Ending.PAINLEVE, CANNOT_SLIP), z, None
+        start = self._resolver.start(z, anywhere=anywhere)
+        if isinstance(start, Termination):
+            return start, z, None
+        mode, landing = start
+        if landing is not None:
+            return self._switch(mode, landing, 0.0, z, 0, None)
+        return self._continued(mode, 0.0, z, 0), z, None
 
     def check_start(self, state: Array) -> None:
         """Check that no named contact of a state is below the ground.
@@ -301,71 +296,30 @@ class Simulator:
         ProblemError
             If one is; the message says which one, and how far.
         """
-        reason = self._resolver.below_ground(self._after_impact(state)) if self._several else None
+        reason = self._resolver.below_ground(self._after_impact(state))
         if reason is not None:
             raise ProblemError(f"state: {reason}")
 
-    def _mode_of(self, z: Array) -> Mode | Termination:
-        """The mode of any state of a walker with flight, stops or switches: forces decide about a foot at rest.
-
-        A stop is locked where its gap and the rate of that are zero; switches are as after a landing. A massless foot
-        is in flight where the ground would have to pull at it.
-        """
-        landed, names, scales = self.system.transitions.landed[0], self.system.state_names, self.dynamics.scales
-        state = dict(zip(names, z.tolist(), strict=True))
-        lifted = state.get("y", 0.0) > AT_REST * scales.length or state.get("dy", 0.0) > AT_REST * scales.speed
-        if self.system.walker.massless_feet:  # on the ground the force would pull
-            value, rate = self._margin("normal_force", landed, z)
-            lifted = value < -AT_REST * scales.force or (value <= AT_REST * scales.force and rate < 0)
-        contact = Mode.FLIGHT if lifted else Mode.slip(z[-1]) if z[-1] else Mode.STICK
-        mode = Mode.of(contact, {name: "free" if word == "locked" else word for name, word in landed.stops.items()})
-        known = {mode.key: mode for mode in self.system.walker.modes()}
-        for stop in mode.free:
-            locked = Mode.of(contact, {**mode.stops, stop: "locked"})
-            free = mode if mode.key in known else next((m for m in known.values() if stop in m.free), None)
-            if free is None or locked.key not in known:
-                continue
-            gap, rate = self._margin(stop, free, z)
-            if abs(gap) <= AT_REST and abs(rate) * scales.time <= AT_REST:
-                mode = locked
-        if mode.key not in known:
-            return Termination(Ending.CONTACT_INCONSISTENT, f"the walker has no mode {mode.brief}")
-        return self._continued(mode, 0.0, z, 0)
-
-    def _margin(self, name: str, mode: Mode, z: Array) -> tuple[float, float]:
-        """A margin of a mode and its rate at the start, in SI."""
-        row = self.system.transitions.margin_names(mode).index(name)
-        margins, rates = buffered(self.system.events(mode))(0.0, z, self.dynamics.p, self.system.data(0))
-        return float(margins[row]), float(rates[row])
-
     def _continued(self, mode: Mode, time: float, z: Array, segment: int) -> Mode | Termination:
-        """The mode after a jump of the torques: forces decide about a foot at rest, any other mode continues.
-
-        A slip whose foot the jump lifts off ends with the first event of the next arc.
-        """
-        transition = self.system.transitions.at_breakpoint(mode)
-        if not (transition.at_rest or (self._several and mode.touching)):
-            return mode
-        return self._resolver.mode_at_rest(transition.candidates, time, z, segment)
+        """The mode after a jump of the torques."""
+        return self._resolver.following(self.system.transitions.at_breakpoint(mode), time, z, segment)
 
     def _switch(
-        self, transition: Transition, time: float, z: Array, segment: int, struck: Mode | None
+        self, mode: Mode, transition: Transition, time: float, z: Array, segment: int, struck: Mode | None
     ) -> tuple[Mode | Termination, Array, Mode | None]:
-        """The mode after an event within a step, the state at its start, and the last impact of a named contact.
+        """The mode after an event in ``mode`` within a step, the state at its start, and the last impact of a contact.
 
         Parameters
         ----------
         struck : that of an impact at the same instant before it.
         """
         if transition.reset is not None:
-            landed = self._resolver.strike(transition, z)
+            landed = self._resolver.strike(mode, transition, z)
             if isinstance(landed, Termination):
                 return landed, z, None
-            mode, z = landed
-            return self._continued(mode, time, z, segment), z, mode if self._several else None
-        if transition.at_rest:
-            return self._resolver.mode_at_rest(transition.candidates, time, z, segment), z, struck
-        return transition.candidates[0], z, struck
+            after, z = landed
+            return self._continued(after, time, z, segment), z, after if after.is_named else None
+        return self._resolver.following(transition, time, z, segment), z, struck
 
     def _arc(
         self,
@@ -416,13 +370,6 @@ def _accumulation(strikes: list[float]) -> float:
         return inf
     ratio = intervals[-1] / intervals[-3]
     return float(strikes[-1] + (intervals[-1] + intervals[-2]) * ratio / (1 - ratio))
-
-
-def _stopped(state: Array) -> Array:
-    """The state with a slip velocity of exactly zero instead of its rounding."""
-    state = state.copy()
-    state[-1] = 0.0
-    return state
 
 
 def _finite_vector(what: str, values: Array, names: tuple[str, ...]) -> Array:

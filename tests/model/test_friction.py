@@ -113,7 +113,9 @@ def test_an_impact_sticks_where_sticking_and_slipping_are_both_consistent():
     ratio = abs(stick[0]) / stick[1]
 
     def impact(static, kinetic):
-        record = ContactResolver(Dynamics(system, np.array([*numbers, static, kinetic, 0]))).impact(z)
+        record = ContactResolver(Dynamics(system, np.array([*numbers, static, kinetic, 0]))).impact(
+            Mode.STICK, system.transitions.of(Mode.STICK)["touchdown"], z
+        )
         assert isinstance(record, ImpactRecord)
         return record.mode
 

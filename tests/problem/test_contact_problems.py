@@ -114,17 +114,15 @@ def test_a_wrong_statement_is_one_sentence(old: str, new: str, words: str) -> No
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("pushes", True), ("stops", ("knee",)), ("switches", ("latch",)), ("massless_feet", True)],
+    [("pushes", True), ("massless_feet", True)],
 )
 def test_what_has_no_effect_on_named_contacts_is_refused(name: str, value: object) -> None:
-    """A push was ignored, and a walk with a stop was completed beyond it."""
+    """A push was ignored."""
 
     def mechanism(cls: type, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
         stated = HeelToe.mechanism.__func__(cls, q, p)
         parts = {
             "pushes": {"push": vertcat(0, 1)},
-            "stops": {"stops": {"knee": q.theta1 + 1}},
-            "switches": {"switches": {"latch": lambda dq: dq.theta1}},
         }
         return replace(stated, **parts.get(name, {}))
 
@@ -134,13 +132,6 @@ def test_what_has_no_effect_on_named_contacts_is_refused(name: str, value: objec
     with pytest.raises(ProblemError) as caught:
         parse_problem(HEEL_TOE.replace("model: heel_toe", "model: bad"), walkers=[bad])
     assert f"Bad: {name} is {value!r}, but has no effect on a walker with contacts" in str(caught.value)
-
-
-def test_a_frictionless_impact_of_named_contacts_is_refused() -> None:
-    """It was ignored: heel-toe-impact-slip kept its period."""
-    with pytest.raises(ProblemError) as caught:
-        heel_toe(("friction: 0.265", "friction: 0.265\nimpact_law: frictionless"))
-    assert "impact_law: frictionless has no effect on the contacts of the heel_toe yet" in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -111,6 +111,12 @@ def test_forces_that_are_not_finite_are_a_numerical_ending() -> None:
 # impacts
 
 
+def landed(dynamics: Dynamics, z: Array) -> ImpactRecord | Termination:
+    """The impact of the swing foot in state ``z`` of a stance in which the foot sticks."""
+    row = dynamics.system.transitions.of(Mode.STICK)["touchdown"]
+    return ContactResolver(dynamics).impact(Mode.STICK, row, z)
+
+
 def touchdown(theta: float, dtheta1: float, dtheta2: float, dx: float = 0.0) -> Array:
     return np.array([theta, theta, 0.1, dtheta1, dtheta2, dx])
 
@@ -121,7 +127,7 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
     for _ in range(1000):
         p = compass_parameters(10 ** rng.uniform(-2, 1))
         z = touchdown(rng.uniform(0.05, 0.6), rng.uniform(0.3, 2), rng.uniform(-2, 0.3), rng.choice([0, rng.normal()]))
-        record = ContactResolver(Dynamics(compass(), p)).impact(z)
+        record = landed(Dynamics(compass(), p), z)
         if isinstance(record, Termination):
             assert record.ending is Ending.DOUBLE_SUPPORT
             continue
@@ -139,7 +145,7 @@ def test_of_all_impacts_exactly_one_is_consistent_and_obeys_coulomb() -> None:
 
 
 def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
-    record = ContactResolver(Dynamics(compass(), compass_parameters(0.5))).impact(touchdown(0.15, 0.9, -0.3))
+    record = landed(Dynamics(compass(), compass_parameters(0.5)), touchdown(0.15, 0.9, -0.3))
     assert isinstance(record, ImpactRecord)
     assert record.state[2] == 0
     assert record.step_length == pytest.approx(0.1 + 2 * 1.6 * np.sin(0.15), rel=1e-14)
@@ -149,10 +155,10 @@ def test_the_record_counts_the_foot_from_zero_and_keeps_the_step() -> None:
 @pytest.mark.parametrize("law", list(ImpactLaw))
 def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) -> None:
     z = touchdown(0.15, 0.9, -0.3)
-    sticking = ContactResolver(Dynamics(compass(law), compass_parameters(1))).impact(z)
+    sticking = landed(Dynamics(compass(law), compass_parameters(1)), z)
     assert isinstance(sticking, ImpactRecord)
     for factor, slips in ((1 + 1e-9, False), (1.0, False), (1 - 1e-9, True), (0.5, True)):
-        record = ContactResolver(Dynamics(compass(law), compass_parameters(sticking.impulse_ratio * factor))).impact(z)
+        record = landed(Dynamics(compass(law), compass_parameters(sticking.impulse_ratio * factor)), z)
         assert isinstance(record, ImpactRecord)
         assert (record.mode is not Mode.STICK) == slips
         if slips and law is ImpactLaw.FRICTIONLESS:
@@ -164,7 +170,7 @@ def test_the_impact_sticks_down_to_the_friction_that_it_needs(law: ImpactLaw) ->
 def test_a_foot_that_comes_from_below_the_ground_has_no_impact(law: ImpactLaw, friction: float) -> None:
     """For theta < 0 the legs also pass each other, but there the foot rises."""
     for z in (touchdown(-0.15, 0.9, -0.3), touchdown(0.15, -0.9, 0.3), touchdown(-0.15, 0.9, -0.3, dx=0.4)):
-        termination = ContactResolver(Dynamics(compass(law), compass_parameters(friction))).impact(z)
+        termination = landed(Dynamics(compass(law), compass_parameters(friction)), z)
         assert isinstance(termination, Termination)
         assert termination.ending is Ending.IMPACT_INCONSISTENT
         assert "the swing foot does not come down: its normal velocity is" in termination.reason
@@ -177,7 +183,7 @@ def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
     for _ in range(300):
         p = wheel_parameters(10 ** rng.uniform(-1, 1.5), rng.uniform(0.01, 0.3))
         z = np.array([np.pi / 8, 0, rng.uniform(0.1, 2), rng.normal()])
-        record = ContactResolver(Dynamics(wheel(), p)).impact(z)
+        record = landed(Dynamics(wheel(), p), z)
         for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD):
             _, impulse, slip, _, painleve = (np.asarray(output).ravel() for output in wheel().impact(mode)(z, p))
             assert np.sign(impulse[1]) == np.sign(painleve[0])
@@ -195,7 +201,7 @@ def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
         z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)
         _, (f_t, f_n), *_ = (np.asarray(output).ravel() for output in compass().impact(Mode.STICK)(z, [*COMPASS, 1]))
         for rounding in (-2e-16, 0.0, 2e-16):
-            record = ContactResolver(Dynamics(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding)))).impact(z)
+            record = landed(Dynamics(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding))), z)
             if isinstance(record, Termination):
                 assert record.ending is Ending.DOUBLE_SUPPORT
             else:
@@ -212,9 +218,7 @@ class TwoImpacts(HybridSystem):
 
 
 def test_two_consistent_impacts_are_a_named_ending() -> None:
-    termination = ContactResolver(Dynamics(TwoImpacts(CompassBiped, NoControl()), compass_parameters(0.5))).impact(
-        touchdown(0.1, 1, 0)
-    )
+    termination = landed(Dynamics(TwoImpacts(CompassBiped, NoControl()), compass_parameters(0.5)), touchdown(0.1, 1, 0))
     assert isinstance(termination, Termination)
     assert termination.ending is Ending.IMPACT_AMBIGUOUS
     assert "stick and slip_forward are consistent at mu = 0.5" in termination.reason
