@@ -113,7 +113,8 @@ class Cycle:
             modes = [Mode.from_record({key: v for key, v in phase.items() if key != IMPACT}) for phase in phases]
             struck = ((k, phase[IMPACT]) for k, phase in enumerate(phases) if IMPACT in phase)
             landings = [
-                (k, Mode.of_contacts({name: after.get(name, OFF) for name in modes[k].contacts})) for k, after in struck
+                (k, modes[k].with_states({name: after.get(name, OFF) for name in modes[k].contacts}))
+                for k, after in struck
             ]
             steps.append(ModeSequence(tuple(modes), Mode.from_record(step["impact"]), tuple(timed), tuple(landings)))
         return cls(tuple(steps))
