@@ -137,7 +137,8 @@ def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
         theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
         states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
         _, velocities = RowMap(system.impacts(Mode.STICK))(states, p)
-        _, endings, _, _ = BatchResolver(Dynamics(system, p)).land(states)
+        touchdown = system.transitions.of(Mode.STICK)["touchdown"]
+        _, endings, _, _ = BatchResolver(Dynamics(system, p)).land(Mode.STICK, touchdown, states)
         refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)
         assert (endings[velocities[:, 0] >= 0] == refused).all()
         assert (endings[velocities[:, 0] < 0] != refused).all()
