@@ -12,9 +12,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "gaitopt"
 
-STILL_CIRCULAR = (
-    {"model.closure", "model.declaration", "model.lagrangian", "model.links", "model.walker"},
-)
+STILL_CIRCULAR = ({"model.closure", "model.declaration", "model.lagrangian", "model.links", "model.walker"},)
 """Modules of the circles that are known and are to go; nothing may be added."""
 
 
