@@ -50,7 +50,7 @@ SIMULATED = (1e-4, 1e-2)
 """Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
 """First step on a new branch, in distances from the event: its new phase is short and changes fast."""
-SHOWN, LONGEST = 3, 120
+SHOWN, LONGEST_SEQUENCE = 3, 120
 """Mode sequences that the reason of an end lists, and their length in it [characters]."""
 ACTIVE = 1e-5
 """Monitors below this, in natural units, vanish with the located one."""
@@ -339,7 +339,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         jump = "static friction is above kinetic friction"
         jump = jump if dynamics.friction_drops else "a slipping impact has no friction"
         reason = f"{reason}, and the return map jumps: {jump}"
-    listed = " or ".join(shorten(str(cycle), LONGEST) for cycle in [*tried][:SHOWN]) or "none"
+    listed = " or ".join(shorten(str(cycle), LONGEST_SEQUENCE) for cycle in [*tried][:SHOWN]) or "none"
     more = f" and {len(tried) - SHOWN} others" if len(tried) > SHOWN else ""
     words = f"no other mode sequence continues the family (tried {listed}{more}, and the return map of the simulator)"
     return None, f"{reason}; {words}", 0.0

@@ -50,7 +50,7 @@ ROUGH = 0.2
 IPOPT, which learns all curvature by secants, needs twenty."""
 SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
-LONGEST = 3.0
+LONGEST_PHASE = 3.0
 """Upper bound of a phase's duration in one search, in periods."""
 BOUNDARY = 1e-6
 """A solution closer to the boundary of the trust region, relative to its width, lies on it."""
@@ -389,7 +389,7 @@ class SmoothedProblem:
         reach = states.copy()
         reach[n] = np.inf
         reach = np.tile(reach, t.n_nodes)
-        longest, free = np.full(durations.size, LONGEST * period), np.full(extrema.size, np.inf)
+        longest, free = np.full(durations.size, LONGEST_PHASE * period), np.full(extrema.size, np.inf)
         start, none = np.concatenate([w, extrema, np.ones(n_slack)]), np.zeros(durations.size)
         lower = np.concatenate([w[: nodes.size] - reach, none, bounds[0], -free, np.zeros(n_slack)])
         upper = np.concatenate([w[: nodes.size] + reach, longest, bounds[1], free, np.full(n_slack, np.inf)])

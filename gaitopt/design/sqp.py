@@ -82,7 +82,7 @@ EDGE = 0.99
 """A step longer than this part of the reach counts as limited by it."""
 PROMISED = 0.7
 """Part of the model's gain that a step must have for a longer reach."""
-SHORTEST = 1e-4
+SMALLEST_PART = 1e-4
 """Part of a step at which a line search gives up."""
 DIFFERENCE = 1e-4
 """Step of the differences of gradients, relative to the sizes: a thousand times what a gait is solved to."""
@@ -414,7 +414,7 @@ def _line_search(
     now = _merit(model.point, model.scale, penalty)
     slope = min(0.0, float(model.gradient @ d) - penalty * model.point.total_violation)
     part = 1.0
-    while part >= SHORTEST and d.any():
+    while part >= SMALLEST_PART and d.any():
         goal = now + ARMIJO * part * slope + ROUNDING
         trial = problem.evaluate_beside(model.point, part * d * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) > goal and part == 1.0:

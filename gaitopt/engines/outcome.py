@@ -28,7 +28,7 @@ SETTLED = 0.05
 """Time after the last impact at which states are compared, relative to the period."""
 SLIPS = 2.5e-4
 """Speed, in natural units, from which a foot counts as slipping: about a millimetre per second."""
-SHORTEST = 0.01
+SHORTEST_MODE = 0.01
 """Fraction of the cycle below which a mode of the engine does not count."""
 TRIMMED = 0.1
 """Fraction of a sticking phase at both ends that does not count as creep."""
@@ -176,7 +176,8 @@ def _measured(
         path = np.diff(x)
         slip["slip_forward"] += float(path[path > 0].sum())
         slip["slip_backward"] -= float(path[path < 0].sum())
-        window = max(1, round(SHORTEST * period / (times[1] - times[0])))  # a contact may chatter from step to step
+        # a contact may chatter from step to step
+        window = max(1, round(SHORTEST_MODE * period / (times[1] - times[0])))
         carried = np.convolve(forces[inside, foot, 1] > 0, np.ones(window), mode="same") > 0
         modes = np.where(carried, _modes(reference, speed), "off")
         stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step]))

@@ -23,7 +23,7 @@ from gaitopt.gait.gait import Gait
 PROGRAM = "from gaitopt.engines.process import serve; serve()"
 WAIT = 0.2
 """Seconds between two looks at ``should_stop``."""
-LONGEST = 900.0
+LONGEST_RUN = 900.0
 """Seconds that one time step may take."""
 
 
@@ -88,7 +88,7 @@ def _results(process: "subprocess.Popen[bytes]", job: Any, should_stop: Stop) ->
             result = arrived.get(timeout=WAIT)
         except queue.Empty:
             waited += WAIT
-            if waited > LONGEST:
+            if waited > LONGEST_RUN:
                 process.kill()
             continue
         waited = 0.0

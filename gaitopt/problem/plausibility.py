@@ -50,7 +50,7 @@ JUMP = 1e-9
 """Largest relative difference of a torque before and after a breakpoint where it is continuous: rounding."""
 FEET_APART = 1e-6
 """Least distance of the feet at the start of a step, in leg lengths."""
-LONGEST = 50.0
+LARGEST_LENGTH = 50.0
 """Length [m] above which a walker is probably given in millimetres."""
 LIGHT = 1e-6
 """A mass below this part of the total is probably a mistake."""
@@ -235,7 +235,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
             yield Fault(path, why)
     for name, info in type(walker).model_fields.items():
         unit, value = words_and_unit(info.description or "")[1], getattr(walker, name)
-        if unit == "m" and abs(value) > LONGEST:
+        if unit == "m" and abs(value) > LARGEST_LENGTH:
             yield Fault(
                 ("walker", name), f"{value:g} m is unusual; did you mean {value:g} mm, which is {value / 1000:g}?"
             )

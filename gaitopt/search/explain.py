@@ -40,7 +40,7 @@ WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
 """Largest friction and slope [rad] of the search."""
 OF_THE_SEARCH = ("search", "motion", "event", "periodicity", "duration")
 """Causes that only say where the solver ended, besides the events of the mode sequence that do not happen."""
-LONGEST = 120
+LONGEST_CAUSE = 120
 """Maximum length of a cause in one line [characters]."""
 WALK = 20
 """Number of steps of the walk from the guess."""
@@ -98,7 +98,8 @@ class Explanation(Tabulated):
 
     def __repr__(self) -> str:
         why = self.causes[0].words if self.causes else "the cause is unknown"
-        return f"<Explanation of {self.problem.name}: {'the gait exists' if self.exists else shorten(why, LONGEST)}>"
+        words = "the gait exists" if self.exists else shorten(why, LONGEST_CAUSE)
+        return f"<Explanation of {self.problem.name}: {words}>"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""

@@ -61,7 +61,7 @@ OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "n
 """Look of the region beyond the friction cone, on any background."""
 SLIP_WIDTH, EDGE_DASHES = 4.0, (0, (1.3, 0.6))
 """Width [points] and dashes, in widths, of the force ratio of a foot that slips: on the edge of the cone."""
-SHORTEST = 2.0
+EDGE_WIDTH = 2.0
 """Width of the edge of the bar of a mode, so that a slip of less than a pixel is seen [points]."""
 MARKED_STATES = 6
 """Most states after impacts that are marked in the portrait of a walk."""
@@ -215,7 +215,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
                     colour = MODE_COLOURS[Mode(word)]
                     begin, above = began + arc.start, 2 if Mode(word).slips else 1
                     (bar,) = axes.barh(row, arc.duration, left=begin, height=0.8, color=colour, zorder=above)
-                    bar.set(edgecolor=colour, linewidth=SHORTEST)
+                    bar.set(edgecolor=colour, linewidth=EDGE_WIDTH)
                     present.add(Mode(word))
     labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
     if any(motion.walker.contacts for motion in motions):

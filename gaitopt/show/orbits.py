@@ -26,7 +26,7 @@ from gaitopt.problem.scalars import state_unit, unit_of
 FORMAT = "gaitopt-orbit-2"
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
 VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
-LONGEST = 60
+LONGEST_IN_PLACE = 60
 """Characters up to which a subexpression that occurs once is written in place."""
 ENCLOSED = ("step_length", "speed", "work", "cost_of_transport", "required_friction")
 """Scalars that a proof encloses besides the period."""
@@ -133,7 +133,7 @@ def formulas(
         elif operations[k] in OPERATIONS:
             form = OPERATIONS[operations[k]]
             texts[k] = form.format(*values) if form[0].isalpha() else f"({form.format(*values)})"
-            if (uses[k] > 1 or len(texts[k]) > LONGEST) and operations[k] != ca.OP_NEG:
+            if (uses[k] > 1 or len(texts[k]) > LONGEST_IN_PLACE) and operations[k] != ca.OP_NEG:
                 definitions.append((f"a{len(definitions) + 1}", _bare(texts[k])))
                 texts[k] = definitions[-1][0]
         else:

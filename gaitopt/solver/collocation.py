@@ -85,9 +85,9 @@ DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
 """Fewest intervals of a step."""
-SHORTEST = 1e-3
+SHORTEST_PHASE = 1e-3
 """Shortest phase in periods of the guess."""
-LONGEST = 5.0
+LONGEST_PERIOD = 5.0
 """Longest period, in those of the guess."""
 SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
@@ -810,7 +810,8 @@ class Collocation:
         upper[self.slices["states"]] = np.tile(largest, self.n_states)
         lower[self.slices["states"]] = -upper[self.slices["states"]]
         period = float(self._guess.sum())
-        lower[self.slices["durations"]], upper[self.slices["durations"]] = SHORTEST * period, LONGEST * period
+        durations = self.slices["durations"]
+        lower[durations], upper[durations] = SHORTEST_PHASE * period, LONGEST_PERIOD * period
         for k, (low, high) in zip(self.columns("freed"), self.free.values(), strict=True):
             lower[k], upper[k] = low, high
         if self.law is not None:
@@ -834,7 +835,7 @@ class Collocation:
 
     def vanishing(self, x: Array) -> Cause | None:
         """The phase whose duration is at its lower bound, which no gait has; None if there is none."""
-        durations, shortest = self.unpack(x)["durations"], SHORTEST * float(self._guess.sum())
+        durations, shortest = self.unpack(x)["durations"], SHORTEST_PHASE * float(self._guess.sum())
         phase = int(np.argmin(durations))
         return vanishing_phase(self.cycle, phase, durations[phase]) if durations[phase] < 1.01 * shortest else None
 

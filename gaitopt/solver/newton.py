@@ -32,7 +32,7 @@ LAST_STEP = 1e-7
 """A step in natural units below which the next one, by quadratic convergence, would be rounding."""
 MOST_STEPS = 9
 """Steps that halve from ``LONGEST_FIRST_STEP`` converge quadratically long before."""
-SHORTEST = 0.5
+SHORTEST_PERIOD = 0.5
 """Shortest period relative to the guess: feet that stay together solve all equations in no time at all."""
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not reach it ends when it stops improving."""
@@ -203,7 +203,7 @@ def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop 
     ``interrupted``.
     """
     equations, at, last = start.equations, start, np.inf
-    shortest = SHORTEST * start.durations.sum()
+    shortest = SHORTEST_PERIOD * start.durations.sum()
     lost = replace(start, status=Status.NOT_CONVERGED, words="Newton's method finds no solution next to the guess")
     for number in range(MOST_STEPS + 1):
         if progress is not None:

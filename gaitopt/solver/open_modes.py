@@ -54,7 +54,7 @@ RADAU = (STAGES[:, None] ** (_POWERS + 1) / (_POWERS + 1)) @ np.linalg.inv(np.va
 """Coefficients of the collocation: integrals of the Lagrange polynomials on the stages."""
 DECIDED = 1e-3
 """a this close to 0 or 1 throughout an element is a slip."""
-SHORTEST, LONGEST = 0.1, 4.0
+SHORTEST_ELEMENT, LONGEST_ELEMENT = 0.1, 4.0
 """Length of an element relative to the mean."""
 EVEN = 1e-2
 """Weight of the unevenness of the elements, the only objective of a walker without free parameters."""
@@ -197,8 +197,8 @@ class Complementarity:
             latest = (*system.control.breakpoints, np.inf)[segment]
             self._require("segment", t, max(self._fixed.values(), default=0.0), latest)
             mean = t / ELEMENTS
-            self._require("shortest element", h - SHORTEST * mean, 0.0)
-            self._require("longest element", LONGEST * mean - h, 0.0)
+            self._require("shortest element", h - SHORTEST_ELEMENT * mean, 0.0)
+            self._require("longest element", LONGEST_ELEMENT * mean - h, 0.0)
             objective += EVEN * sum1((h / mean - 1) ** 2)
             self._impact(z, starts[(s + 1) % n], feet[(s + 1) % n], p)
         return objective

@@ -31,7 +31,7 @@ from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
-SHORTEST = 0.1
+SHORTEST_PERIOD = 0.1
 """Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
 LARGEST_RESIDUAL = 1e-5
 """Largest violation of the equalities, in natural units, of a point that Newton's method may refine to a gait: with a
@@ -300,7 +300,7 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
             labels=equations.equality_labels,
         ),
         Block(
-            name="period", expression=sum1(equations.durations), lower=SHORTEST * float(start.durations.sum()),
+            name="period", expression=sum1(equations.durations), lower=SHORTEST_PERIOD * float(start.durations.sum()),
             size=units.unknowns[-1], labels=(Label(name="period", unit="s"),),
         ),
     ]  # fmt: skip

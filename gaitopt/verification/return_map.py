@@ -38,7 +38,7 @@ ROUNDING = 1e-12
 NEWTON_STEPS = 12
 CLOSE = 1e-9
 """Defect, relative to the sizes of the coordinates, at which a damped search ends; the solver refines the result."""
-LONGEST = 0.5
+LARGEST_NEWTON_STEP = 0.5
 """Longest step of a damped search, relative to the sizes of the coordinates."""
 DAMPING = (1.0, 0.5, 0.25, 0.125, 0.0625)
 DAMPED_STEPS = 25
@@ -211,7 +211,7 @@ class ReturnMap:
             if not np.isfinite(slope).all():
                 break
             newton = -np.linalg.lstsq(slope, outcome.xi - xi, rcond=None)[0]
-            newton /= max(1.0, float(np.abs(newton / sizes).max()) / LONGEST)
+            newton /= max(1.0, float(np.abs(newton / sizes).max()) / LARGEST_NEWTON_STEP)
             for t in DAMPING:
                 trial = xi + t * newton
                 returned = self(trial)

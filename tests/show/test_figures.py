@@ -17,7 +17,7 @@ from gaitopt.problem.scalars import SCALARS
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.branches import UNSTABLE, multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.catalogue import branch_figures, figures_of
-from gaitopt.show.gaits import EDGE_DASHES, SHORTEST
+from gaitopt.show.gaits import EDGE_DASHES, EDGE_WIDTH
 from gaitopt.show.grids import FAILURES, front_figure, pareto_front, sweep
 from gaitopt.show.motion import differences, motion_from_record, motion_of, simulated, thinned
 from gaitopt.show.style import MODE_COLOURS, SLIP_DASHES, Parameter, label, parameter_of, save, symbol
@@ -178,7 +178,7 @@ def test_the_portrait_of_a_walk_marks_at_most_six_states_and_outlines_them():
 
 def test_a_slip_of_less_than_a_pixel_is_seen_in_the_gait_diagram():
     axes = gait("compass-passive-a").plot("contacts")
-    edges = {bar.get_edgecolor(): bar.get_zorder() for bar in axes.patches if bar.get_linewidth() == SHORTEST}
+    edges = {bar.get_edgecolor(): bar.get_zorder() for bar in axes.patches if bar.get_linewidth() == EDGE_WIDTH}
     above = {Mode.STICK: 1, Mode.SLIP_FORWARD: 2, Mode.SLIP_BACKWARD: 2}
     assert edges == {to_rgba(MODE_COLOURS[mode]): order for mode, order in above.items()}
 
