@@ -29,10 +29,20 @@ from gaitopt.solver.collocation import first_gait
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
-from gaitopt.solver.rollout import FINE_ERROR, Rollout, guessed_motion, roll_out, rolled_again, transit_time
+from gaitopt.solver.rollout import (
+    FINE_ERROR,
+    STABLE_STEP,
+    Rollout,
+    guessed_motion,
+    roll_out,
+    rolled_again,
+    transit_time,
+)
 
 MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
+MOST_SEARCHED = 2000
+"""Intervals of a mesh on which IPOPT searches; an iteration takes half a second there. Newton's method may use more."""
 PERIODIC = 1e-5
 """Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait: five digits."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
@@ -91,14 +101,24 @@ def solve_gait(
         return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
     tried = "IPOPT" if method is Method.IPOPT else "Newton's method and IPOPT"
-    start, solution = _search(guess.on_mesh(), ipopt)
+    begin = guess.on_mesh()
+    stiff = _too_stiff(begin)
+    if stiff is not None:
+        solver = search_record(method if method is Method.IPOPT else Method.NEWTON, 0, began)
+        return Gait(
+            problem=problem, dynamics=dynamics, status=Status.NOT_CONVERGED, message=stiff.words, solver=solver,
+            causes=(stiff,),
+        )  # fmt: skip
+    start, solution = _search(begin, ipopt)
     if solution.status in FAILURES and problem.guess.durations is None:  # the events of the guess may come too late
         state = guess.motions[0].states[0]
         shortened = np.array(guess.durations) * transit_time(dynamics, cycle, state) / guess.period
         tried += ", also from a shorter step"
-        start_again, retried = _search(roll_out(dynamics, cycle, state, shortened).on_mesh(), ipopt)
-        if retried.status not in FAILURES:
-            start, solution = start_again, retried
+        again = roll_out(dynamics, cycle, state, shortened).on_mesh()
+        if _too_stiff(again) is None:
+            start_again, retried = _search(again, ipopt)
+            if retried.status not in FAILURES:
+                start, solution = start_again, retried
     if solution.converged:
         return checked_gait(problem, solution, search_record(Method.IPOPT, solution.iterations, began))
     causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
@@ -173,6 +193,24 @@ def _search(start: Solution, method: Callable[[Solution], Solution]) -> tuple[So
             break
         start = rolled_again(end).on_mesh()
     return start, end
+
+
+def _too_stiff(start: Solution) -> Cause | None:
+    """Why a search would take too long: a law, perhaps in wrong units, needs too many intervals; None if none does."""
+    mesh = start.equations.mesh
+    modes, (_, lengths) = start.equations.fastest_modes(start.w, start.p), mesh.interval_times(start.durations)
+    known = np.isfinite(modes)  # elsewhere the motion has broken down
+    counts = np.maximum(modes[known] * lengths[known] / STABLE_STEP, 1.0)
+    needed = max(float(mesh.intervals), float(counts.sum()))
+    if not needed > MOST_SEARCHED:
+        return None
+    fastest = modes[known].max(initial=0.0)
+    words = (
+        f"the motion is too stiff for a search: its fastest mode, {fastest:.4g} 1/s, needs about {needed:.0f} "
+        f"intervals, and {MOST_SEARCHED} are searched at most; check the units of the gains, or guess the state of the "
+        "gait to five digits"
+    )
+    return Cause(what="integration", words=words, needed=float(MOST_SEARCHED), available=needed)
 
 
 def _missing_event(guess: Rollout, phase: int) -> Cause:

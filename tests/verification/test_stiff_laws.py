@@ -191,3 +191,17 @@ def test_family_of_tracked_rabbit_goes_on_where_its_foot_begins_to_slip():
     modes = [mode for mode, _ in fixed.cycle.steps[0].phases]
     assert [*map(str, modes)] == ["stick", "slip_backward", "stick"]
     assert fixed.xi == pytest.approx(point.gait.state[section.indices], abs=1e-8)
+
+
+@pytest.mark.slow
+def test_gains_in_wrong_units_are_named_rather_than_searched():
+    """Gains per degree make the law so stiff that a search on a mesh for it would take minutes."""
+    gains = {"control.law": "pd", "control.gains.kp": 36 * 3283, "control.gains.kd": 12 * 3283}
+    points = [-0.3, -0.38, -0.13, 1.25, 0.45, 0.4, 0.3]
+    problem = go.load_problem("compass-virtual-constraint").replace(
+        {"control.reference.bezier.theta2": points, **gains}
+    )
+    gait = solve_gait(replace(problem, file=None), build_system(problem))
+    assert gait.status is go.Status.NOT_CONVERGED
+    assert "too stiff for a search: its fastest mode" in gait.message
+    assert "check the units of the gains" in gait.message
