@@ -163,7 +163,7 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
     """(t, z, p, r) -> force, height and lead of the swing foot, torques, motor rates, powers, margins; Jacobian."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
-    force, torque, power, foot, _, rate, _ = system.observation(mode)(t, z, p, r)
+    force, torque, power, foot, _, rate, *_ = system.observation(mode)(t, z, p, r)
     margins = system.margins(mode)(t, z, p, r)
     values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, rate, power, margins)
     by = vertcat(t, z, *(p[system.parameters.index(name)] for name in free))

@@ -61,11 +61,7 @@ def observe(arc: Arc) -> Observation:
     system, p = arc.dynamics.system, arc.dynamics.p
     observation = buffered_map(system.observation(arc.mode), arc.times.size)
     outputs = observation(arc.times[:, None], arc.states, p, system.data(arc.segment))
-    force, torque, power, foot, energy, _, loss = (value.copy() for value in outputs)
-    slip = arc.states[:, -1:]
-    if system.walker.contacts:
-        _, velocities, _ = buffered_map(system.contact_points, arc.times.size)(arc.states, p)
-        slip = velocities[:, ::2].copy()
+    force, torque, power, foot, energy, _, loss, slip = (value.copy() for value in outputs)
     return Observation(
         force=force, slip=slip, torque=torque, power=power, swing_foot=foot, energy=energy[:, 0], loss=loss[:, 0]
     )
@@ -93,7 +89,7 @@ def touching_contacts(arc: Arc, observed: Observation) -> Iterator[ContactObserv
     """The contacts on the ground; those whose forces are undetermined are one."""
     walker, mode = arc.dynamics.system.walker, arc.mode
     place = {name: k for k, name in enumerate(walker.contact_names())}
-    group = undetermined(walker, mode) if walker.contacts else ()
+    group = undetermined(walker, mode)
     for names in (*([group] if group else []), *((name,) for name in mode.touching if name not in group)):
         columns = [2 * place[name] for name in names]
         yield ContactObservation(

@@ -31,8 +31,6 @@ def undetermined_forces(arc: Arc) -> tuple[str, ...]:
 
 def undetermined_in(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
     """Names of the forces that are undetermined in a mode; also of the impulses of an impact that leads to it."""
-    if not walker.contacts:
-        return ()
     structure, found = constraint_structure(walker, mode), dict[str, None]()
     for (name, row), shares in zip(structure.constraints, structure.nulls, strict=True):
         if row != LOCKED and np.abs(shares).max(initial=0.0) > DEPENDENT:

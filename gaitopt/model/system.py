@@ -163,9 +163,10 @@ class HybridSystem:
 
     @compiled("tzpr")
     def observation(self, mode: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> contact forces, torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss.
+        """(t, z, p, r) -> contact forces, torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss, slip.
 
-        The forces (f_t, f_n) of all contacts follow each other. The loss is the power that the dampers dissipate.
+        The forces (f_t, f_n) of all contacts follow each other. The loss is the power that the dampers dissipate, the
+        slip the tangential velocity of every contact.
         """
         eom, torque = self._eom, self._symbols.torque(mode)
         motor_rates = eom.E.T @ eom.dq
@@ -177,6 +178,7 @@ class HybridSystem:
             "energy": eom.energy + self._symbols.potential_of(mode),
             "motor_rates": motor_rates,
             "loss": eom.dissipation,
+            "slip": vertcat(*(eom.contacts[name].velocity[0] for name in self.walker.contact_names())),
         }
 
     @cached_property

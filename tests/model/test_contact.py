@@ -164,7 +164,7 @@ def test_energy_changes_by_the_work_of_motors_and_friction(mode: Mode) -> None:
     for z in case.states():
         z = state_for(mode, z)
         (dz,) = numbers(system.flow(mode)(0, z, p, []))
-        force, u, power, foot, energy, rates, _ = numbers(system.observation(mode)(0, z, p, []))
+        force, u, power, foot, energy, rates, *_ = numbers(system.observation(mode)(0, z, p, []))
         q, dq = case.coordinates(z)
         generalised = np.array([torque.sum(), torque[1]])
         rate = directional(lambda z: case.oracle.energy(*case.coordinates(z)), z, dz)
