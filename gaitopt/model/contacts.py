@@ -160,7 +160,7 @@ class Motion:
     dz : SX, shape (n_z,) - rate of the state; NaN where the motion of the mode is undetermined.
     forces : SX, shape (2,), by contact - (f_t, f_n) [N]; zero if it is off, one of many where it is undetermined.
     regularity : SX - determinant of the linear system relative to that without friction; not positive in the paradox of
-        Painleve.
+        Painleve. One foot that slips has its apparent mass instead.
     apparent_mass : SX - C_tt + mu s C_nt of the one foot that slips [kg]; NaN otherwise.
     shares : margins of the groups of contacts whose forces are undetermined.
     """
@@ -265,7 +265,7 @@ class _Constraints:
             order, symmetric = _pivots(K, n, bilateral, [*sliding], steady)
             solution, pivots = _eliminated(K, b, order, symmetric)
             found, multipliers, regularity = solution[:n], solution[n:], SX(1)
-            if sliding:
+            if sliding and self.eom.walker.contacts:
                 _, frictionless = _eliminated(_bordered(M, J, J.T), b, order, symmetric)
                 for pivot, other in zip(pivots, frictionless, strict=True):
                     regularity *= pivot / other
@@ -619,7 +619,7 @@ def _pivots(
     """
     N = K.shape[0]
     filled = np.asarray(DM.ones(sparsify(K).sparsity())).astype(bool)
-    constant = np.array([[K[row, column].is_constant() for column in range(N)] for row in range(N)])
+    constant = np.array([entry.is_constant() for entry in densify(K).nonzeros()]).reshape(N, N).T
     order, left, late = list[tuple[int, int]](), list(range(N)), set[int]()
 
     def eliminate(row: int, column: int) -> None:
@@ -661,12 +661,12 @@ def _eliminated(K: SX, b: SX, order: Sequence[tuple[int, int]], symmetric: Seque
     A, rest, pivots, changed = SX(K), SX(b), list[SX](), set[int]()
     for k, (row, column) in enumerate(order):
         pivots.append(A[row, column])
+        left = [other for _, other in order[k + 1 :]]
         others = [other for other, _ in order[k + 1 :] if not A[other, column].is_zero()]
-        for other in others:
-            factor = A[other, column] / A[row, column]
-            A[other, :] = A[other, :] - factor * A[row, :]
-            A[other, column] = 0
-            rest[other, :] = rest[other, :] - factor * rest[row, :]
+        if others:
+            factors = A[others, column] / A[row, column]
+            A[others, left] = A[others, left] - factors @ A[row, left]
+            rest[others, :] = rest[others, :] - factors @ rest[row, :]
         changed |= {other for other in others if other in symmetric}
         if row == column or (k and order[k - 1] == (column, row)):  # else its partner follows
             block = sorted(changed - {row})
@@ -674,7 +674,8 @@ def _eliminated(K: SX, b: SX, order: Sequence[tuple[int, int]], symmetric: Seque
             changed = set()
     x = SX.zeros(*b.shape)
     for k, (row, column) in reversed(list(enumerate(order))):
-        known = sum((A[row, later] * x[later, :] for _, later in order[k + 1 :] if not A[row, later].is_zero()), SX(0))
+        left = [other for _, other in order[k + 1 :]]
+        known = A[row, left] @ x[left, :] if left else SX(0)
         x[column, :] = (rest[row, :] - known) / A[row, column]
     return x, pivots
 
