@@ -619,7 +619,7 @@ def _pivots(
     """
     N = K.shape[0]
     filled = np.asarray(DM.ones(sparsify(K).sparsity())).astype(bool)
-    constant = np.array([entry.is_constant() for entry in densify(K).nonzeros()]).reshape(N, N).T
+    constant = np.array([[K[row, column].is_constant() for column in range(N)] for row in range(N)])
     order, left, late = list[tuple[int, int]](), list(range(N)), set[int]()
 
     def eliminate(row: int, column: int) -> None:

@@ -1,6 +1,6 @@
 """A walker, its control law and the ground in CasADi symbols; ``gaitopt.model.system`` compiles them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -48,6 +48,7 @@ class Expressions:
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[tuple[Mode, tuple[str, ...]], Impact] = {}
+        self._foot_impacts: dict[Mode, Mapping[str, SX]] = {}
         self._torques: dict[tuple[str, Mode | None], SX] = {}
 
         self.transitions = transitions(walker, friction, law, cycle_end)
@@ -240,7 +241,7 @@ class Expressions:
             self._impacts[mode, landing] = BUILT.watch(result)
         return self._impacts[mode, landing]
 
-    def foot_impact(self, mode: Mode, slip: SX | None = None) -> dict[str, SX]:
+    def foot_impact(self, mode: Mode, slip: SX | None = None) -> Mapping[str, SX]:
         """The impact after which a walker on one foot is in a mode: of the foot, or of the stops that are locked in it.
 
         Parameters
@@ -255,6 +256,13 @@ class Expressions:
         lift_velocity : SX - normal velocity of the foot that leaves the ground [m/s]; NaN if none does.
         painleve : SX - apparent mass of the slipping foot [kg], which must be positive; NaN without an impulse.
         """
+        if slip is not None:
+            return self._foot_impact(mode, slip)
+        if mode not in self._foot_impacts:
+            self._foot_impacts[mode] = BUILT.watch(self._foot_impact(mode, None))
+        return self._foot_impacts[mode]
+
+    def _foot_impact(self, mode: Mode, slip: SX | None) -> dict[str, SX]:
         eom, n = self.eom, len(self.walker.shape)
         if mode.locked or not mode.touching:
             result = self.impact(mode, mode)

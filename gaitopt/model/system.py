@@ -225,7 +225,7 @@ class HybridSystem:
     @compiled("zp")
     def impact(self, mode: Mode) -> dict[str, SX]:
         """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``Expressions.foot_impact``."""
-        return self._symbols.foot_impact(mode)
+        return dict(self._symbols.foot_impact(mode))
 
     @compiled("zp")
     def impacts(self, *modes: Mode) -> dict[str, SX]:
