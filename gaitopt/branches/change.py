@@ -101,7 +101,7 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
     rows = table.of(mode)
     if key.phase is None or (key.kind not in rows and struck is not None and kind(key.kind) in IMPACT_MARGINS):
         assert struck is not None
-        return table.of_impact(struck, mode if mode.is_named else None)[key.kind]
+        return table.of_impact(struck, mode)[key.kind]
     if key.kind == BREAKPOINT:
         return table.at_breakpoint(mode)
     if kind(key.kind) == "onset":

@@ -122,22 +122,21 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
             values[MonitorKey(name, phase)] = MonitorValue(-_guard_after(before, arcs[0]), 0.0)
         elif drops:
             for contact in cycle.starts_from_rest(phase):
-                name = f"onset.{contact}" if cycle.phases[phase].is_named else "onset"
+                name = table.onset(cycle.phases[phase], contact).guard
                 values[MonitorKey(name, phase)] = MonitorValue(_force_beyond_cone(arcs[0], contact), 0.0)
         time = np.inf if after is None or phase in cycle.timed else _time_to_jump(arcs[-1], after)
         if time < np.inf:
             values[MonitorKey(BREAKPOINT, phase)] = MonitorValue(time / period)
 
     values |= dict(_rising_margins(gait, margins))
-    for phase, mode in cycle.resets:
+    for phase, _ in cycle.resets:
         within, last_arc = cycle.after(phase) is not None, phases[phase][-1]
         place = {"phase": phase} if within else {"step": cycle.step_of(phase)}
-        struck = table.struck(cycle, phase) if mode.is_named else mode
+        struck = table.struck(cycle, phase)
         assert struck is not None
-        old = last_arc.mode if mode.is_named else None
-        for name, value in last_arc.dynamics.impact_margins(struck, last_arc.states[-1], old).items():
+        for name, value in last_arc.dynamics.impact_margins(struck, last_arc.states[-1], last_arc.mode).items():
             # a grazing touchdown is also a second touchdown; without a jump the slip velocity decides about an onset
-            if kind(name) != "touchdown_rate" and (gait.dynamics.stick_comes_first or name != "impact_onset"):
+            if kind(name) != "touchdown_rate" and (gait.dynamics.stick_comes_first or kind(name) != "impact_onset"):
                 values[MonitorKey(name, **place)] = MonitorValue(float(value) / margin_unit(name, scales))
     return values
 

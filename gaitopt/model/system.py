@@ -243,9 +243,12 @@ class HybridSystem:
         """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
         return {"z_plus_by_z": jacobian(self._symbols.foot_impact(mode)["z_plus"], self._eom.z)}
 
-    @compiled("zp")
-    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
+    def impact_margins(self, mode: Mode, before: Mode | None = None) -> Function:
         """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode, before)``."""
+        return self._impact_margins(mode, before if self.walker.contacts else None)
+
+    @compiled("zp")
+    def _impact_margins(self, mode: Mode, before: Mode | None) -> dict[str, SX]:
         margins, names = self._symbols.impact_margins(mode, before), self.transitions.impact_margin_names(mode, before)
         return {"margins": vertcat(SX(0, 1), *(margins[name] for name in names))}
 

@@ -402,6 +402,7 @@ class Transitions:
         mode : just after the impact, with named contacts as they are called before it.
         before : just before it; needed where the contacts have names.
         """
+        before = None if self._alone else before
         if (mode, before) not in self._impacts:
             rows = self._of_foot_impact(mode) if self._alone else self._of_impact(mode, before)
             self._impacts[mode, before] = {row.guard: row for row in rows}

@@ -365,11 +365,12 @@ class MultipleShooting:
         margins: list[tuple[MX, Label]] = []
         cycle, table = self.mesh.cycle, self.system.transitions
         for (phase, mode), node in zip(cycle.resets, self.mesh.reset_nodes, strict=True):
-            key = (table.struck(cycle, phase), cycle.phases[phase]) if mode.is_named else (mode,)
-            names = table.impact_margin_names(*key)
+            struck, before = table.struck(cycle, phase), cycle.phases[phase]
+            assert struck is not None
+            names = table.impact_margin_names(struck, before)
             if not names:
                 continue
-            values = self.system.impact_margins(*key)(self.Z[:, node], self.phase_parameters[phase])
+            values = self.system.impact_margins(struck, before)(self.Z[:, node], self.phase_parameters[phase])
             for row, name in enumerate(names):
                 at_foot = Label(name=name, mode=mode, step=cycle.step_of(phase), unit=SI[margin(name).unit])
                 within = cycle.after(phase) is not None
