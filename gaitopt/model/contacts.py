@@ -225,6 +225,7 @@ class _Constraints:
         self.eom, self.mode, self.structure = eom, mode, constraint_structure(eom.walker, mode)
         signs: dict[str, SX] = {name: SX(sign) for name, sign in mode.directions.items()} | dict(slips or {})
         self.friction = {name: signs[name] * kinetic[name] for name in mode.touching}
+        self.slipping = tuple(name for name in mode.touching if not signs[name].is_zero())
         n, self.M = len(eom.walker.shape), eom.M
         self.J = {name: eom.contacts[name].J for name in mode.touching}
         if base is not None:
@@ -260,7 +261,11 @@ class _Constraints:
         else:
             bilateral = [k for k, index in enumerate(kept, start=n) if s.constraints[index][1] == LOCKED]
             sliding = {k: s.constraints[index][0] for k, index in enumerate(kept, start=n) if self._slides(index)}
-            steady = [k for k, name in sliding.items() if self.J[name].is_constant()]
+            steady = {
+                k: [c for c in range(n) if not self.J[name][TANGENTIAL, active[c]].is_zero()]
+                for k, name in sliding.items()
+                if self.J[name].is_constant()
+            }
             K = _bordered(M, J, G)
             order, symmetric = _pivots(K, n, bilateral, [*sliding], steady)
             solution, pivots = _eliminated(K, b, order, symmetric)
@@ -288,9 +293,9 @@ class _Constraints:
         return pairs
 
     def _slides(self, index: int) -> bool:
-        """Whether the force of a constraint causes friction."""
+        """Whether a constraint is the normal one of a contact that slips."""
         name, kind = self.structure.constraints[index]
-        return kind == NORMAL and not self.friction[name].is_zero()
+        return kind == NORMAL and name in self.slipping
 
     def shares(self, forces: Mapping[str, SX], nulls: SX, static: Mapping[str, SX]) -> tuple[Share, ...]:
         """Margins of the groups of contacts whose forces are undetermined."""
@@ -332,8 +337,7 @@ def motion(
     """
     walker = eom.walker
     system = _Constraints(eom, mode, friction.kinetic, slips=slips)
-    sliding = [name for name in mode.touching if not system.friction[name].is_zero()]
-    drag = {name: -friction.viscous[name] * eom.contacts[name].velocity[0] for name in sliding}
+    drag = {name: -friction.viscous[name] * eom.contacts[name].velocity[0] for name in system.slipping}
     force = eom.E @ torque - eom.B - eom.G - springs
     force += sum((system.J[name][0, :].T * value for name, value in drag.items()), SX.zeros(force.numel()))
     kinds = system.structure.constraints
@@ -344,7 +348,7 @@ def motion(
         rates[k] = 0
     if mode.touching and not walker.contacts:  # the foot stays on the ground, whatever the rounding of its rates
         rates[-1] = 0
-        rates[-2] = rates[-2] if sliding else 0
+        rates[-2] = rates[-2] if system.slipping else 0
     dz = vertcat(ordered(eom, rates), ordered(eom, found.change))
     return Motion(
         dz=dz if system.structure.is_determined else dz * SX.nan(),
@@ -596,7 +600,7 @@ def _bordered(M: SX, J: SX, G: SX) -> SX:
 
 
 def _pivots(
-    K: SX, n: int, bilateral: Sequence[int], sliding: Sequence[int], steady: Sequence[int]
+    K: SX, n: int, bilateral: Sequence[int], sliding: Sequence[int], steady: Mapping[int, Sequence[int]]
 ) -> tuple[list[tuple[int, int]], list[int]]:
     """(row, column) of the entries by which the linear system of a mode is eliminated, in order.
 
@@ -609,8 +613,9 @@ def _pivots(
     Parameters
     ----------
     n : number of coordinates; the constraints come after them.
-    bilateral, sliding : indices of the constraints of stops, and of those whose forces cause friction.
-    steady : those of the latter whose contact has the same Jacobian everywhere.
+    bilateral, sliding : indices of the constraints of stops, and of the normal ones of contacts that slip.
+    steady : those of the latter whose contact has the same Jacobian everywhere, each with the coordinates along which
+        it slips.
 
     Returns
     -------
@@ -643,7 +648,7 @@ def _pivots(
             free = [c for c in columns if c in left and are_partners(force, c)]
             if free:
                 c = min(free, key=lambda c: fill(force, c))
-                late |= {k for k in range(n) if force in sliding and k != c and filled[k, force]}
+                late |= {*steady.get(force, ())} - {c}
                 eliminate(force, c)
                 eliminate(c, force)
                 left = [other for other in left if other not in (force, c)]
