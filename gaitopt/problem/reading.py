@@ -499,7 +499,7 @@ class _StatementReader:
 
     def _contact_mode(self, model: type[Walker], entry: Any, path: Key, *words: str) -> Mode:
         """The mode of named contacts, which do one of ``words``: a mapping, or under ``mode`` where there are stops."""
-        devices = dict[str, str]()
+        devices, nothing = dict[str, str](), Mode.of_contacts(dict.fromkeys(model.contacts, OFF))
         if isinstance(entry, Mapping) and "mode" in entry and "mode" not in model.contacts:
             devices = {name: state for name, state in entry.items() if name != "mode"}
             choices: Mapping[str, tuple[str, ...]] = dict.fromkeys(model.stops, STOP_STATES) | dict.fromkeys(
@@ -509,11 +509,11 @@ class _StatementReader:
                 if state not in choices.get(name, ()):
                     allowed = " or ".join(choices.get(name, ())) or f"no stop or switch of the {model.model}"
                     self._fault((*path, name), f"{shown(state)} is not possible: {allowed}")
-                    return Mode.FLIGHT
+                    return nothing
             entry, path = entry["mode"], (*path, "mode")
         if not isinstance(entry, Mapping):
             self._fault(path, f"{shown(entry)} is not a mapping of contacts: {', '.join(model.contacts)}")
-            return Mode.FLIGHT
+            return nothing
         for name, word in entry.items():
             if name not in model.contacts:
                 near = near_miss(name, model.contacts)
@@ -556,6 +556,8 @@ class _StatementReader:
         stated = None if model is None else self._section(state_section(model), data, path)
         if model is None or walker is None or stated is None or cycle is None:
             return None
+        if any("phases" in fault.path or "impact" in fault.path for fault in self._faults):
+            return None  # the section follows from the modes
         given = stated.model_dump(exclude_none=True)
         try:
             section = contact_section(model, cycle.phases[-1], cycle.impact, self._cycle_end)

@@ -209,3 +209,33 @@ def test_a_walker_without_landings_is_told_how_its_cycle_may_end() -> None:
         "has no landing contacts: write section: clock, or section: {margin: NAME}; "
         "to simulate it alone, leave gait out"
     )
+
+
+class Latched(HeelToe):
+    """Heel and toe with a stop."""
+
+    model = "latched"
+    stops = ("knee",)
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        return replace(super().mechanism(q, p), stops={"knee": q.theta1 + 1})
+
+
+@pytest.mark.parametrize(
+    ("phase", "words"),
+    [
+        ("{heel: stick}", "heel stick does not fit the stops of the latched: write {mode: {heel: stick}, knee: free}"),
+        ("{mode: {heel: stick}, knee: open}", "gait.phases[0].knee: 'open' is not possible: free or locked"),
+        ("{mode: {heel: stick}, hip: free}", "hip: 'free' is not possible: no stop or switch of the latched"),
+        ("{mode: stick, knee: free}", "gait.phases[0].mode: 'stick' is not a mapping of contacts: heel, toe"),
+    ],
+)
+def test_a_phase_of_named_contacts_with_stops_says_how_it_is_written(phase: str, words: str) -> None:
+    text = HEEL_TOE.replace("model: heel_toe", "model: latched")
+    old = next(line for line in text.splitlines() if "phases:" in line)
+    phases = f"  phases: [{phase}, {{mode: {{toe: stick}}, knee: locked}}]"
+    with pytest.raises(ProblemError) as caught:
+        parse_problem(text.replace(old, phases), walkers=[Latched])
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
