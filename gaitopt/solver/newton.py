@@ -44,8 +44,8 @@ ERROR_TOLERANCE = 1e-12
 """Target for the integration error of states and durations in natural units: proofs find a gait within 3e-12."""
 LARGEST_ERROR = 4e-11
 """Largest integration error of a gait in natural units: more than a digit below the nine that are promised."""
-SAFETY = 16.0
-"""Factor by which a refinement aims below the tolerance: for one digit more, it needs a fifth more intervals."""
+SAFETY = 4.0
+"""Factor by which a refinement aims below the tolerance."""
 MISPLACED = 1e-9
 """Violation in natural units of the margin that a jump of the torques should carry through zero."""
 MAX_REFINEMENTS = 4

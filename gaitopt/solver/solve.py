@@ -43,8 +43,8 @@ MAX_REORDERS = 6
 """Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
 MOST_SEARCHED = 2000
 """Intervals of a mesh on which IPOPT searches; an iteration takes half a second there. Newton's method may use more."""
-PERIODIC = 1e-5
-"""Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait: five digits."""
+PERIODIC = 1e-6
+"""Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 FARTHER = "the methods auto and ipopt search farther"
 """Remedy where Newton's method alone finds nothing."""
