@@ -79,7 +79,7 @@ from casadi import (
 )
 
 from gaitopt.arrays import Array
-from gaitopt.building import built_once
+from gaitopt.building import building, built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.declaration import state_landing
 from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
@@ -791,6 +791,7 @@ def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
     return max(found, key=lambda one: sum(one.kept == other.kept for other in found))
 
 
+@building
 def _is_independent(eom: EquationsOfMotion, constraints: Sequence[Constraint], active: Sequence[int]) -> bool:
     """Whether constraints are independent in every posture, because their entries that are the same everywhere are.
 

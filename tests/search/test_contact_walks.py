@@ -3,7 +3,7 @@
 import pytest
 from contact_problems import contact_gait, contact_problem
 
-from gaitopt.search.explain import explain
+import gaitopt as go
 from gaitopt.search.find import SearchPlan, search
 from gaitopt.search.solve import solve
 from gaitopt.verification.verify import verify
@@ -57,7 +57,7 @@ def test_walks_from_around_the_guess_find_its_gait(name: str) -> None:
 
 @pytest.mark.slow
 def test_explain_names_the_contact_that_needs_more_friction_and_where_it_has_enough() -> None:
-    why = explain(contact_problem("heel-toe").replace({"friction": 0.27}), starts=250)
+    why = go.explain(contact_problem("heel-toe").replace({"friction": 0.27}), starts=250, progress=False)
     assert not why.exists
     cause = why.causes[0].to_record()
     assert (cause["what"], cause["phase"]) == ("friction", 1)
@@ -83,7 +83,7 @@ def test_a_gait_follows_the_contacts_of_its_walker_when_they_move(changed, perio
     assert gait.period == pytest.approx(period, abs=1e-6)
     assert gait.spectral_radius == pytest.approx(radius, abs=1e-5)
     assert verify(gait).passed
-    assert explain(problem).exists
+    assert go.explain(problem, progress=False).exists
     moved = problem.replace({"gait.guess.state.dtheta1": 1.2})
     assert moved.followed_from is None
 
