@@ -7,7 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from casadi import vertcat
+from casadi import SX, vertcat
 
 import gaitopt as go
 from gaitopt.model.walker import Contact, Mechanism
@@ -15,22 +15,26 @@ from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
 
+FEET = ("foot_1", "foot_2")
+
+
+def with_feet(stated: Mechanism, q: SimpleNamespace, counts: SX) -> Mechanism:
+    """A mechanism whose feet are contacts; the swing foot passes through the ground while ``counts`` is negative."""
+    points = Contact(position=vertcat(q.x, q.y)), Contact(position=stated.swing_foot, counts=counts)
+    return replace(stated, contacts=dict(zip(FEET, points, strict=True)))
+
 
 class NamedKneed(KneedWalker):
     """The kneed walker with its feet as named contacts."""
 
     model = "named_kneed"
-    contacts = ("foot_1", "foot_2")
-    landing_contacts = ("foot_2",)
-    exchanged_contacts = {"foot_1": "foot_2"}  # noqa: RUF012
+    contacts = FEET
+    landing_contacts = FEET[1:]
+    exchanged_contacts = dict([FEET])  # noqa: RUF012
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The swing foot passes through the ground until the legs have passed each other."""
-        stated = super().mechanism(q, p)
-        counts = q.theta1 + q.theta2 - 0.02
-        feet = Contact(position=vertcat(q.x, q.y)), Contact(position=stated.swing_foot, counts=counts)
-        return replace(stated, contacts=dict(zip(cls.contacts, feet, strict=True)))
+        return with_feet(super().mechanism(q, p), q, q.theta1 + q.theta2 - 0.02)
 
 
 class NamedHopper(Hopper):
@@ -51,17 +55,13 @@ class NamedCompass(CompassBiped):
     """The compass with its feet as named contacts."""
 
     model = "named_compass"
-    contacts = ("foot_1", "foot_2")
-    landing_contacts = ("foot_2",)
-    exchanged_contacts = {"foot_1": "foot_2"}  # noqa: RUF012
+    contacts = FEET
+    landing_contacts = FEET[1:]
+    exchanged_contacts = dict([FEET])  # noqa: RUF012
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The swing foot passes through the ground until the legs have passed each other."""
-        stated = super().mechanism(q, p)
-        swing_foot = Contact(position=stated.swing_foot, counts=q.theta1 - 0.04)
-        feet = Contact(position=vertcat(q.x, q.y)), swing_foot
-        return replace(stated, contacts=dict(zip(cls.contacts, feet, strict=True)))
+        return with_feet(super().mechanism(q, p), q, q.theta1 - 0.04)
 
 
 KNEED = """
