@@ -8,13 +8,13 @@ a positive angle turns y towards x, as that of a leg does. A point r of a frame 
 Positions are summed along the tree from the stance foot, so that no term enters that would cancel again.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import DM, SX, atan2, cos, densify, jacobian, norm_2, sin, substitute, vertcat
+from casadi import DM, SX, atan2, cos, densify, is_equal, jacobian, norm_2, sin, sqrt, substitute, sumsqr, vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined
@@ -22,6 +22,8 @@ from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined
 ORIGIN = (0.0, 0.0)
 SAME = 1e-9
 """Relative difference below which numbers of two legs agree, above the digits of a file."""
+SAME_DEPTH = 10
+"""Operations up to which expressions of places and angles are compared."""
 COMPARED = ("mass", "inertia", "position", "com", "tip", "rotor_inertia", "damping", "foot_radius")
 
 
@@ -112,13 +114,19 @@ class Tree:
             for other in links:
                 if other.name not in self._entry and (other.parent == link.name or link.parent == other.name):
                     here, there = _joint(link, other)
-                    self._entry[other.name], before[other.name] = (there, self.place(link, here)), link
+                    if is_equal(SX(link.angle), SX(other.angle), SAME_DEPTH):  # fixed: points of one frame
+                        entry, place = self._entry[link.name]
+                        self._entry[other.name] = entry + there - here, place
+                    else:
+                        self._entry[other.name] = there, self.place(link, here)
+                    before[other.name] = link
                     reached.append(other)
         way = [self.swing]
         while way[0].name in before:
             way.insert(0, before[way[0].name])
+        starts = [_column(self.stance.tip), *(_joint(one, other)[1] for one, other in pairwise(way))]
         ends = [*(_joint(one, other)[0] for one, other in pairwise(way)), _column(self.swing.tip)]
-        self.way = [(link, self._entry[link.name][0], end) for link, end in zip(way, ends, strict=True)]
+        self.way = list(zip(way, starts, ends, strict=True))
 
     def place(self, link: Link, within: Any) -> SX:
         """Position of a point of a link's frame, shape (2,) [m]."""
@@ -138,11 +146,25 @@ class Tree:
         return self.place(self.swing, self.swing.tip) - vertcat(R * self.swing.angle, R)
 
     def bodies(self) -> tuple[Body, ...]:
-        """The links that have inertia, and the rotors, which turn with the angles of their joints."""
-        massive = (link for link in self.links if not (SX(link.mass).is_zero() and SX(link.inertia).is_zero()))
+        """The links that have inertia, and the rotors, which turn with the angles of their joints.
+
+        Point masses have no angle, and those in one place are one body, as the halves of the mass at a hip.
+        """
+        bodies = list[Body]()
+        for link in self.links:
+            mass, inertia, place = SX(link.mass), SX(link.inertia), self.place(link, link.com)
+            if not inertia.is_zero():
+                bodies.append(Body(mass=link.mass, position=place, inertia=link.inertia, angle=link.angle))
+            elif not mass.is_zero():
+                points = (k for k, body in enumerate(bodies) if SX(body.inertia).is_zero())
+                same = next((k for k in points if is_equal(place, bodies[k].position, SAME_DEPTH)), None)
+                if same is None:
+                    bodies.append(Body(mass=link.mass, position=place))
+                else:
+                    bodies[same] = replace(bodies[same], mass=bodies[same].mass + link.mass, position=place)
         geared = (link for link in self.links if link.joint and not SX(link.rotor_inertia).is_zero())
         return (
-            *(Body(mass=k.mass, position=self.place(k, k.com), inertia=k.inertia, angle=k.angle) for k in massive),
+            *bodies,
             *(
                 Body(mass=0.0, position=self.place(k, ORIGIN), inertia=k.rotor_inertia, angle=self.joints[k.joint])
                 for k in geared
@@ -217,9 +239,11 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
     shape = vertcat(*(getattr(q, coordinate) for coordinate in walker.shape))
     length = sum(norm_2(end - start) for link, start, end in tree.way) / 2
     middle, start, end = tree.way[len(tree.way) // 2]
-    high, tilt = tree.place(middle, start)[1] / length, SX(1)
+    parts = [sumsqr(end - start) for _, start, end in tree.way if not (end - start).is_zero()]
+    leg = sqrt(len(parts) * sum(parts)) / 2  # a single square would have a kink, |l|, which no proof covers
+    high, tilt = tree.place(middle, start)[1] / leg, SX(1)
     if len(tree.way) % 2:
-        high, tilt = (tree.place(middle, start)[1] + tree.place(middle, end)[1]) / (2 * length), cos(middle.angle)
+        high, tilt = (tree.place(middle, start)[1] + tree.place(middle, end)[1]) / (2 * leg), cos(middle.angle)
     swing_foot = tree.swing_foot
     (first, entry, leave), (last, enter, tip) = tree.way[0], tree.way[-1]
     meet = [link for link, start, end in tree.way[1:-1] if not (start - end).is_zero()]

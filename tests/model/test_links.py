@@ -7,27 +7,149 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from casadi import SX, Function, jacobian, vertcat
+from casadi import SX, Function, cos, jacobian, pi, vertcat
 from numpy.typing import NDArray
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.model import checks
 from gaitopt.model.checks import check_walker
-from gaitopt.model.declaration import state_picture, state_tree
+from gaitopt.model.declaration import state_picture
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.links import Link
 from gaitopt.model.units import Positive
-from gaitopt.model.walker import Body, Mechanism, Walker
+from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.push_off import PushOffCompass
 from gaitopt.model.walkers.rabbit import Rabbit
+from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.model.walkers.round_feet import RoundFeetCompass
-from gaitopt.model.walkers.torso import TorsoWalker
+from gaitopt.model.walkers.torso import DrivenTorso, TorsoWalker
 from gaitopt.model.walkers.unequal_compass import UnequalCompass
 
-TREES = (CompassBiped, PushOffCompass, UnequalCompass, RoundFeetCompass, KneedWalker, TorsoWalker)
+
+def compass(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """Three point masses; touchdown when both legs have the same angle."""
+    foot = vertcat(q.x, q.y)
+    hip = foot + polar(p.leg_length, q.theta1)
+    return Mechanism(
+        bodies=(
+            Body(mass=p.leg_mass, position=foot + polar(p.leg_com, q.theta1)),
+            Body(mass=p.hip_mass, position=hip),
+            Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
+        ),
+        gravity=inclined(p.gravity, p.slope),
+        swing_foot=hip - polar(p.leg_length, -q.theta2),
+        touchdown=q.theta1 - q.theta2,
+        upright=cos(q.theta1),
+        relabel=vertcat(-q.theta2, -q.theta1),
+        motors=(q.theta1, q.theta1 + q.theta2),
+    )
+
+
+def push_off(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """The compass, with its push."""
+    return replace(compass(q, p), push=polar(p.push, q.theta1))
+
+
+def unequal(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """The compass, with another mass on the leg that swings."""
+    stance, hip, _ = compass(q, p).bodies
+    swing = hip.position - polar(p.leg_length - p.other_leg_com, -q.theta2)
+    return replace(compass(q, p), bodies=(stance, hip, Body(mass=p.other_leg_mass, position=swing)))
+
+
+def round_feet(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """A point mass and two rigid bodies, on arcs that roll."""
+    centre = vertcat(q.x + p.foot_radius * q.theta1, q.y + p.foot_radius)
+    hip = centre + polar(p.leg_length, q.theta1)
+    leg, inertia = p.leg_length - p.leg_com, p.leg_inertia
+    return Mechanism(
+        bodies=(
+            Body(mass=p.leg_mass, position=centre + polar(p.leg_com, q.theta1), inertia=inertia, angle=q.theta1),
+            Body(mass=p.hip_mass, position=hip),
+            Body(mass=p.leg_mass, position=hip - polar(leg, -q.theta2), inertia=inertia, angle=-q.theta2),
+        ),
+        gravity=inclined(p.gravity, p.slope),
+        swing_foot=hip - polar(p.leg_length, -q.theta2) + p.foot_radius * vertcat(q.theta2, -1),
+        touchdown=q.theta1 - q.theta2,
+        upright=cos(q.theta1),
+        relabel=vertcat(-q.theta2, -q.theta1),
+        motors=(q.theta1 + q.theta2,),
+    )
+
+
+def kneed(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """Five point masses; touchdown when both legs, straight, have the same angle."""
+    foot = vertcat(q.x, q.y)
+    hip = foot + polar(p.thigh_length + p.shank_length, q.theta1)
+    knee = hip - polar(p.thigh_length, -q.theta2)
+    return Mechanism(
+        bodies=(
+            Body(mass=p.shank_mass, position=foot + polar(p.shank_com, q.theta1)),
+            Body(mass=p.thigh_mass, position=foot + polar(p.shank_length + p.thigh_com, q.theta1)),
+            Body(mass=p.hip_mass, position=hip),
+            Body(mass=p.thigh_mass, position=hip - polar(p.thigh_length - p.thigh_com, -q.theta2)),
+            Body(mass=p.shank_mass, position=knee - polar(p.shank_length - p.shank_com, -q.theta3)),
+        ),
+        gravity=inclined(p.gravity, p.slope),
+        swing_foot=knee - polar(p.shank_length, -q.theta3),
+        touchdown=q.theta1 - q.theta2,
+        upright=cos(q.theta1),
+        relabel=vertcat(-q.theta2, -q.theta1, -q.theta1 - (q.theta2 - q.theta3)),
+        stops={"knee": q.theta2 - q.theta3},
+    )
+
+
+def torso(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """Two point masses and a rigid body."""
+    foot = vertcat(q.x, q.y)
+    hip = foot + polar(p.leg_length, q.theta1)
+    return Mechanism(
+        bodies=(
+            Body(mass=p.leg_mass, position=foot + polar(p.leg_com, q.theta1)),
+            Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
+            Body(mass=p.torso_mass, position=hip + polar(p.torso_com, q.torso), inertia=p.torso_inertia, angle=q.torso),
+        ),
+        gravity=inclined(p.gravity, p.slope),
+        swing_foot=hip - polar(p.leg_length, -q.theta2),
+        touchdown=q.theta1 - q.theta2,
+        upright=cos(q.theta1) * cos(q.torso),
+        relabel=vertcat(-q.theta2, -q.theta1, q.torso),
+        motors=(q.torso - q.theta1,),
+    )
+
+
+def driven_torso(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """That of the torso, with another motor."""
+    return replace(torso(q, p), motors=(q.torso - q.theta1, q.torso + q.theta2))
+
+
+def wheel(q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+    """One rigid body at the hub; the next spoke is the swing foot."""
+    half_angle = pi / p.spokes
+    hub = vertcat(q.x, q.y) + polar(p.radius, q.theta)
+    return Mechanism(
+        bodies=(Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),),
+        gravity=inclined(p.gravity, p.slope),
+        swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
+        touchdown=q.theta - half_angle,
+        upright=q.theta + half_angle,
+        relabel=SX(q.theta - 2 * half_angle),
+    )
+
+
+BY_HAND = {
+    CompassBiped: compass,
+    PushOffCompass: push_off,
+    UnequalCompass: unequal,
+    RoundFeetCompass: round_feet,
+    KneedWalker: kneed,
+    TorsoWalker: torso,
+    DrivenTorso: driven_torso,
+    RimlessWheel: wheel,
+}
 
 
 def symbols(walker: type[Walker]) -> tuple[SX, SimpleNamespace, SX, SimpleNamespace]:
@@ -43,32 +165,28 @@ def random_points(walker: type[Walker], count: int = 20) -> list[tuple[NDArray[A
     return [(random.uniform(-1, 1, n), random.uniform(0.2, 2.0, m)) for _ in range(count)]
 
 
-@pytest.mark.parametrize("walker", TREES)
-def test_the_tree_has_the_mass_matrix_and_the_positions_of_the_mechanism_written_by_hand(walker: type[Walker]) -> None:
+@pytest.mark.parametrize("walker", BY_HAND)
+def test_the_mechanism_of_the_links_is_the_one_written_by_hand(walker: type[Walker]) -> None:
+    """Mass matrix, weight, swing foot, relabelling, motors and touchdown agree, and the sign of ``upright``."""
     q, by_name, p, parameters = symbols(walker)
-    tree, mechanism = state_tree(walker, by_name, parameters), walker.mechanism(by_name, parameters)
 
-    def mass_matrix(bodies: tuple[Body, ...]) -> SX:
-        places = [vertcat(body.position, SX(body.angle)) for body in bodies]
-        weights = [vertcat(SX(body.mass), SX(body.mass), SX(body.inertia)) for body in bodies]
+    def properties(mechanism: Mechanism) -> list[SX]:
+        places = [vertcat(body.position, SX(body.angle)) for body in mechanism.bodies]
+        weights = [vertcat(SX(body.mass), SX(body.mass), SX(body.inertia)) for body in mechanism.bodies]
         J, w = jacobian(vertcat(*places), q), vertcat(*weights)
-        return J.T @ (J * (w @ SX.ones(1, q.numel())))
+        moment = sum((SX(body.mass) * body.position for body in mechanism.bodies), SX.zeros(2))
+        parts = (mechanism.swing_foot, mechanism.relabel, *mechanism.motors, mechanism.gravity, mechanism.touchdown)
+        return [J.T @ (J * (w @ SX.ones(1, q.numel()))), moment, *parts, mechanism.upright]
 
-    centre = [
-        sum((SX(b.mass) * b.position for b in bodies), SX.zeros(2)) for bodies in (mechanism.bodies, tree.bodies())
-    ]
-    outputs = [
-        mass_matrix(mechanism.bodies),
-        mass_matrix(tree.bodies()),
-        *centre,
-        mechanism.swing_foot,
-        tree.swing_foot,
-    ]
-    function = Function("both", [q, p], outputs)
+    derived, stated = walker.mechanism(by_name, parameters), BY_HAND[walker](by_name, parameters)
+    pairs = list(zip(properties(stated), properties(derived), strict=True))
+    function = Function("both", [q, p], [part for pair in pairs for part in pair])
     for at, values in random_points(walker):
-        entries = [np.asarray(value) for value in function(at, values)]
-        for stated, follows in zip(entries[::2], entries[1::2], strict=True):
-            np.testing.assert_allclose(follows, stated, atol=1e-12, rtol=1e-12)
+        entries = [np.asarray(value) for value in function([*at[:-1], 0.0], values)]  # the stance foot is on the ground
+        for by_hand, follows in zip(entries[:-2:2], entries[1:-2:2], strict=True):
+            np.testing.assert_allclose(follows, by_hand, atol=1e-12, rtol=1e-12)
+        assert np.sign(entries[-2]) == np.sign(entries[-1])
+    assert set(derived.stops) == set(stated.stops)
 
 
 def rabbit_matrix(q: NDArray[Any], p: Rabbit) -> NDArray[Any]:
@@ -227,17 +345,21 @@ def test_links_that_contradict_the_mechanism_are_refused(changes: dict[str, Any]
         changed: ClassVar[dict[str, Any]] = {}
 
         @classmethod
+        def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+            return compass(q, p)
+
+        @classmethod
         def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
             stance, *others = super().links(q, p)
             return replace(stance, **cls.changed), *others
 
-    compass = go.load_problem("compass-passive-a").walker
-    check_walker(Wrong, dict(compass))
+    numbers = dict(go.load_problem("compass-passive-a").walker)
+    check_walker(Wrong, numbers)
     Wrong.changed = changes
     for cached in (checks._fault, checks._links_pairs):
         cached.cache_clear()
     with pytest.raises(ProblemError) as refusal:
-        check_walker(Wrong, dict(compass))
+        check_walker(Wrong, numbers)
     words = rf"Wrong: links and mechanism contradict each other: the {what} differs, at theta1 = \S+, theta2 = \S+"
     assert re.fullmatch(words, str(refusal.value))
 

@@ -8,15 +8,16 @@ The ankle motor acts between ground and stance leg, the hip motor between the le
 Q_theta2 = hip, because theta2 is measured in the opposite direction.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import cos, pi, vertcat
+from casadi import pi
 from pydantic import Field
 
 from gaitopt.model.links import Link
 from gaitopt.model.units import NonNegative, Positive, Slope, shorter
-from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Mechanism, Walker
 
 
 class CompassBiped(Walker):
@@ -40,22 +41,8 @@ class CompassBiped(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """Three point masses; touchdown when both legs have the same angle."""
-        foot = vertcat(q.x, q.y)
-        hip = foot + polar(p.leg_length, q.theta1)
-        return Mechanism(
-            bodies=(
-                Body(mass=p.leg_mass, position=foot + polar(p.leg_com, q.theta1)),
-                Body(mass=p.hip_mass, position=hip),
-                Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
-            ),
-            gravity=inclined(p.gravity, p.slope),
-            swing_foot=hip - polar(p.leg_length, -q.theta2),
-            touchdown=q.theta1 - q.theta2,
-            upright=cos(q.theta1),
-            relabel=vertcat(-q.theta2, -q.theta1),
-            motors=(q.theta1, q.theta1 + q.theta2),
-        )
+        """That of the links, with the motor at the ankle, which acts between ground and stance leg."""
+        return replace(super().mechanism(q, p), motors=(q.theta1, q.theta1 + q.theta2))
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
@@ -63,8 +50,8 @@ class CompassBiped(Walker):
         legs = {"tip": (0, -p.leg_length), "com": (0, p.leg_com - p.leg_length), "mass": p.leg_mass, "foot": True}
         return (
             Link(name="stance_leg", parent="swing_leg", joint="hip", angle=q.theta1, **legs),
-            Link(name="swing_leg", angle=-q.theta2, **legs),
             Link(name="stance_hip", parent="stance_leg", angle=q.theta1, mass=p.hip_mass / 2),
+            Link(name="swing_leg", angle=-q.theta2, **legs),
             Link(name="swing_hip", parent="swing_leg", angle=-q.theta2, mass=p.hip_mass / 2),
         )
 

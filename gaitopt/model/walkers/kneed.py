@@ -5,15 +5,16 @@ shank, all measured as those of the compass. The knee bends backward: its gap th
 free. It locks with a plastic impact when the leg is straight.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import cos, pi, vertcat
+from casadi import pi, vertcat
 from pydantic import Field
 
 from gaitopt.model.links import Link
 from gaitopt.model.units import NonNegative, Positive, Slope
-from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Mechanism, Walker, polar
 
 
 class KneedWalker(Walker):
@@ -38,22 +39,10 @@ class KneedWalker(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """Five point masses; touchdown when both legs, straight, have the same angle."""
-        foot = vertcat(q.x, q.y)
-        hip = foot + polar(p.thigh_length + p.shank_length, q.theta1)
-        knee = hip - polar(p.thigh_length, -q.theta2)
-        return Mechanism(
-            bodies=(
-                Body(mass=p.shank_mass, position=foot + polar(p.shank_com, q.theta1)),
-                Body(mass=p.thigh_mass, position=foot + polar(p.shank_length + p.thigh_com, q.theta1)),
-                Body(mass=p.hip_mass, position=hip),
-                Body(mass=p.thigh_mass, position=hip - polar(p.thigh_length - p.thigh_com, -q.theta2)),
-                Body(mass=p.shank_mass, position=knee - polar(p.shank_length - p.shank_com, -q.theta3)),
-            ),
-            gravity=inclined(p.gravity, p.slope),
-            swing_foot=knee - polar(p.shank_length, -q.theta3),
+        """That of the links, with the stop of the knee; touchdown when both legs, straight, have the same angle."""
+        return replace(
+            super().mechanism(q, p),
             touchdown=q.theta1 - q.theta2,
-            upright=cos(q.theta1),
             relabel=vertcat(-q.theta2, -q.theta1, -q.theta1 - (q.theta2 - q.theta3)),  # the gap, zero, stays
             stops={"knee": q.theta2 - q.theta3},
         )

@@ -3,15 +3,16 @@
 ``theta`` is the angle of the stance spoke from the slope's normal, from -pi/spokes to +pi/spokes in a step.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import SX, cos, pi, sin, vertcat
+from casadi import SX, cos, pi, sin
 from pydantic import Field
 
 from gaitopt.model.links import Link
 from gaitopt.model.units import Positive, Slope, Within
-from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Mechanism, Walker
 
 
 class RimlessWheel(Walker):
@@ -31,13 +32,10 @@ class RimlessWheel(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """One rigid body at the hub; the next spoke is the swing foot."""
+        """That of the links; the wheel lands with its hub above the middle of two spokes."""
         half_angle = pi / p.spokes
-        hub = vertcat(q.x, q.y) + polar(p.radius, q.theta)
-        return Mechanism(
-            bodies=(Body(mass=p.mass, position=hub, inertia=p.inertia_ratio * p.mass * p.radius**2, angle=q.theta),),
-            gravity=inclined(p.gravity, p.slope),
-            swing_foot=hub - polar(p.radius, q.theta - 2 * half_angle),
+        return replace(
+            super().mechanism(q, p),
             touchdown=q.theta - half_angle,
             upright=q.theta + half_angle,  # zero where the wheel falls back on the previous spoke
             relabel=SX(q.theta - 2 * half_angle),

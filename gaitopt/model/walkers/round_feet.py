@@ -13,12 +13,12 @@ angles are those of the compass.
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import cos, pi, vertcat
+from casadi import pi, vertcat
 from pydantic import Field
 
 from gaitopt.model.links import Link
 from gaitopt.model.units import Inertia, NonNegative, Positive, Slope, shorter
-from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Walker, polar
 
 ARC = tuple(k / 10 for k in range(-6, 7))
 """Angles from the leg at which the arc is drawn [rad]."""
@@ -46,25 +46,6 @@ class RoundFeetCompass(Walker):
     _com_within_leg = shorter("leg_com", "leg_length")
 
     @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """A point mass and two rigid bodies; touchdown when both legs have the same angle."""
-        centre, hip, swing_centre = cls.joints(q, p)
-        leg, inertia = p.leg_length - p.leg_com, p.leg_inertia
-        return Mechanism(
-            bodies=(
-                Body(mass=p.leg_mass, position=centre + polar(p.leg_com, q.theta1), inertia=inertia, angle=q.theta1),
-                Body(mass=p.hip_mass, position=hip),
-                Body(mass=p.leg_mass, position=hip - polar(leg, -q.theta2), inertia=inertia, angle=-q.theta2),
-            ),
-            gravity=inclined(p.gravity, p.slope),
-            swing_foot=swing_centre + p.foot_radius * vertcat(q.theta2, -1),  # its x, and the height of the arc
-            touchdown=q.theta1 - q.theta2,
-            upright=cos(q.theta1),
-            relabel=vertcat(-q.theta2, -q.theta1),
-            motors=(q.theta1 + q.theta2,),
-        )
-
-    @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
         """Both legs, each as far as the centre of its arc, with half of the mass at the hip."""
         legs = {
@@ -77,8 +58,8 @@ class RoundFeetCompass(Walker):
         }
         return (
             Link(name="stance_leg", parent="swing_leg", joint="hip", angle=q.theta1, **legs),
-            Link(name="swing_leg", angle=-q.theta2, **legs),
             Link(name="stance_hip", parent="stance_leg", angle=q.theta1, mass=p.hip_mass / 2),
+            Link(name="swing_leg", angle=-q.theta2, **legs),
             Link(name="swing_hip", parent="swing_leg", angle=-q.theta2, mass=p.hip_mass / 2),
         )
 

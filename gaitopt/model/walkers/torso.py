@@ -10,12 +10,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated, Any, ClassVar
 
-from casadi import cos, pi, vertcat
+from casadi import pi, vertcat
 from pydantic import Field
 
 from gaitopt.model.links import Link
 from gaitopt.model.units import Inertia, Positive, Slope, TurningDamping, TurningStiffness, shorter
-from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Damper, Mechanism, Walker, polar
 
 
 class TorsoWalker(Walker):
@@ -43,27 +43,10 @@ class TorsoWalker(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """Two point masses and a rigid body; touchdown when both legs have the same angle."""
-        foot = vertcat(q.x, q.y)
-        hip = foot + polar(p.leg_length, q.theta1)
+        """That of the links, with springs and dampers between the torso and each leg."""
         hips = (q.torso - q.theta1, q.torso + q.theta2)
-        return Mechanism(
-            bodies=(
-                Body(mass=p.leg_mass, position=foot + polar(p.leg_com, q.theta1)),
-                Body(mass=p.leg_mass, position=hip - polar(p.leg_length - p.leg_com, -q.theta2)),
-                Body(
-                    mass=p.torso_mass,
-                    position=hip + polar(p.torso_com, q.torso),
-                    inertia=p.torso_inertia,
-                    angle=q.torso,
-                ),
-            ),
-            gravity=inclined(p.gravity, p.slope),
-            swing_foot=hip - polar(p.leg_length, -q.theta2),
-            touchdown=q.theta1 - q.theta2,
-            upright=cos(q.theta1) * cos(q.torso),
-            relabel=vertcat(-q.theta2, -q.theta1, q.torso),
-            motors=(hips[0],),
+        return replace(
+            super().mechanism(q, p),
             potential=sum(p.hip_stiffness / 2 * angle**2 for angle in hips),
             dampers=tuple(Damper(coefficient=p.hip_damping, across=angle) for angle in hips),
         )
@@ -106,11 +89,6 @@ class DrivenTorso(TorsoWalker):
     model = "driven_torso"
     actuators = ("stance_hip", "swing_hip")
     tracked = ("torso", "theta2")
-
-    @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of ``TorsoWalker``; positive torques turn the torso, and the swing leg, forward."""
-        return replace(super().mechanism(q, p), motors=(q.torso - q.theta1, q.torso + q.theta2))
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:

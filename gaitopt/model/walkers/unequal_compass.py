@@ -13,7 +13,6 @@ from pydantic import Field
 
 from gaitopt.model.links import Link
 from gaitopt.model.units import Positive, shorter
-from gaitopt.model.walker import Body, Mechanism, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
 
@@ -29,16 +28,7 @@ class UnequalCompass(CompassBiped):
     _other_com_within_leg = shorter("other_leg_com", "leg_length")
 
     @classmethod
-    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The compass, with another mass on the leg that swings."""
-        compass = super().mechanism(q, p)
-        stance, hip, _ = compass.bodies
-        swing = hip.position - polar(p.leg_length - p.other_leg_com, -q.theta2)
-        return replace(compass, bodies=(stance, hip, Body(mass=p.other_leg_mass, position=swing)))
-
-    @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
         """The compass, with another mass on the leg that swings."""
-        stance, swing, *hips = super().links(q, p)
-        other = replace(swing, mass=p.other_leg_mass, com=(0, p.other_leg_com - p.leg_length))
-        return stance, other, *hips
+        *stance, swing, hip = super().links(q, p)
+        return *stance, replace(swing, mass=p.other_leg_mass, com=(0, p.other_leg_com - p.leg_length)), hip
