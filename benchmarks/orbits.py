@@ -28,7 +28,7 @@ from gaitopt.show.motion import resampled
 from gaitopt.show.orbits import orbit_record
 from gaitopt.show.style import dashes, encoded, figure_style
 
-VERSION = "2.1.1"
+VERSION = "2.1.2"
 """Of the set; a change of a number or a key changes it."""
 FOLDER = Path(__file__).parents[1] / "results" / "reference-orbits"
 POSTURES, SMOOTH = 8, 60
