@@ -257,17 +257,21 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
         swing_foot=swing_foot,
         touchdown=touchdown,
         upright=high * tilt,
-        relabel=_relabelled(walker, tree, shape),
+        relabel=_relabelled(walker, tree, shape, p),
         motors=tuple(tree.joints[actuator] for actuator in walker.actuators if actuator not in lost),
         dampers=tuple(Damper(coefficient=link.damping, across=tree.joints[link.joint]) for link in damped),
     )
 
 
-def _relabelled(walker: type[Walker], tree: Tree, shape: SX) -> SX:
+def _relabelled(walker: type[Walker], tree: Tree, shape: SX, p: SimpleNamespace) -> SX:
     """The shape after the feet have swapped roles: every link then has the angle that its partner had."""
-    partner = tree.partners()
-    angles = {link.name: SX(link.angle) for link in tree.links}
-    slope = jacobian(vertcat(*angles.values()), shape)
+    partner, links, symbols = tree.partners(), tree.links, shape
+    angles = {link.name: SX(link.angle) for link in links}
+    if not shape.is_valid_input():  # the coordinates are expressions of others
+        named = {name: SX.sym(name) for name in (*walker.shape, "x", "y")}
+        links, symbols = walker.links(SimpleNamespace(**named), p), vertcat(*(named[name] for name in walker.shape))
+    of_symbols = {link.name: SX(link.angle) for link in links}
+    slope = jacobian(vertcat(*of_symbols.values()), symbols)
     if not slope.is_constant():
         raise ProblemError(f"{walker.__name__}: the angles of its links must be sums of shape coordinates")
     rows, ways = list[int](), np.asarray(DM(slope))
@@ -280,7 +284,7 @@ def _relabelled(walker: type[Walker], tree: Tree, shape: SX) -> SX:
         words = f"the angles of its links do not determine {', '.join(walker.shape)}"
         raise ProblemError(f"{walker.__name__}: {words}; define mechanism")
     chosen = [[*angles][row] for row in rows]
-    constant = substitute(vertcat(*(angles[name] for name in chosen)), shape, SX.zeros(shape.numel()))
+    constant = substitute(vertcat(*(of_symbols[name] for name in chosen)), symbols, SX.zeros(symbols.numel()))
     taken = vertcat(*(angles[partner[name]] for name in chosen)) - constant
     return DM(np.linalg.inv(ways[rows])) @ taken
 
