@@ -739,7 +739,7 @@ def _postures(walker: type[Walker], touching: tuple[str, ...]) -> tuple[Array, .
 
 def constraint_rows(walker: type[Walker], constraints: Iterable[Constraint]) -> list[int]:
     """Rows of constraints in the Jacobian of all contacts (t and n in turn) and, behind them, stops."""
-    names = walker.contact_names()
+    names = walker.landing_points()
     places = {name: 2 * k for k, name in enumerate(names)}
     stops = {name: 2 * len(names) + k for k, name in enumerate(walker.stops)}
     return [stops[name] if kind == LOCKED else places[name] + kind for name, kind in constraints]

@@ -68,7 +68,7 @@ class Expressions:
         ----------
         slip : an unknown sign of the slip of the foot in place of that of the mode.
         """
-        held = _held(mode)
+        held = mode.held
         for key in (("any", None), ("held", held), *((("actual", mode),) if slip is None else ())):
             if key in self._torques:
                 return self._torques[key]
@@ -120,7 +120,7 @@ class Expressions:
     def _accelerations(self, mode: Mode, slip: SX | None, actual: bool) -> tuple[SX, SX]:
         """Shape accelerations without torques, and by each torque, in a mode or with all contacts held."""
         u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
-        dz = (self._driven(mode, u, slip) if actual else self._driven(_held(mode), u)).dz
+        dz = (self._driven(mode, u, slip) if actual else self._driven(mode.held, u)).dz
         ddq = dz[first : first + len(self.walker.shape)]
         return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
 
@@ -274,7 +274,7 @@ class Expressions:
             shape, rates = massless_landing(eom)
             z_plus = vertcat(eom.state(shape, eom.mechanism.swing_foot[0]), eom.state(rates, SX(0)))
             return _outputs(z_plus, SX.zeros(2), SX(0), SX.nan(), SX.nan())
-        landed, stance = Mode.of_contacts({SWING_FOOT: mode.contacts[FOOT]}), Mode.FLIGHT
+        landed, stance = self.walker.struck(mode), Mode.FLIGHT
         if slip is None:
             result = self.impact(landed, Mode.of(stance, dict.fromkeys(self.walker.stops, "locked")))
         else:
@@ -412,8 +412,8 @@ class Expressions:
 
     def points(self) -> dict[str, SX]:
         """Height, velocity (v_t, v_n), and ``Contact.counts`` of every contact."""
-        counts = (contact.counts for contact in self.eom.mechanism.contacts.values())
-        contacts = self.eom.contacts.values()
+        contacts, named = self.eom.contacts.values(), self.eom.mechanism.contacts
+        counts = (named[name].counts if name in named else SX(1) for name in self.eom.contacts)
         return {
             "heights": vertcat(*(contact.position[1] for contact in contacts)),
             "velocities": vertcat(*(contact.velocity for contact in contacts)),
@@ -423,7 +423,7 @@ class Expressions:
     @cached_property
     def mechanics(self) -> SX:
         """M, forces and J of all contacts and stops, in the order and the shapes of ``mechanics_shapes``."""
-        eom, contacts = self.eom, [self.eom.contacts[name] for name in self.walker.contact_names()]
+        eom, contacts = self.eom, self.eom.contacts.values()
         J = vertcat(*(contact.J for contact in contacts), *eom.gaps.values())
         convective = vertcat(*(contact.convective for contact in contacts), SX.zeros(len(eom.gaps)))
         springs = [-eom.force_of(energy) for energy in eom.mechanism.potential_while.values()]
@@ -438,15 +438,10 @@ class Expressions:
         (a column for each entry of ``Mechanism.potential_while``), J with the rows t and n of each contact and one of
         each stop, and dJ dq.
         """
-        n, k = self.eom.q.numel(), 2 * len(self.walker.contact_names()) + len(self.walker.stops)
+        n, k = self.eom.q.numel(), 2 * len(self.walker.landing_points()) + len(self.walker.stops)
         springs = len(self.eom.mechanism.potential_while)
         shapes = ((n, n), (n,), (n, len(self.walker.actuators)), (n, springs), (k, n), (k,))
         return dict(zip(("M", "force", "E", "springs", "J", "convective"), shapes, strict=True))
-
-
-def _held(mode: Mode) -> Mode:
-    """The mode in which all contacts on the ground stick; of the one foot, also where it flies."""
-    return mode.with_states(dict.fromkeys(mode.touching if mode.is_named else (FOOT,), Mode.STICK))
 
 
 def _outputs(z_plus: SX, impulse: SX, slip_velocity: SX, lift_velocity: SX, painleve: SX) -> dict[str, SX]:

@@ -197,6 +197,11 @@ class Mode(str):
         return cls.of(cls.of_contacts(contact), stops if "mode" in record else {})
 
     @property
+    def held(self) -> "Mode":
+        """The mode in which all contacts on the ground stick; of the one foot, also where it flies."""
+        return self.with_states(dict.fromkeys(self.touching if self.is_named else (FOOT,), Mode.STICK))
+
+    @property
     def brief(self) -> str:
         """The text, without the contacts that are off: ``heel stick + toe slip_forward``."""
         if not self.is_named:

@@ -364,9 +364,12 @@ class HybridSystem:
     @property
     @compiled("zp")
     def push(self) -> dict[str, SX]:
-        """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, and its work [J]."""
-        impulse, _, work = self._symbols.push
-        return {"impulse": impulse, "work": work}
+        """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, its work [J], rates.
+
+        The rates of (shape, x, y) are those just after it.
+        """
+        impulse, rates, work = self._symbols.push
+        return {"impulse": impulse, "work": work, "rates": rates}
 
     @property
     @compiled("p")

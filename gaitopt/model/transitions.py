@@ -34,7 +34,7 @@ from itertools import pairwise, product
 from gaitopt.model.contacts import shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
-from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, Mode
+from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, SWING_FOOT, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
@@ -428,6 +428,15 @@ class Transitions:
         relabelled = impact is not None and cycle.after(phase) is None and self.cycle_end == TOUCHDOWN
         return self.walker.swapped(impact) if impact is not None and relabelled else impact
 
+    def landings(self, row: Transition, mode: Mode) -> dict[Mode, Mode]:
+        """The mode after each impact that may end a step in ``mode``, by the impact.
+
+        In the impact the contacts are called as before it, and the stops are locked that it holds.
+        """
+        walker, contacts = self.walker, [candidate.contact for candidate in row.candidates]
+        landed = contacts if self._alone else map(walker.swapped, contacts)
+        return {walker.held_in_impact(walker.struck(contact), mode): contact for contact in landed}
+
     def between(self, mode: Mode, after: Mode | None, struck: Mode | None = None) -> Transition:
         """The transition from ``mode`` to the next mode ``after`` of the step; None stands for the end of the step.
 
@@ -624,7 +633,7 @@ class Transitions:
         rests, rows = _at_rest(mode), list[Transition]()
         again = self._candidates(mode, rests)
         if self._alone:
-            lands = Reset(of=FOOT, ends_step=True)
+            lands = Reset(of=SWING_FOOT, ends_step=True)
             touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self.unloaded)
             rows.append(self._row("clearance") if mode.touching and mode.free else touchdown)
         rows.append(self._row("upright"))

@@ -25,7 +25,7 @@ from casadi import SX, norm_2, vertcat
 from pydantic import BaseModel, ConfigDict
 
 from gaitopt.errors import UnknownNameError
-from gaitopt.model.modes import CONTACTS, FOOT, OFF, STOP_STATES, SWITCH_STATES, Mode
+from gaitopt.model.modes import CONTACTS, FOOT, OFF, STOP_STATES, SWING_FOOT, SWITCH_STATES, Mode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -298,6 +298,16 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return cls.contacts or (FOOT,)
 
     @classmethod
+    def stands_on_one(cls) -> bool:
+        """Whether one contact is on the ground at a time: the ``foot``, which another foot becomes by landing."""
+        return not cls.contacts
+
+    @classmethod
+    def landing_points(cls) -> tuple[str, ...]:
+        """Names of all points that may touch the ground: the contacts, or ``foot`` and ``swing_foot``."""
+        return cls.contacts or (FOOT, SWING_FOOT)
+
+    @classmethod
     def foot_modes(cls) -> tuple[Mode, ...]:
         """States of the foot, or of the contacts, as modes without stops."""
         if cls.contacts:
@@ -327,6 +337,13 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
             return mode
         partner = cls.partners()
         return mode.with_states({name: mode.contacts[partner.get(name, name)] for name in cls.contacts})
+
+    @classmethod
+    def struck(cls, landed: Mode) -> Mode:
+        """What contacts do just after the impact that ends a step, as they are called before it: before they swap."""
+        if not cls.contacts:
+            return Mode.of_contacts({FOOT: OFF, SWING_FOOT: landed.contacts[FOOT]})
+        return cls.swapped(landed.contact)
 
     @classmethod
     def held_in_impact(cls, contacts: Mode, before: Mode) -> Mode:

@@ -34,7 +34,7 @@ from gaitopt.model.contacts import (
     share_margins,
 )
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.transitions import CONE, share_name
 from gaitopt.model.walker import Walker
 
@@ -119,7 +119,7 @@ class Candidates:
 @lru_cache(maxsize=256)
 def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode, ...]) -> Candidates:
     """Modes as arrays; ``springs`` are the states in which springs act."""
-    names, n = walker.contact_names(), len(walker.shape) + 2
+    names, n = walker.landing_points(), len(walker.shape) + 2
     place = {name: k for k, name in enumerate(names)}
     shape = len(modes), len(names)
     rows = np.zeros((shape[0], 2 * shape[1] + len(walker.stops)))
@@ -129,7 +129,7 @@ def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode
         rows[j, constraint_rows(walker, [structure.constraints[k] for k in structure.kept])] = 1
         moves[j, active_coordinates(walker, mode)] = 1
         shared[j, [place[name] for name in structure.group]] = True
-    slip = np.array([[mode.directions[name] for name in names] for mode in modes], float).reshape(shape)
+    slip = np.array([[mode.directions.get(name, 0) for name in names] for mode in modes], float).reshape(shape)
     closed = np.array([[name in mode.touching for name in names] for mode in modes], bool).reshape(shape)
     blank = np.zeros((len(modes), n + rows.shape[1], n + rows.shape[1]))
     diagonal = np.arange(blank.shape[1])
@@ -231,10 +231,11 @@ class ContactForces:
         lengths = {*self.walker.lengths, "x", "y"}
         self._unit = np.array([scales.length if name in lengths else 1.0 for name in names])
         self._time = scales.time
-        self._order = [self.walker.coordinates().index(name) for name in names]
-        n_q = len(names)
-        self._rates = [n_q + k for k in self._order]
-        shapes, u, k = system.mechanics_shapes, self._unit, len(self.walker.contact_names())
+        state, points = self.walker.coordinates(), self.walker.landing_points()
+        self._kept = [k for k, name in enumerate(names) if name in state]  # y is none of a foot that never leaves
+        self._order = [state.index(names[k]) for k in self._kept]
+        self._rates = [len(state) + k for k in self._order]
+        shapes, u, k = system.mechanics_shapes, self._unit, len(points)
         n_l, self._contacts = len(self.walker.stops), slice(0, 2 * k)
         of_row = np.concatenate([np.full(2 * k, 1 / scales.length), np.ones(n_l)])  # gaps of stops have no unit
         per_force = u / scales.energy
@@ -249,7 +250,8 @@ class ContactForces:
         self._scale = np.concatenate([sizes[part].ravel() for part in shapes])
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
         self._parts = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes.values(), strict=True)]
-        values = [system.contact_coefficients(dynamics.p)[name] for name in self.walker.contact_names()]
+        of = system.contact_coefficients(dynamics.p)
+        values = [of[name if name in of else FOOT] for name in points]
         static, kinetic, viscous = np.array(values, dtype=float).reshape(-1, 3).T
         self.friction = Friction(static=static, kinetic=kinetic, viscous=viscous * scales.speed / scales.force)
         self.springs = system.springs_while
@@ -271,14 +273,20 @@ class ContactForces:
     def is_undetermined(self, mode: Mode) -> bool:
         """Whether the motion in a mode depends on the shares of forces that are undetermined."""
         if mode not in self._moved:
-            of = dict(zip(self.walker.contact_names(), self.friction.kinetic.tolist(), strict=True))
+            of = dict(zip(self.walker.landing_points(), self.friction.kinetic.tolist(), strict=True))
             self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > DEPENDENT)
         return self._moved[mode]
 
     def mechanics(self, z: Array) -> Mechanics:
         """The walker at a state in SI."""
         (values,) = self._mechanics(z, self.dynamics.p)
-        return self._mechanics_from(values * self._scale, z[self._rates] * (self._time / self._unit))
+        dq = np.zeros(self._unit.size)
+        dq[self._kept] = z[self._rates] * (self._time / self._unit[self._kept])
+        return self._mechanics_from(values * self._scale, dq)
+
+    def natural_rates(self, dq: Array) -> Array:
+        """Rates of (shape, x, y) in natural units, from those in SI."""
+        return np.asarray(dq * (self._time / self._unit))
 
     def at(self, t: float, z: Array, segment: int) -> "ContactInstant":
         """The contacts at one instant, in SI."""
@@ -307,7 +315,7 @@ class ContactForces:
 
     def margins(self, mode: Mode, tangential: Array, normal: Array, J: Array) -> tuple[list[str], list[Any]]:
         """Names and values of the margins of the forces, or impulses, in a mode."""
-        structure, names = constraint_structure(self.walker, mode), self.walker.contact_names()
+        structure, names = constraint_structure(self.walker, mode), self.walker.landing_points()
         static = self.friction.static
         found, values = list[str](), list[Any]()
         for k, name in enumerate(names):
@@ -338,8 +346,8 @@ class ContactForces:
     def _rate(self, z: Array, mode: Mode, ddq: Array) -> Array:
         """Rate of the state in SI; coordinates that a mode does not have keep their values."""
         dz = np.empty(z.size)
-        dz[self._order] = z[self._rates] * self.of((mode,)).moves[0]
-        dz[self._rates] = ddq * self._unit / self._time**2
+        dz[self._order] = z[self._rates] * self.of((mode,)).moves[0, self._kept]
+        dz[self._rates] = (ddq * self._unit)[self._kept] / self._time**2
         return dz
 
     def _moving(self, z: Array, dz: Array, mechanics: Mechanics, ddq: Array) -> Mechanics:
@@ -421,7 +429,7 @@ class ContactInstant:
         loads = mechanics.force + modes.springs @ mechanics.springs.T
         drag, (holds, responds) = None, forces.law_uses
         if modes.slides and friction.viscous.any():
-            drag = -(modes.slip != 0) * friction.viscous * mechanics.velocities[:, 0]
+            drag = -1.0 * (modes.slip != 0) * friction.viscous * mechanics.velocities[:, 0]
             loads = loads + drag @ J[mechanics.contacts][::2]
         n_u, n_shape = mechanics.E.shape[1], len(forces.walker.shape)
         free = np.zeros((n_shape, 1 + n_u)) if n_u else mechanics.E

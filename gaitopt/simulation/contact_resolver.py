@@ -1,38 +1,59 @@
-"""Decisions about the stance foot: what it does when it is at rest, and after an impact.
+"""Decisions about the contacts: the modes that are consistent with forces, or with impulses.
 
-A foot at rest is held by the force f_stick, mu f_n + s f_t is its margin to a slip with sign s, C the apparent mass of
-the foot, and a_n its normal acceleration without contact:
+All combinations of what the touching contacts can do are examined. In a mode of a motion
 
-    stick             f_n > 0 and both margins positive
-    slip with sign s  its margin negative, C_tt + mu s C_nt > 0, and f_n > 0 while slipping
-    lift off          a_n > 0, which is f_n (C_tt + mu s C_nt) < 0 of either slip, and no stick
+    closed          f_n > 0; at rest and sticking, the force within the friction cone
+    slip from rest  the acceleration has the sign of the slip
+    off             the contact moves away from the ground
 
-Where friction wedges a foot in, it could stick as well as lift off. It sticks: the plastic impact, or the phase before,
-has loaded it, and the force of a contact that yields a little goes on to that of sticking. At the edge of the cone the
-derivatives of the margin decide. At an impact the swing foot comes down, v_n < 0, and by Gamus & Or (2013), eqs
-(9)-(11),
+and at zero the rates decide. After an impact
 
-    stick             F_n > 0 and |F_t| <= mu F_n
-    slip with sign s  F_n > 0 and s v_t > 0 just after it
+    stays           F_n > 0; at rest the impulse within the cone, else against the slip
+    leaves          no impulse, and a velocity away from the ground
 
-where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. All candidates are
-checked; where none is consistent, or several are, the motion ends with a named ending.
+Combinations count once if they move the walker alike, such as sticking and slipping without a velocity. Where several
+motions are consistent because friction drops at the onset of slip, the one that sticks counts. Otherwise the motion
+ends with a name where no combination is consistent, or several are. A mode of several contacts whose ``regularity`` is
+not positive counts like any other: it satisfies the laws of contact and friction, although not as their only solution.
+
+**A foot that stands alone** never begins a slip in Painleve's paradox. Where friction wedges it in, it could stick as
+well as lift off. It sticks: the plastic impact, or the phase before, has loaded it, and the force of a contact that
+yields a little goes on to that of sticking. ``ClearCases`` decides from compiled margins what no rounding can change.
+
+While motions are compared, a control law that computes torques for contacts that are held holds all contacts that touch
+just before. If the torques of the chosen mode differ, because a contact leaves, the mode is decided anew with these.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.gait.trajectory import ImpactRecord
+from gaitopt.gait.trajectory import ImpactRecord, impact_record
 from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
-from gaitopt.model.transitions import CANNOT_SLIP, CONE, Ending, Transition, grounded
-from gaitopt.simulation.events import AT_REST, EDGE, LOOK_AHEAD, Point, bends_decide, falls_at_start
+from gaitopt.model.friction import ImpactLaw
+from gaitopt.model.modes import FOOT, OFF, Mode
+from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.transitions import AT_REST, CANNOT_SLIP, CONE, Ending, Transition, grounded
+from gaitopt.simulation.clear_cases import ClearCases, is_within_cone
+from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
+from gaitopt.simulation.events import AT_REST as SLIPS_NO_MORE
+from gaitopt.simulation.events import EDGE, LOOK_AHEAD, STEADY, bends_decide, falls_at_start
 from gaitopt.simulation.natural import NaturalDynamics
+
+ALIKE = 1e-9
+"""Motions are the same if their accelerations, or velocities, differ by less, in natural units."""
+SLIPS = {str(mode) for mode in CONE}
+AT_REST_TOO = 1e-11
+"""A slip velocity below this, in natural units, is zero where another contact has just come to rest."""
+TOUCHING = 1e-9
+"""A contact of a given state is on the ground if its height is smaller, and stays there if its normal velocity is, in
+natural units."""
+HOPELESS = 1e-3
+"""A force of the wrong sign that is larger than this part of the weight has it for longer than an instant: it would
+have to change by the weight within a millionth of the unit of time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,234 +64,448 @@ class Termination:
     reason: str
 
 
-class _Candidate(NamedTuple):
-    """A conceivable impact."""
+@dataclass(frozen=True, slots=True)
+class _Option:
+    """A consistent combination: its place, the mode, and its accelerations or the rates after it in natural units."""
 
+    place: int
     mode: Mode
-    z_plus: Array
-    f_t: float
-    f_n: float
-    slip_velocity: float
-    lift_velocity: float
-    painleve: float
+    motion: Array
+
+
+class _Motion:
+    """The k-th of the motions at an instant; its second derivatives are found from the motion a little later."""
+
+    def __init__(self, instant: ContactInstant, mode: Mode, held: Mode, found: Solutions, k: int) -> None:
+        self._instant, self._mode, self._held, self._found, self._k = instant, mode, held, found, k
+        self._later: tuple[ContactInstant, Solutions] | None = None
+
+    def slips_back(self, contact: int) -> bool:
+        """Whether a contact that should slip moves to the other side."""
+        slip = self._found.modes.slip[self._k, contact]
+        margin, rate = slip * self._instant.velocities[contact, 0], slip * self._found.contact[self._k, contact, 0]
+        if margin > AT_REST_TOO:
+            return False
+        margin, bend = min(margin, 0.0), 0.0  # at rest to within rounding
+        if bends_decide(margin, rate):
+            bend = (slip * self._ahead[1].contact[0, contact, 0] - rate) / LOOK_AHEAD
+        return bool(falls_at_start("slip_velocity", margin, rate, bend))
+
+    def lacks_force(self) -> bool:
+        """Whether a contact would have to be pulled at, or held by more friction than there is."""
+        names, margins = self._instant.margins(self._mode, self._held, self._found, self._k)
+        for j, margin in enumerate(margins):
+            if margin > EDGE:
+                continue
+            if not margin > -HOPELESS:
+                return True
+            rate, bend = self._instant.rates(self._mode, self._held, self._found.motion[self._k])[j], 0.0
+            if bends_decide(margin, rate):
+                later, motions = self._ahead
+                bend = (later.rates(self._mode, self._held, motions.motion[0])[j] - rate) / LOOK_AHEAD
+            if falls_at_start(names[j], margin, rate, bend):
+                return True
+        return False
+
+    def separates(self, contact: int) -> bool:
+        """Whether a contact that is off moves away from the ground."""
+        value = self._found.contact[self._k, contact, 1]
+        if abs(value) > STEADY:
+            return bool(value > 0)
+        return bool((self._ahead[1].contact[0, contact, 1] - value) / LOOK_AHEAD > STEADY)
 
     @property
-    def impulse(self) -> Array:
-        """(F_t, F_n) [N s]."""
-        return np.array([self.f_t, self.f_n])
-
-    def __str__(self) -> str:
-        if self.mode.sticks:
-            return f"stick needs F_t = {self.f_t:.6g}, F_n = {self.f_n:.6g} N s"
-        return (
-            f"{self.mode} has F_n = {self.f_n:.6g} N s, v_t = {self.slip_velocity:.6g} m/s, "
-            f"C_tt + mu s C_nt = {self.painleve:.6g} kg"
-        )
+    def _ahead(self) -> tuple[ContactInstant, Solutions]:
+        if self._later is None:
+            moved = self._instant.after(LOOK_AHEAD, self._mode, self._found.motion[self._k])
+            self._later = moved, moved.motions((self._mode,), self._held)
+        return self._later
 
 
 class ContactResolver:
-    """Decides about the foot of one system at fixed parameters.
+    """Decides about the contacts of one system at fixed parameters.
 
     Parameters
     ----------
     dynamics : the walker under its control law, at its parameters.
+
+    Attributes
+    ----------
+    system : the walker under its control law.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
-        self._dynamics, self._system, self._natural = dynamics, dynamics.system, NaturalDynamics(dynamics)
-        self._friction = dynamics.static_friction
-        self._stick_first = dynamics.stick_comes_first
-        table = dynamics.system.transitions
-        stuck = table.margin_names(Mode.STICK)
-        self._normal_force, self._cone = stuck.index("normal_force"), {m: stuck.index(CONE[m]) for m in CONE}
-        self._painleve = table.margin_names(Mode.SLIP_FORWARD).index("painleve")
-        self._push = Buffers(dynamics.system.push)
+        self._dynamics, self.system = dynamics, dynamics.system
+        walker, scales = dynamics.system.walker, dynamics.scales
+        self._speed, self._impulse = scales.speed, scales.impulse
+        self._names, self._alone = walker.landing_points(), walker.stands_on_one()
+        self._place = {name: k for k, name in enumerate(self._names)}
+        self._massless = (FOOT,) if walker.massless_feet else walker.massless_contacts
+        self._weightless = np.array([name in self._massless for name in self._names])
+        self._drops, self._stick_first = dynamics.friction_drops, dynamics.stick_comes_first
+        self._frictionless = dynamics.system.law is ImpactLaw.FRICTIONLESS
+        self._forces = ContactForces(dynamics)
+        self._points = Buffers(dynamics.system.contact_points)
+        self._natural = NaturalDynamics(dynamics)
+        self._clear = ClearCases(dynamics) if self._alone else None
+        self._push = Buffers(dynamics.system.push) if walker.pushes else None
         self._impacts: dict[tuple[Mode, ...], Buffers] = {}
 
+    def below_ground(self, z: Array) -> str | None:
+        """Message about a contact that counts and is below the ground in a given state; None if there is none."""
+        heights, _, counts = self._points(z, self._dynamics.p)
+        for k, name in enumerate(self.system.walker.contact_names()):
+            below = heights[k] < -TOUCHING * self._dynamics.scales.length
+            if below and counts[k] > 0 and name not in self._massless:
+                return f"{name} is {-heights[k]:.6g} m below the ground at the start"
+        return None
+
     def settled(self, z: Array, *, at_rest: bool) -> Array:
-        """A state with a slip velocity of exactly zero instead of its rounding, where the foot is at rest or nearly."""
-        if not at_rest and abs(z[-1]) > AT_REST * self._dynamics.scales.speed:
+        """A state with a slip velocity of exactly zero instead of its rounding, where a lone foot is nearly at rest.
+
+        Velocities of other contacts are no coordinates.
+        """
+        if not self._alone or (not at_rest and abs(z[-1]) > SLIPS_NO_MORE * self._speed):
             return z
         z = z.copy()
         z[-1] = 0.0
         return z
 
-    def below_ground(self, z: Array) -> str | None:
-        """Message about a contact below the ground; the foot is on it."""
-
     def start(self, z: Array, *, anywhere: bool) -> tuple[Mode, Transition | None] | Termination:
-        """The mode in which a motion starts if the foot at rest sticks; no contact lands there.
+        """What contacts do in a given state, with the row of the table if one of them is on the ground and comes down.
 
         Parameters
         ----------
-        anywhere : whether the state may be any, not only one just after an impact.
+        anywhere : whether the state may be any, not only one just after an impact: stops are then locked whose gap and
+            its rate are zero, and a lone foot may be in flight.
         """
-        stick, *slips = self._system.transitions.landed
-        if anywhere and (stick.stops or self._system.walker.flies):
-            mode = self._any_mode(z)
-            return mode if isinstance(mode, Termination) else (mode, None)
-        if z[-1] == 0:
-            return stick, None
-        following = [mode for mode in slips if mode.direction * z[-1] > 0]
-        return (following[0], None) if following else Termination(Ending.PAINLEVE, CANNOT_SLIP)
+        reason = self.below_ground(z)
+        if reason is not None:
+            return Termination(Ending.SCUFFING, reason)
+        walker, table = self.system.walker, self.system.transitions
+        words, landing = self._words(z, anywhere=anywhere)
+        contact = Mode(words[FOOT]) if self._alone else Mode.of_contacts(words)
+        if contact not in walker.foot_modes():
+            return Termination(Ending.PAINLEVE, CANNOT_SLIP)
+        mode = walker.released(contact)
+        for stop in mode.free if anywhere else ():  # a landing has just released the stops
+            gap, rate = margin_and_rate(self._dynamics, stop, mode, z)
+            if abs(gap) <= TOUCHING and abs(rate) * self._dynamics.scales.time <= TOUCHING:
+                mode = mode.with_next(stop)
+        if not landing:
+            return mode, None
+        row = table.of(mode)["touchdown" if self._alone else f"gap.{landing[0]}"]
+        if row.ends_step:
+            reason = f"{landing[0]} is on the ground and comes down where the step starts, which its landing ends"
+            return Termination(Ending.IMPACT_INCONSISTENT, reason)
+        return mode, row
+
+    def _words(self, z: Array, *, anywhere: bool) -> tuple[dict[str, str], list[str]]:
+        """What every contact does in a given state, and the names of those on the ground that come down."""
+        heights, velocities, counts = (values.copy() for values in self._points(z, self._dynamics.p))
+        length, off = self._dynamics.scales.length, str(Mode.FLIGHT) if self._alone else OFF
+        words, landing, still = dict[str, str](), list[str](), 0.0 if self._alone else TOUCHING
+        for k, name in enumerate(self.system.walker.contact_names()):
+            v_t, v_n = velocities[2 * k : 2 * k + 2] / self._speed
+            on_ground = abs(heights[k]) <= TOUCHING * length
+            words[name] = "stick" if abs(v_t) <= still else str(Mode.slip(v_t))
+            if on_ground and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
+                landing.append(name)
+            if not on_ground or abs(v_n) > TOUCHING:
+                words[name] = off
+        if self._alone and self.system.walker.massless_feet and anywhere:  # on the ground the force would pull
+            value, rate = margin_and_rate(self._dynamics, "normal_force", self.system.transitions.landed[0], z)
+            size = TOUCHING * self._dynamics.scales.force
+            if value < -size or (value <= size and rate < 0):
+                words[FOOT] = off
+        return words, landing
 
     def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
-        """The mode after an event without a reset: forces decide about a foot at rest.
+        """The mode after an event without a reset: forces decide, unless there is one candidate.
 
-        A slip whose foot a jump of the torques lifts off ends with the first event of the next arc.
+        A slip of a lone foot that a jump of the torques lifts off ends with the first event of the next arc.
         """
-        if not transition.at_rest:
+        if len(transition.candidates) == 1 or (self._alone and not transition.at_rest):
             return transition.candidates[0]
         return self.mode_at_rest(transition.candidates, t, z, segment)
 
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
-        """Mode of a foot that is at rest (dx = 0) at time ``t`` in state ``z`` on a segment of the control.
+        """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
+        if self._clear is not None:
+            ground = grounded(candidates)
+            point, slips = self._natural.rest(
+                ground[0], ground[1:], segment, t / self._natural.time, z / self._natural.state
+            )
+            possible, clear = self._clear.at_rest(point.margins, point.rates, slips)
+            if clear:
+                return ground[possible.index(True)]
+        instant = self._forces.at(t, z, segment)
+        candidates = self._with_others_at_rest(self._with_leaving(candidates), instant.velocities)
+        touching = {name for mode in candidates for name in mode.touching}
+        held = candidates[0]
+        if self._forces.law_depends_on_holding:
+            held = held.with_states(dict.fromkeys(touching, "stick")).held
+        while True:
+            chosen = self._chosen(instant, candidates, touching, held)
+            if isinstance(chosen, Termination):
+                return chosen
+            if not self._forces.law_depends_on_holding or chosen.held.contact is held.contact:
+                return self._kept(chosen, "no mode keeps the foot on the ground")
+            # within the phase the law holds fewer contacts, and its torques jump
+            held = chosen.held
+            candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
+
+    def _with_leaving(self, candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
+        """The candidates, and the flight of a lone foot that ends the motion of a walker that does not fly."""
+        if self._alone and not self.system.walker.flies and grounded(candidates):
+            return (*candidates, candidates[0].with_contact(Mode.FLIGHT))
+        return candidates
+
+    def _kept(self, mode: Mode, reason: str) -> Mode | Termination:
+        """A mode, unless the walker leaves the ground in it and cannot fly."""
+        leaves = self._alone and not mode.touching and not self.system.walker.flies
+        return Termination(Ending.LIFT_OFF, reason) if leaves else mode
+
+    def _chosen(
+        self, instant: ContactInstant, candidates: Sequence[Mode], touching: set[str], held: Mode
+    ) -> Mode | Termination:
+        """The only consistent one of some modes.
 
         Parameters
         ----------
-        candidates : what the foot can do, see ``Transitions.at_rest``; stick first.
+        touching : contacts on the ground, which move away from it in the modes in which they are off.
+        held : the contacts that the control law holds.
         """
-        stuck, *slipping = ground = grounded(candidates)
-        tau, zeta = t / self._natural.time, z / self._natural.state
-        point, margins = self._natural.rest(stuck, slipping, segment, tau, zeta)
-        if not all(map(isfinite, point.margins)):
+        known = [mode for mode in candidates if not self._forces.is_undetermined(mode)]
+        with np.errstate(all="ignore"):
+            found = instant.motions(known, held)
+        if known and not np.isfinite(found.motion).all(axis=1).any():
             return Termination(Ending.NUMERICAL, "the contact forces are not finite")
-        begins = self._slips_that_begin(stuck, point, segment)
-        # the ground would have to pull at the foot; at touchdown the force of a spring rises from zero
-        force, rate = point.margins[self._normal_force], point.rates[self._normal_force]
-        pulled = force < -EDGE or (force <= EDGE and rate <= 0)
-        slips = [
-            (slip, values[self._normal_force], values[self._painleve])
-            for slip, values in zip(slipping, margins, strict=True)
+        options = [
+            _Option(k, known[k], found.motion[k])
+            for k in self._conceivable(found, touching)
+            if self._holds(instant, found, k, touching, held)
         ]
-        possible = [] if pulled or begins else [stuck]
-        possible += [slip for slip, f_n, mass in slips if slip.contact in begins and mass > 0 and f_n > 0]
-        lifts = any(f_n * mass < 0 for _, f_n, mass in slips)
-        if lifts and not possible:
-            flight = next((mode for mode in candidates if mode not in ground), None)
-            return flight or Termination(Ending.LIFT_OFF, "no mode keeps the foot on the ground")
-        if len(possible) == 1:  # a loaded foot stays on the ground, where it could also have been let go
-            return possible[0]
-        if not slipping:
+        kinetic = self._forces.friction.kinetic
+        if self._alone:
+            slips = [option.mode for option in options if option.mode.slips]
+            paradox = {m for m in slips if self._forces.regularity(instant.mechanics, (m,), kinetic).item() <= 0}
+            options = [option for option in options if option.mode not in paradox]
+        different = self._different(options)
+        if len(different) == 1 or (different and (self._drops or self._alone)):
+            return self._preferred(different).mode
+        if different:
+            names = " and ".join(option.mode.brief for option in different)
+            return Termination(Ending.CONTACT_AMBIGUOUS, f"several motions are consistent: {names}")
+        if len(known) < len(candidates):
+            words = "contacts of different friction slip together, so that the forces do not determine the motion"
+            return Termination(Ending.UNDETERMINED, words)
+        among = f"none of {len(candidates)} combinations of {', '.join(sorted(touching)) or 'no contact'}"
+        words = f"no motion is consistent with the contact forces: {among}"
+        if not any(mode.slips for mode in known):
             return Termination(Ending.PAINLEVE, CANNOT_SLIP)
-        choices = " and ".join(possible) or "neither a mode nor lift-off"
-        data, p = self._system.data(segment), self._dynamics.p
-        masses = ((slip, self._system.margins(slip)(t, z, p, data)[self._painleve]) for slip in slipping)
-        values = " and ".join(f"{float(mass):.6g} kg in {slip}" for slip, mass in masses)
-        return Termination(Ending.PAINLEVE, f"{choices} possible at once: C_tt + mu s C_nt is {values}")
+        regularity = self._forces.regularity(instant.mechanics, known, kinetic)
+        singular = [f"{mode.brief} {value:.4g}" for mode, value in zip(known, regularity, strict=True) if value <= EDGE]
+        if singular:
+            return Termination(Ending.PAINLEVE, f"{words}; regularity is not positive: {', '.join(singular)}")
+        return Termination(Ending.CONTACT_INCONSISTENT, words)
 
-    def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
-        """The impact that ends a step in ``mode`` and state ``z_minus``."""
-        walker, push_work = self._system.walker, 0.0
-        if walker.pushes:
-            (p_t, p_n), work = self._push(z_minus, self._dynamics.p)
-            if not is_within_cone(p_t, p_n, self._friction):
-                words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
-                return Termination(Ending.PUSH_SLIPS, f"{words}, has {self._friction:g}")
-            push_work = work.item()
-        candidates, v_n = self._candidates(transition.candidates, z_minus)
-        if not comes_down(v_n, self._natural.speed):
-            words = f"the swing foot does not come down: its normal velocity is {v_n:.6g} m/s"
-            return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
-        has_mass = "impulse" in self._system.transitions.of_impact(Mode.STICK)
-        chosen = self._consistent_one(candidates) if has_mass else candidates[0]
-        if isinstance(chosen, Termination):
-            return chosen
-        if chosen.lift_velocity <= 0:
-            words = f"the former stance foot would move into the ground at {chosen.lift_velocity:.6g} m/s"
-            return Termination(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {chosen.mode}")
-        x, state = self._system.n_shape, chosen.z_plus.copy()
-        state[x] = 0.0
-        return ImpactRecord(
-            mode=chosen.mode.contact,
-            state=state,
-            step_length=float(chosen.z_plus[x]),
-            impulse=chosen.impulse,
-            stick_impulse=candidates[0].impulse,
-            push_work=push_work,
-        )
+    def _with_others_at_rest(self, candidates: tuple[Mode, ...], velocities: Array) -> tuple[Mode, ...]:
+        """The candidates, and what contacts can do that come to rest at the same instant as another one."""
+        for name in (name for k, name in enumerate(self._names) if abs(velocities[k, 0]) <= AT_REST_TOO):
+            known = {mode.contacts.get(name) for mode in candidates}
+            if known & SLIPS and AT_REST[0] not in known:
+                words = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
+                candidates = tuple(dict.fromkeys(words))
+        return candidates
 
     def strike(self, mode: Mode, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
-        """Mode and state just after a stop has locked in ``mode`` and state ``z_minus``."""
-        ground = grounded(transition.candidates)
-        flights = tuple(mode for mode in transition.candidates if mode not in ground)
-        if not ground:
-            return flights[0], self._candidates(flights, z_minus)[0][0].z_plus
-        candidates, _ = self._candidates(ground, z_minus)
-        if flights and not any(map(self._is_consistent, candidates)):
-            (flight,), _ = self._candidates(flights, z_minus)
-            if flight.lift_velocity > 0:
-                return flight.mode, flight.z_plus
-        if all(candidate.f_n < 0 for candidate in candidates):
-            assert transition.reset is not None
-            words = f"the stop {transition.reset.of} would pull the stance foot off the ground"
-            return Termination(Ending.LIFT_OFF, f"{words}: {'; '.join(map(str, candidates))}")
-        chosen = self._consistent_one(candidates)
-        return chosen if isinstance(chosen, Termination) else (chosen.mode, chosen.z_plus)
+        """Mode and state just after a contact has landed, or a stop has locked, in ``mode`` and state ``z_minus``.
 
-    def _consistent_one(self, candidates: list[_Candidate]) -> _Candidate | Termination:
-        """The only consistent impact; the first candidate sticks."""
-        consistent, stick = [candidate for candidate in candidates if self._is_consistent(candidate)], candidates[0]
-        if stick in consistent and (self._stick_first or is_at_edge(stick.f_t, stick.f_n, self._friction)):
-            return stick  # at the edge a slip has no velocity: it is the same impact
-        if len(consistent) == 1:
-            return consistent[0]
-        ending = Ending.IMPACT_AMBIGUOUS if consistent else Ending.IMPACT_INCONSISTENT
-        verdict = " and ".join(c.mode for c in consistent) + " are" if consistent else "no impact is"
-        numbers = "; ".join(map(str, candidates))
-        return Termination(ending, f"{verdict} consistent at mu = {self._friction:g}: {numbers}")
-
-    def _is_consistent(self, candidate: _Candidate) -> bool:
-        mode, f_t, f_n = candidate.mode, candidate.f_t, candidate.f_n
-        return bool(is_consistent_impact(mode, f_t, f_n, candidate.slip_velocity, self._friction))
-
-    def _candidates(self, modes: tuple[Mode, ...], z_minus: Array) -> tuple[list[_Candidate], float]:
-        """Impacts with each of ``modes`` after them, and the normal velocity of the swing foot before them."""
-        if modes not in self._impacts:
-            self._impacts[modes] = Buffers(self._system.impacts(*modes))
-        impacts, approach = self._impacts[modes](z_minus, self._dynamics.p)
-        columns, n = impacts.reshape(len(modes), -1).copy(), self._system.n_z
-        candidates = [_Candidate(mode, row[:n], *row[n:].tolist()) for mode, row in zip(modes, columns, strict=True)]
-        return candidates, approach.item()
-
-    def _any_mode(self, z: Array) -> Mode | Termination:
-        """The mode of any state of a walker with flight, stops or switches: forces decide about a foot at rest.
-
-        A stop is locked where its gap and the rate of that are zero; switches are as after a landing. A massless foot
-        is in flight where the ground would have to pull at it.
+        Forces then decide about the motion.
         """
-        landed, names, scales = self._system.transitions.landed[0], self._system.state_names, self._dynamics.scales
-        state = dict(zip(names, z.tolist(), strict=True))
-        lifted = state.get("y", 0.0) > AT_REST * scales.length or state.get("dy", 0.0) > AT_REST * scales.speed
-        if self._system.walker.massless_feet:  # on the ground the force would pull
-            value, rate = margin_and_rate(self._dynamics, "normal_force", landed, z)
-            lifted = value < -AT_REST * scales.force or (value <= AT_REST * scales.force and rate < 0)
-        contact = Mode.FLIGHT if lifted else Mode.slip(z[-1]) if z[-1] else Mode.STICK
-        mode = Mode.of(contact, {name: "free" if word == "locked" else word for name, word in landed.stops.items()})
-        known = {mode.key: mode for mode in self._system.walker.modes()}
-        for stop in mode.free:
-            locked = Mode.of(contact, {**mode.stops, stop: "locked"})
-            free = mode if mode.key in known else next((m for m in known.values() if stop in m.free), None)
-            if free is None or locked.key not in known:
-                continue
-            gap, rate = margin_and_rate(self._dynamics, stop, free, z)
-            if abs(gap) <= AT_REST and abs(rate) * scales.time <= AT_REST:
-                mode = locked
-        if mode.key not in known:
-            return Termination(Ending.CONTACT_INCONSISTENT, f"the walker has no mode {mode.brief}")
-        return mode
+        assert transition.reset is not None
+        of, candidates = transition.reset.of, transition.candidates
+        chosen = self._clear_impact(candidates, z_minus) or self._impact(
+            mode, self._with_leaving(candidates), {of} & {*self._names}, z_minus
+        )
+        if isinstance(chosen, Mode):
+            chosen = self._kept(chosen, f"the stop {of} would pull the foot off the ground")
+        if isinstance(chosen, Termination):
+            return chosen
+        reset = buffered(self.system.reset(chosen, mode, ends_step=False))
+        return chosen, reset(z_minus, self._dynamics.p)[0].copy()
 
-    def _slips_that_begin(self, stuck: Mode, point: Point, segment: int) -> set[Mode]:
-        """The slips whose margin of the cone is violated for longer than an instant."""
-        margins, rates = point.margins, point.rates
-        near = {slip: k for slip, k in self._cone.items() if margins[k] <= EDGE}
-        decided = not any(bends_decide(margins[k], rates[k]) for k in near.values())
-        ahead = rates if decided else self._natural.point(stuck, segment, *point.after(LOOK_AHEAD)).rates
-        return {
-            slip
-            for slip, k in near.items()
-            if falls_at_start(CONE[slip], margins[k], rates[k], (ahead[k] - rates[k]) / LOOK_AHEAD)
-        }
+    def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
+        """The end of a step in ``mode`` and state ``z_minus``: an impact with the feet swapped after it, or none."""
+        assert transition.reset is not None
+        if self.system.cycle_end != TOUCHDOWN:
+            return impact_record(self._dynamics, mode.contact, z_minus, mode)
+        if self._push is not None:
+            (p_t, p_n), friction = self._push(z_minus, self._dynamics.p)[0], self._forces.friction.static[0]
+            if not is_within_cone(p_t, p_n, friction):
+                words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
+                return Termination(Ending.PUSH_SLIPS, f"{words}, has {friction:g}")
+        landed = self._clear_impact(transition.candidates, z_minus)
+        if landed is None:
+            landings = self.system.transitions.landings(transition, mode)
+            chosen = self._impact(mode, tuple(landings), {transition.reset.of}, z_minus)
+            if isinstance(chosen, Termination):
+                return chosen
+            landed = landings.get(chosen) or self.system.walker.swapped(chosen)  # where others landed with it
+        return impact_record(self._dynamics, landed.contact, z_minus, mode)
+
+    def _clear_impact(self, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
+        """The mode after an impact of a lone foot if no rounding can change it; None where all must be examined."""
+        if self._clear is None or not grounded(candidates):
+            return None
+        if candidates not in self._impacts:
+            self._impacts[candidates] = Buffers(self.system.impacts(*candidates))
+        impacts, approach = self._impacts[candidates](z_minus, self._dynamics.p)
+        rows = impacts.reshape(len(candidates), -1)[:, self.system.n_z :].tolist()
+        consistent, clear = self._clear.impact(candidates, rows, approach.item())
+        return candidates[consistent.index(True)] if clear else None
+
+    def _impact(
+        self, mode: Mode, candidates: tuple[Mode, ...], landing: set[str], z_minus: Array
+    ) -> Mode | Termination:
+        """The mode after the only consistent impact; contacts that arrive at the same instant take part.
+
+        Parameters
+        ----------
+        mode : before it.
+        candidates : after it, with the contacts as they are called before it.
+        landing : the contact that lands; empty for the impact of a stop.
+        """
+        if len(candidates) == 1 and not landing:  # a stop locks in flight
+            return candidates[0]
+        heights, mechanics = self._points(z_minus, self._dynamics.p)[0].copy(), self._forces.mechanics(z_minus)
+        if landing and self._push is not None:
+            mechanics = mechanics._replace(dq=self._forces.natural_rates(self._push(z_minus, self._dynamics.p)[2]))
+        before, size, place = mechanics.velocities, TOUCHING * self._dynamics.scales.length, self._place
+        if fault := self._arrival_fault(landing, heights, before):
+            return fault
+        massless = landing & {*self._massless}
+        if massless and self._alone:
+            return candidates[0]
+        touching = {name for candidate in candidates for name in candidate.touching}
+        for name in {*self.system.walker.contacts} - touching - {*self._massless}:
+            if abs(heights[place[name]]) <= size and before[place[name], 1] < -TOUCHING:
+                landing = landing | {name}
+                touching.add(name)
+                candidates = tuple(m.with_states({name: word}) for m in candidates for word in AT_REST)
+        conceivable = [candidate for candidate in candidates if massless <= {*candidate.touching}]
+        known = [candidate for candidate in conceivable if not self._forces.is_undetermined(candidate)]
+        kinetic = self._forces.friction.kinetic
+        if self._frictionless:
+            kinetic = np.where([name in landing for name in self._names], 0.0, kinetic)
+        found = self._forces.impacts(mechanics, known, kinetic)
+        options = [
+            _Option(k, candidate, mechanics.dq + found.motion[k])
+            for k, candidate in enumerate(known)
+            if self._follows(found, k, touching, mechanics.J)
+        ]
+        different = self._different(options)
+        if len(different) == 1 or (different and (self._stick_first or (self._alone and not landing))):
+            chosen = self._preferred(different)
+            after, is_regular = chosen.mode, not chosen.mode.slips
+            regularity = 1.0 if is_regular else self._forces.regularity(mechanics, (after,), kinetic).item()
+            if regularity <= 0:
+                words = f"the impulses have no unique solution: regularity is {regularity:.4g} after {after.brief}"
+                return Termination(Ending.PAINLEVE, words)
+            for name in {*mode.touching} - touching:  # a foot that cannot stay
+                lift = found.contact[chosen.place, place[name], 1] * self._speed
+                if lift <= 0:
+                    words = f"the former stance foot would move into the ground at {lift:.6g} m/s"
+                    return Termination(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {after.brief}")
+            return after
+        if different:
+            names = " and ".join(option.mode.brief for option in different)
+            return Termination(Ending.IMPACT_AMBIGUOUS, f"several impacts are consistent: {names}")
+        if len(known) < len(conceivable):
+            words = "contacts of different friction slip together, so that the impulses do not determine the impact"
+            return Termination(Ending.UNDETERMINED, words)
+        return Termination(Ending.IMPACT_INCONSISTENT, f"no impact of {', '.join(sorted(touching))} is consistent")
+
+    def _arrival_fault(self, landing: set[str], heights: Array, velocities: Array) -> Termination | None:
+        """Why contacts cannot land: they come from below the ground."""
+        for name in landing if self._alone else landing - {*self._massless}:
+            words, k = f"the {name.replace('_', ' ')}" if self._alone else name, self._place[name]
+            if heights[k] < -TOUCHING * self._dynamics.scales.length:
+                where = f"it is {-heights[k]:.3g} m below the ground where it begins to count as a contact"
+                return Termination(Ending.SCUFFING, f"{words} scuffs: {where}")
+            if velocities[k, 1] >= -EDGE:
+                words = f"{words} does not come down: its normal velocity is {velocities[k, 1] * self._speed:.6g} m/s"
+                return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
+        return None
+
+    def _follows(self, found: Solutions, k: int, touching: set[str], J: Array) -> bool:
+        """Whether what the contacts do after the k-th impact agrees with their impulses and velocities."""
+        modes, touches = found.modes, np.array([name in touching for name in self._names])
+        slip, closed, shared, sticks = modes.slip[k], modes.closed[k], modes.shared[k], modes.sticks[k]
+        normal, tangential, after = found.normal[k], found.tangential[k], found.contact[k]
+        if not np.all(np.isfinite(found.motion[k])):
+            return False
+        friction = self._forces.friction.static
+        agrees = (
+            np.all(after[touches & ~closed, 1] > EDGE)
+            and np.all(normal[sticks | (slip != 0)] > -EDGE)
+            and np.all((slip * after[:, 0])[slip != 0] > EDGE)
+            and np.all((np.abs(tangential) <= friction * normal * (1 + EDGE) + EDGE)[sticks])
+        )
+        if not agrees or not shared.any():
+            return bool(agrees)
+        return all(value >= -EDGE for value in self._forces.margins(modes.modes[k], tangential, normal, J)[1])
+
+    def _conceivable(self, found: Solutions, touching: set[str]) -> list[int]:
+        """The motions without a force or an acceleration that is clearly of the wrong sign."""
+        modes, friction = found.modes, self._forces.friction
+        lowest = np.where(modes.own, found.normal, 0)
+        lowest = np.minimum(
+            lowest, np.where(modes.sticks, friction.static * found.normal - np.abs(found.tangential), 0)
+        )
+        off = ~modes.closed & ~self._weightless & np.array([name in touching for name in self._names])
+        lowest = np.minimum(lowest, np.where(off, found.contact[:, :, 1], 0))
+        return np.flatnonzero(np.all(lowest > -HOPELESS, axis=1)).tolist()  # neither do NaN pass
+
+    def _holds(self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], held: Mode) -> bool:
+        """Whether the k-th mode is consistent at this instant."""
+        mode = found.modes.modes[k]
+        motion = _Motion(instant, mode, held, found, k)
+        lifted = [name for name in touching if name not in mode.touching]
+        return (
+            not any(motion.slips_back(self._place[name]) for name, slip in mode.directions.items() if slip)
+            and all(
+                self._is_pulled(instant, mode.with_states({name: "stick"}), name, held, found)
+                if name in self._massless
+                else motion.separates(self._place[name])
+                for name in lifted
+            )
+            and not motion.lacks_force()  # last, because rates of forces take the most time
+        )
+
+    def _is_pulled(self, instant: ContactInstant, closed: Mode, name: str, held: Mode, found: Solutions) -> bool:
+        """Whether the ground would have to pull at a massless contact in a mode in which it is closed."""
+        modes = found.modes.modes
+        k, found = (modes.index(closed), found) if closed in modes else (0, instant.motions((closed,), held))
+        names, margins = instant.margins(closed, held, found, k)
+        j = names.index(f"normal_force.{name}")
+        if margins[j] > EDGE:
+            return False
+        return bool(falls_at_start("normal_force", margins[j], instant.rates(closed, held, found.motion[k])[j]))
+
+    def _different(self, options: list[_Option]) -> list[_Option]:
+        """The options that move the walker differently, the first of those that move it alike."""
+        different: list[_Option] = []
+        for option in options:
+            close = ALIKE * (1 + np.abs(option.motion).max())
+            if all(np.abs(option.motion - other.motion).max() > close for other in different):
+                different.append(option)
+        return different
+
+    def _preferred(self, different: list[_Option]) -> _Option:
+        """The motion in which the most contacts stick."""
+        return max(different, key=lambda option: sum(word == "stick" for word in option.mode.contacts.values()))
 
 
 def margin_and_rate(dynamics: Dynamics, name: str, mode: Mode, z: Array) -> tuple[float, float]:
@@ -279,25 +514,3 @@ def margin_and_rate(dynamics: Dynamics, name: str, mode: Mode, z: Array) -> tupl
     row = system.transitions.margin_names(mode).index(name)
     margins, rates = buffered(system.events(mode))(0.0, z, dynamics.p, system.data(0))
     return float(margins[row]), float(rates[row])
-
-
-def is_within_cone(f_t: Any, f_n: Any, friction: float) -> Any:
-    """Whether friction can provide a force or an impulse, to within ``EDGE``; floats, or arrays of one shape."""
-    return abs(f_t) <= friction * f_n * (1 + EDGE)
-
-
-def is_at_edge(f_t: Any, f_n: Any, friction: float) -> Any:
-    """Whether a force or an impulse lies on the edge of the friction cone; floats, or arrays of one shape."""
-    return abs(abs(f_t) - friction * f_n) <= EDGE * abs(friction * f_n)
-
-
-def is_consistent_impact(mode: Mode, f_t: Any, f_n: Any, slip_velocity: Any, friction: float) -> Any:
-    """Whether an impact satisfies the friction law of the mode after it; floats, or arrays of one shape."""
-    if mode.sticks:
-        return (f_n > 0) & is_within_cone(f_t, f_n, friction)
-    return (f_n > 0) & (mode.direction * slip_velocity > 0)
-
-
-def comes_down(approach: Any, speed: float) -> Any:
-    """Whether the swing foot moves towards the ground, in units of ``speed``; a float, or an array."""
-    return approach < -EDGE * speed

@@ -22,19 +22,12 @@ from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import CONTACTS, Mode
-from gaitopt.model.transitions import CONE, Ending, Transition, grounded
-from gaitopt.simulation.contact_resolver import (
-    ContactResolver,
-    Termination,
-    comes_down,
-    is_at_edge,
-    is_consistent_impact,
-    is_within_cone,
-)
+from gaitopt.model.transitions import Ending, Transition, grounded
+from gaitopt.simulation.clear_cases import ClearCases, is_at_edge, is_within_cone
+from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.engine import MAX_ARC_STEPS
 from gaitopt.simulation.events import (
     AT_REST,
-    EDGE,
     INSTANT,
     LOOK_AHEAD,
     NEAR,
@@ -217,15 +210,12 @@ class BatchResolver:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._system, self._natural = dynamics.system, NaturalDynamics(dynamics)
-        self._friction, self._stick_first = dynamics.static_friction, dynamics.stick_comes_first
-        self._one_by_one = ContactResolver(dynamics)
+        self._clear, self._one_by_one = ClearCases(dynamics), ContactResolver(dynamics)
         system, p = dynamics.system, dynamics.p
         self._modes, self._data = system.walker.modes(), _segment_data(dynamics)
         table = system.transitions
         self._ground = tuple(mode.contact for mode in table.landed)
-        stuck, slips = table.margin_names(Mode.STICK), table.margin_names(Mode.SLIP_FORWARD)
-        self._normal_force, self._painleve = stuck.index("normal_force"), slips.index("painleve")
-        self._cone = [stuck.index(name) for name in CONE.values()]
+        self._friction = dynamics.static_friction
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._impacts = HeyokaRowMap(system.impacts(*self._ground), {1: p})
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
@@ -250,12 +240,7 @@ class BatchResolver:
             self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
         taus, zetas = times / self._natural.time, states / self._natural.state
         _, margins, rates, *slipping = self._rests[candidates](taus[:, None], zetas, self._data[segments])
-        f_n, cone = margins[:, self._normal_force], [margins[:, k] for k in self._cone]
-        possible = [(f_n > EDGE) & (cone[0] > 0) & (cone[1] > 0)]
-        possible += [(edge < 0) & (slip[:, self._normal_force] > 0) for edge, slip in zip(cone, slipping, strict=False)]
-        decided = [np.abs(margins[:, k]) > EDGE + INSTANT * np.abs(rates[:, k]) for k in self._cone]
-        unique = [(slip[:, self._painleve] > 0) & (slip[:, self._normal_force] >= 0) for slip in slipping]
-        clear = np.all([*decided, *unique, np.abs(f_n) > EDGE, np.sum(possible, axis=0) == 1], axis=0)
+        possible, clear = self._clear.at_rest(margins.T, rates.T, [slip.T for slip in slipping])
         modes = self._modes.index(candidates[0]) + np.argmax(possible, axis=0)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~clear):
@@ -282,25 +267,12 @@ class BatchResolver:
         n, n_z = states.shape
         columns, approach = self._impacts(states)
         candidates = columns.reshape(n, len(self._ground), -1)
-        f_t, f_n, slip_velocities = candidates[:, :, n_z], candidates[:, :, n_z + 1], candidates[:, :, n_z + 2]
-        consistent = np.column_stack(
-            [
-                is_consistent_impact(mode, f_t[:, k], f_n[:, k], slip_velocities[:, k], self._friction)
-                for k, mode in enumerate(self._ground)
-            ]
-        )
-        if self._stick_first:
-            consistent[:, 1:] &= ~consistent[:, :1]
-        impacts = np.argmax(consistent, axis=1)
-        chosen = candidates[np.arange(n), impacts]
-        after, lift_velocities = chosen[:, :n_z], chosen[:, n_z + 3]
-        x, endings = self._system.n_shape, np.zeros_like(impacts)
+        values = candidates[:, :, n_z:].transpose(1, 2, 0)
+        consistent, clear = self._clear.impact(self._ground, values, approach[:, 0])
+        impacts = np.argmax(consistent, axis=0)
+        after, x, endings = candidates[np.arange(n), impacts, :n_z], self._system.n_shape, np.zeros_like(impacts)
         step_lengths = after[:, x].copy()
         after[:, x] = 0.0
-        clear = comes_down(approach[:, 0], self._natural.speed) & (consistent.sum(axis=1) == 1)
-        clear &= ~is_at_edge(f_t[:, 0], f_n[:, 0], self._friction)
-        if "lift_velocity" in self._system.transitions.of_impact(Mode.STICK):
-            clear &= lift_velocities > 0
         if self._push is not None:
             p_t, p_n = self._push(states)[0].T
             clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)

@@ -22,7 +22,6 @@ from gaitopt.model.transitions import Ending, Transition
 from gaitopt.problem.statement import Until
 from gaitopt.requests import Engine
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
-from gaitopt.simulation.contact_set_resolver import ContactSetResolver
 from gaitopt.simulation.engine import Stepper, choose_engine
 from gaitopt.simulation.outcomes import StepOutcome
 from gaitopt.simulation.scipy_stepper import ScipyStepper
@@ -74,11 +73,6 @@ def segment_ends(dynamics: Dynamics, longest: float = inf) -> tuple[float, ...]:
     return (*(t for t in control.breakpoints if t < limit), limit)
 
 
-def contact_resolver(dynamics: Dynamics) -> ContactResolver | ContactSetResolver:
-    """What decides about the contacts: with few candidates by their compiled margins, with many by dense algebra."""
-    return (ContactSetResolver if dynamics.system.walker.contacts else ContactResolver)(dynamics)
-
-
 class Simulator:
     """Simulates one walker under one control law at fixed parameters.
 
@@ -110,7 +104,7 @@ class Simulator:
         self.dynamics, self.system = dynamics, dynamics.system
         self.stepper = stepper(dynamics)
         self._make_stepper, self._max_switches = stepper, max_switches
-        self._ends, self._resolver = segment_ends(dynamics), contact_resolver(dynamics)
+        self._ends, self._resolver = segment_ends(dynamics), ContactResolver(dynamics)
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:

@@ -27,7 +27,7 @@ from gaitopt.model.walker import Contact, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.problem.problem import load_problem
-from gaitopt.simulation.contact_set_resolver import ContactSetResolver
+from gaitopt.simulation.contact_resolver import ContactResolver
 from gaitopt.simulation.engine import is_installed
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator, stepper_class
@@ -447,7 +447,7 @@ def test_forces_and_torques_for_which_several_motions_are_consistent_end_with_th
         expected, nearest = accelerations(walker, friction)
         if nearest < 1e-6:
             continue
-        resolver = ContactSetResolver(dynamics_of(walker, friction))
+        resolver = ContactResolver(dynamics_of(walker, friction))
         state = np.array([0, height, 0, 0, 0, 0])
         start, _ = resolver.start(state, anywhere=True)
         chosen = resolver.mode_at_rest(resolver.system.transitions.at_rest(start), 0.0, state, 0)

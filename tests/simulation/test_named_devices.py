@@ -126,6 +126,17 @@ def test_a_frictionless_impact_of_a_named_contact_is_that_of_a_foot():
     assert named.spectral_radius == pytest.approx(one_foot.spectral_radius, rel=1e-9)
 
 
+def test_drag_of_named_contacts_is_that_of_a_foot():
+    law = "{static: 0.16, kinetic: 0.14, viscous: 0.3}"
+    text = FRICTIONLESS.replace("friction: 0.14", f"friction: {law}").replace("impact_law: frictionless\n", "")
+    named = go.solve(go.parse_problem(text, walkers=[NamedCompass]))
+    changes = {"friction": {"static": 0.16, "kinetic": 0.14, "viscous": 0.3}}
+    one_foot = go.solve(go.load_problem("compass-passive-b").replace(changes))
+    assert named.status == one_foot.status == "converged", (named.message, one_foot.message)
+    assert named.period == pytest.approx(one_foot.period, rel=1e-11)
+    assert go.verify(named).passed
+
+
 def test_a_stop_ends_the_motion_of_contacts_where_its_gap_closes():
     """A walk of named contacts was once completed with a stop at -0.094 m."""
     gait = go.solve(go.parse_problem(KNEED, walkers=[NamedKneed]))

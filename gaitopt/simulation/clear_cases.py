@@ -1,0 +1,115 @@
+"""Clear decisions about a foot that stands alone, from compiled margins: those that no rounding can change.
+
+A foot at rest is held by the force f_stick, mu f_n + s f_t is its margin to a slip with sign s, and C the apparent mass
+of the foot:
+
+    stick             f_n > 0 and both margins positive
+    slip with sign s  its margin negative, C_tt + mu s C_nt > 0, and f_n > 0 while slipping
+
+At an impact the swing foot comes down, v_n < 0, and by Gamus & Or (2013), eqs (9)-(11),
+
+    stick             F_n > 0 and |F_t| <= mu F_n
+    slip with sign s  F_n > 0 and s v_t > 0 just after it
+
+where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. A case is clear if
+exactly one mode is consistent, by more than rounding. At an edge, or where the foot may lift off,
+``ContactResolver`` examines all modes. One rule serves one state, with floats, and many states, with arrays.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import Mode
+from gaitopt.model.transitions import CONE
+from gaitopt.simulation.events import EDGE, INSTANT, STEEP
+
+
+class ClearCases:
+    """Clear decisions about the foot of one system at fixed parameters; values are floats, or arrays of one shape.
+
+    Parameters
+    ----------
+    dynamics : a walker that stands on one foot at a time, under its control law, at its parameters.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        table, walker = dynamics.system.transitions, dynamics.system.walker
+        self._friction, self._stick_first = dynamics.static_friction, dynamics.stick_comes_first
+        self._speed, self._has_mass = dynamics.scales.speed, not walker.massless_feet
+        self._lifts = "lift_velocity" in table.of_impact(Mode.STICK)
+        stuck, slips = table.margin_names(table.landed[0]), table.margin_names(table.landed[-1])
+        self._normal_force, self._cone = stuck.index("normal_force"), [stuck.index(name) for name in CONE.values()]
+        self._painleve = slips.index("painleve") if self._has_mass else 0
+
+    def at_rest(self, stuck: Any, rates: Any, slips: Sequence[Any]) -> tuple[list[Any], Any]:
+        """Whether each mode is consistent with the forces on a foot at rest, and whether that is clear.
+
+        Parameters
+        ----------
+        stuck, rates : margins in natural units, and their rates, while the foot sticks.
+        slips : margins of every slip that begins from rest; none of a massless foot.
+        """
+        sticks, clear = True, True
+        for k in (self._normal_force, *self._cone):
+            rises = (abs(stuck[k]) <= EDGE) & (rates[k] > STEEP)  # the forces of a massless foot that has just landed
+            sticks = sticks & ((stuck[k] > EDGE) | rises)
+            clear = clear & ((abs(stuck[k]) > EDGE + INSTANT * abs(rates[k])) | rises)
+        possible: list[Any] = [sticks]
+        for k, slip in zip(self._cone, slips, strict=False):
+            possible.append((stuck[k] < -EDGE) & (slip[self._normal_force] > 0))
+            clear = clear & (sticks | ((slip[self._painleve] > 0) & (slip[self._normal_force] >= 0)))
+        return possible, clear & (_count(possible) == 1)
+
+    def impact(self, modes: Sequence[Mode], values: Any, approach: Any) -> tuple[list[Any], Any]:
+        """Whether each mode is consistent with the impulses of its impact, and whether that is clear.
+
+        Parameters
+        ----------
+        modes : just after the impact; stick first, and flight last, if it is possible.
+        values : for each mode F_t, F_n, v_t and the velocity with which the other foot lifts, see
+            ``HybridSystem.impact``.
+        approach : normal velocity with which the foot lands; of no meaning where a stop locks.
+        """
+        lands = not modes[0].locked
+        comes_down = approach < -EDGE * self._speed if lands else True
+        if lands and not self._has_mass:
+            return [comes_down], comes_down
+        (f_t, f_n, *_), mu = values[0], self._friction
+        leaves = EDGE * self._speed
+        consistent = [
+            is_consistent_impact(mode, of_mode[0], of_mode[1], of_mode[2], mu) if mode.touching else of_mode[3] > leaves
+            for mode, of_mode in zip(modes, values, strict=True)
+        ]
+        if self._stick_first:
+            consistent = [consistent[0], *(each & _not(consistent[0]) for each in consistent[1:])]
+        clear = comes_down & _not(is_at_edge(f_t, f_n, mu)) & (_count(consistent) == 1)
+        if lands and self._lifts:
+            for each, (_, _, _, lift_velocity, *_) in zip(consistent, values, strict=True):
+                clear = clear & (_not(each) | (lift_velocity > 0))
+        return consistent, clear
+
+
+def _count(flags: Sequence[Any]) -> Any:
+    return sum(1 * flag for flag in flags)
+
+
+def _not(flag: Any) -> Any:
+    return flag ^ True
+
+
+def is_within_cone(f_t: Any, f_n: Any, friction: float) -> Any:
+    """Whether friction can provide a force or an impulse, to within ``EDGE``; floats, or arrays of one shape."""
+    return abs(f_t) <= friction * f_n * (1 + EDGE)
+
+
+def is_at_edge(f_t: Any, f_n: Any, friction: float) -> Any:
+    """Whether a force or an impulse lies on the edge of the friction cone; floats, or arrays of one shape."""
+    return abs(abs(f_t) - friction * f_n) <= EDGE * abs(friction * f_n)
+
+
+def is_consistent_impact(mode: Mode, f_t: Any, f_n: Any, slip_velocity: Any, friction: float) -> Any:
+    """Whether an impact satisfies the friction law of the mode after it; floats, or arrays of one shape."""
+    if mode.sticks:
+        return (f_n > 0) & is_within_cone(f_t, f_n, friction)
+    return (f_n > 0) & (mode.direction * slip_velocity > 0)
