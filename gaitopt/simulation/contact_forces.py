@@ -288,6 +288,16 @@ class ContactForces:
         """Rates of (shape, x, y) in natural units, from those in SI."""
         return np.asarray(dq * (self._time / self._unit))
 
+    def stopped(self, z: Array, rows: Sequence[int], others: Sequence[int]) -> Array:
+        """The nearest state in which the velocities of some rows of J are zero, and those of others as they are."""
+        mechanics = self.mechanics(z)
+        J = mechanics.J[[*rows, *others]]
+        wanted = np.concatenate([-mechanics.J[[*rows]] @ mechanics.dq, np.zeros(len(others))])
+        change = np.linalg.lstsq(J, wanted, rcond=DEPENDENT)[0]
+        z = z.copy()
+        z[self._rates] += (change * self._unit / self._time)[self._kept]
+        return z
+
     def at(self, t: float, z: Array, segment: int) -> "ContactInstant":
         """The contacts at one instant, in SI."""
         return ContactInstant(self, t, z, segment)

@@ -48,6 +48,8 @@ ALIKE = 1e-9
 SLIPS = {str(mode) for mode in CONE}
 AT_REST_TOO = 1e-11
 """A slip velocity below this, in natural units, is zero where another contact has just come to rest."""
+ROUNDED = 1e-15
+"""A slip velocity below this, in natural units, is left as it is."""
 TOUCHING = 1e-9
 """A contact of a given state is on the ground if its height is smaller, and stays there if its normal velocity is, in
 natural units."""
@@ -160,16 +162,31 @@ class ContactResolver:
                 return f"{name} is {-heights[k]:.6g} m below the ground at the start"
         return None
 
-    def settled(self, z: Array, *, at_rest: bool) -> Array:
-        """A state with a slip velocity of exactly zero instead of its rounding, where a lone foot is nearly at rest.
+    def settled(self, z: Array, *, stopped: Mode | None = None) -> Array:
+        """A state with slip velocities of exactly zero instead of their rounding.
 
-        Velocities of other contacts are no coordinates.
+        That of a lone foot is a coordinate of the state. The rates of other walkers change by the least amount, where a
+        contact has come to rest, so that those that stop at the same instant are at rest too.
+
+        Parameters
+        ----------
+        stopped : the mode that a contact has just left by coming to rest.
         """
-        if not self._alone or (not at_rest and abs(z[-1]) > SLIPS_NO_MORE * self._speed):
+        if self._alone:
+            if stopped is None and abs(z[-1]) > SLIPS_NO_MORE * self._speed:
+                return z
+            z = z.copy()
+            z[-1] = 0.0
             return z
-        z = z.copy()
-        z[-1] = 0.0
-        return z
+        if stopped is None:
+            return z
+        velocities = self._points(z, self._dynamics.p)[1].reshape(-1, 2)[:, 0].tolist()
+        small = [AT_REST_TOO * self._speed >= abs(v) for v in velocities]
+        resting = [k for k, name in enumerate(self._names) if name in stopped.touching and small[k]]
+        if all(abs(velocities[k]) <= ROUNDED * self._speed for k in resting):
+            return z
+        normal = [2 * self._place[name] + 1 for name in stopped.touching]
+        return self._forces.stopped(z, [2 * k for k in resting], normal)
 
     def start(self, z: Array, *, anywhere: bool) -> tuple[Mode, Transition | None] | Termination:
         """What contacts do in a given state, with the row of the table if one of them is on the ground and comes down.

@@ -208,7 +208,7 @@ class Simulator:
             arrival = self.stepper.advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
             transition = None if arrival.event is None else table.of(mode)[arrival.event]
             comes_to_rest = transition is not None and bool(transition.at_rest)
-            end = self._resolver.settled(arrival.state, at_rest=comes_to_rest)
+            end = self._resolver.settled(arrival.state, stopped=mode if comes_to_rest else None)
             if arrival.time > time:
                 arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense, struck))
                 struck = None
@@ -270,7 +270,7 @@ class Simulator:
         z = _finite_vector("state", state, self.system.state_names)
         if not anywhere:
             z[self.system.n_shape] = 0.0
-        return self._resolver.settled(z, at_rest=False)
+        return self._resolver.settled(z)
 
     def _first_mode(self, z: Array, *, anywhere: bool = False) -> tuple[Mode | Termination, Array, Mode | None]:
         """The mode just after an impact; of named contacts, also the impact of those that come down onto the ground."""
