@@ -15,6 +15,8 @@ QUIET = (
     "--disable-component-update",
     "--disable-sync",
 )
+DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+"""Charts are drawn once their size is known, in the first frame after loading."""
 REQUIRED = "GAITOPT_REQUIRE_BROWSER"
 """Set in the continuous check: there a missing browser is a failure."""
 
@@ -47,6 +49,7 @@ def visit(chromium, tmp_path):
         page.on("pageerror", lambda error: violations.append(str(error)))
         page.on("request", lambda request: request.url.startswith(("file:", "data:")) or violations.append(request.url))
         page.goto(path.as_uri())
+        page.evaluate(DRAWN)
         return page
 
     yield call
