@@ -6,7 +6,7 @@ from typing import Any
 from casadi import cos, sin, vertcat
 
 from gaitopt import Body, Mechanism, Walker
-from gaitopt.model.walker import polar
+from gaitopt.model.mechanism import polar
 
 
 def chain(links: int) -> type[Walker]:

@@ -39,11 +39,11 @@ from gaitopt.model.cycle import ModeSequence as ModeSequence
 from gaitopt.model.friction import ImpactLaw as ImpactLaw
 from gaitopt.model.instant import Instant as Instant
 from gaitopt.model.lagrangian import equations_of_motion as equations_of_motion
-from gaitopt.model.links import Link as Link
+from gaitopt.model.mechanism import Body as Body
+from gaitopt.model.mechanism import Contact as Contact
+from gaitopt.model.mechanism import Link as Link
+from gaitopt.model.mechanism import Mechanism as Mechanism
 from gaitopt.model.modes import Mode as Mode
-from gaitopt.model.walker import Body as Body
-from gaitopt.model.walker import Contact as Contact
-from gaitopt.model.walker import Mechanism as Mechanism
 from gaitopt.model.walker import Walker as Walker
 from gaitopt.paper.reproduction import reproduce as reproduce
 from gaitopt.problem.problem import Problem as Problem

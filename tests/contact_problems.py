@@ -9,7 +9,8 @@ from casadi import SX, cos, norm_2, sin, vertcat
 from named import named
 
 from gaitopt.gait.gait import Gait
-from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker
+from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism
+from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.problem.problem import Problem, load_problem, parse_problem
 from gaitopt.search.solve import solve

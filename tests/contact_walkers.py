@@ -13,8 +13,9 @@ from oracles import Link, Mass, Oracle, Point, slope_gravity
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction
+from gaitopt.model.mechanism import Body, Contact, Mechanism, inclined
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.walker import Body, Contact, Mechanism, Walker, inclined
+from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.crawler import Crawler
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.inchworm import Inchworm

@@ -7,8 +7,8 @@ from pydantic import Field
 
 from gaitopt.model.control import Control
 from gaitopt.model.instant import Instant
+from gaitopt.model.mechanism import Damper, Mechanism
 from gaitopt.model.units import TurningDamping
-from gaitopt.model.walker import Damper, Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
 

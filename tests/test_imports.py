@@ -12,9 +12,6 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "gaitopt"
 
-STILL_CIRCULAR = ({"model.closure", "model.declaration", "model.lagrangian", "model.links", "model.walker"},)
-"""Modules of the circles that are known and are to go; nothing may be added."""
-
 
 def imported(source: str, known: frozenset[str], package: str = "gaitopt") -> Iterator[str]:
     """The modules of a package that a source imports anywhere, by their names within the package."""
@@ -53,14 +50,7 @@ def graph() -> dict[str, set[str]]:
 
 
 def test_no_module_imports_one_that_imports_it(graph: dict[str, set[str]]) -> None:
-    allowed = {name: modules for modules in STILL_CIRCULAR for name in modules}
-    others = {name: names - allowed.get(name, set()) for name, names in graph.items()}
-    assert not circle(others), "move what both modules need to one of its own"
-
-
-@pytest.mark.parametrize("modules", STILL_CIRCULAR, ids=lambda modules: " ".join(sorted(modules)))
-def test_circles_that_are_gone_are_struck_off_the_list(graph: dict[str, set[str]], modules: set[str]) -> None:
-    assert circle({name: graph.get(name, set()) & modules for name in modules}), "delete this line of STILL_CIRCULAR"
+    assert not circle(graph), "move what both modules need to one of its own"
 
 
 def test_a_circle_that_python_does_not_notice_is_found() -> None:

@@ -19,8 +19,8 @@ from casadi import cos, sin, vertcat
 from pydantic import Field, model_validator
 
 from gaitopt import Body, Mechanism, Walker
+from gaitopt.model.mechanism import polar
 from gaitopt.model.units import Angle, Positive
-from gaitopt.model.walker import polar
 
 
 class TorsoCompass(Walker):

@@ -29,10 +29,11 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered
-from gaitopt.model.declaration import has_links, state_mechanism, state_tree
+from gaitopt.model.declaration import has_links, state_mechanism
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.lagrangian import parameter_namespace
-from gaitopt.model.links import ORIGIN, Link
+from gaitopt.model.links import state_tree
+from gaitopt.model.mechanism import ORIGIN, Link
 
 POINT_RADIUS = 1e-6
 """Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""

@@ -1,7 +1,11 @@
 """Walkers, the hybrid automaton, friction, impacts and control laws, and the hybrid system compiled from them.
 
+mechanism     bodies, links, contacts and the mechanism that they form
+foreign       code of other packages: calls of its methods, checks of their results
+links         a walker as a tree of links
+closure       the posture just after an impact, solved for
 walker        the definition of a walker: parameters, mechanism, class attributes
-declaration   checks of a walker's class and of the results of its methods
+declaration   checks of a walker's class and of its mechanism
 checks        consistency of a walker where its feet swap roles
 registry      walkers and control laws by name, from this package and from plugins
 units         natural units, ranges of numbers, types of parameters
@@ -18,8 +22,6 @@ contact       motion with a sticking, slipping or lifted foot; impacts
 system        everything above as compiled CasADi functions
 dynamics      the compiled system at fixed parameters, as numbers
 buffered      calls of CasADi functions without overhead
-links         a walker as a tree of links
 urdf          robots in URDF files as walkers
-closure       the posture just after an impact, solved for
 walkers       the walkers that come with gaitopt
 """

@@ -28,20 +28,20 @@ from gaitopt.building import built_once
 from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import (
-    calling,
     check_class,
     has_links,
     is_default,
-    shown,
     state_after_impact,
     state_landing,
     state_mechanism,
     state_picture,
-    state_tree,
 )
+from gaitopt.model.foreign import calling, shown
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
+from gaitopt.model.links import state_tree
+from gaitopt.model.mechanism import Body
 from gaitopt.model.units import LARGEST, Scales
-from gaitopt.model.walker import Body, Walker
+from gaitopt.model.walker import Walker
 
 CHECKED_TOUCHDOWNS = 4
 """Number of random touchdowns at which the equations are checked; none of them holds at all by chance."""

@@ -9,9 +9,10 @@ These equations determine as many coordinates of s_plus as there are equations; 
 without ``after_impact`` has its posture from here: by Newton's method, in symbols, from ``Walker.posture``.
 """
 
+from collections.abc import Mapping
 from itertools import combinations
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from casadi import (
@@ -34,11 +35,8 @@ from casadi import (
 
 from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import state_mechanism
-from gaitopt.model.lagrangian import parameter_namespace
-
-if TYPE_CHECKING:
-    from gaitopt.model.walker import Walker
+from gaitopt.model.foreign import calling
+from gaitopt.model.mechanism import Mechanism
 
 NEWTON_STEPS = 12
 """Steps of Newton's method; from a typical posture it needs five."""
@@ -54,7 +52,23 @@ TIE = 0.9
 """Conditions that differ by less than this ratio count as equal; then the last coordinates are solved for."""
 
 
-def closed_posture(walker: "type[Walker]", free: SimpleNamespace, p: SimpleNamespace) -> tuple[SX, ...]:
+class Closing(Protocol):
+    """A class of walkers whose legs close at touchdown."""
+
+    shape: ClassVar[tuple[str, ...]]
+    posture: ClassVar[Mapping[str, float]]
+    section: ClassVar[tuple[str, ...]]
+    largest_angle: ClassVar[float]
+    flies: ClassVar[bool]
+    massless_feet: ClassVar[bool]
+    __pydantic_fields__: ClassVar[dict[str, Any]]
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """See ``Walker.mechanism``."""
+
+
+def closed_posture(walker: type[Closing], free: SimpleNamespace, p: SimpleNamespace) -> tuple[SX, ...]:
     """All shape coordinates just after an impact, from those of ``walker.section``; nan where the legs do not close.
 
     Raises
@@ -69,7 +83,7 @@ def closed_posture(walker: "type[Walker]", free: SimpleNamespace, p: SimpleNames
         words = f"{equations.size1_out(0)} equations for {', '.join(solved) or 'no coordinate'}"
         raise ProblemError(f"{walker.__name__}: section leaves {words} just after an impact; leave section out")
     values = {name: SX(getattr(free, name)) for name in section}
-    parameters = vertcat(SX(0, 1), *(getattr(p, name) for name in walker.model_fields))
+    parameters = vertcat(SX(0, 1), *(getattr(p, name) for name in walker.__pydantic_fields__))
     columns = [walker.shape.index(name) for name in solved]
     unknown = SX([float(walker.posture.get(name, 0.0)) for name in solved])
 
@@ -91,16 +105,16 @@ def closed_posture(walker: "type[Walker]", free: SimpleNamespace, p: SimpleNames
     return tuple(if_else(size < CLOSED, s[k], np.nan) for k in range(s.numel()))
 
 
-def is_linear(walker: "type[Walker]") -> bool:
+def is_linear(walker: type[Closing]) -> bool:
     """Whether the closure is linear in the coordinates that are solved for, and has a solution in closed form."""
     _, slopes = closure(walker)
-    s, p = SX.sym("s", len(walker.shape)), SX.sym("p", len(walker.model_fields))
+    s, p = SX.sym("s", len(walker.shape)), SX.sym("p", len(walker.__pydantic_fields__))
     solved = [k for k, name in enumerate(walker.shape) if name not in walker.section]
     return not depends_on(slopes(s, p)[:, solved], s[solved])
 
 
 @built_once(maxsize=8)
-def closure(walker: "type[Walker]") -> tuple[Function, Function]:
+def closure(walker: type[Closing]) -> tuple[Function, Function]:
     """(s_plus, p) -> residuals of the closure, shape (m,), and their derivatives, shape (m, n_shape).
 
     Raises
@@ -110,10 +124,13 @@ def closure(walker: "type[Walker]") -> tuple[Function, Function]:
     """
     if walker.massless_feet:
         raise ProblemError(f"{walker.__name__}: has massless feet: define section and after_impact")
-    n, p = len(walker.shape), SX.sym("p", len(walker.model_fields))
+    n, p = len(walker.shape), SX.sym("p", len(walker.__pydantic_fields__))
     s, s_plus = SX.sym("s", n), SX.sym("s_plus", n)
     named = SimpleNamespace(**{name: s[k] for k, name in enumerate(walker.shape)}, x=SX(0), y=SX(0))
-    mechanism = state_mechanism(walker, named, parameter_namespace(walker, p))
+    with calling(walker, "mechanism"):
+        mechanism = walker.mechanism(
+            named, SimpleNamespace(**{name: p[k] for k, name in enumerate(walker.__pydantic_fields__)})
+        )
     relabel = SX(mechanism.relabel)
     swap = jacobian(relabel, s)
     if depends_on(swap, s):
@@ -127,7 +144,7 @@ def closure(walker: "type[Walker]") -> tuple[Function, Function]:
 
 
 @built_once(maxsize=64)
-def chosen_section(walker: "type[Walker]") -> tuple[str, ...]:
+def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
     """The section of a walker that names none: the closure is solved for the other coordinates.
 
     These are the ones in which it is best conditioned: they have the largest least singular value of its derivative, in
@@ -141,7 +158,7 @@ def chosen_section(walker: "type[Walker]") -> tuple[str, ...]:
     """
     equations, slopes = closure(walker)
     n, m = len(walker.shape), equations.size1_out(0)
-    fields = walker.model_fields.values()
+    fields = walker.__pydantic_fields__.values()
     p = [float(field.default) if isinstance(field.default, int | float) else 1.0 for field in fields]
     centre = np.array([float(walker.posture.get(name, 0.0)) for name in walker.shape])
     random, spread = np.random.default_rng(0), min(SPREAD, walker.largest_angle)

@@ -41,7 +41,8 @@ from pydantic.fields import FieldInfo
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import OWN_PACKAGE, Control, SectionType, is_parameter, parameter_names
-from gaitopt.model.declaration import MODEL, NAME, NAME_WORDS, Reader, calling, shown
+from gaitopt.model.declaration import MODEL
+from gaitopt.model.foreign import NAME, NAME_WORDS, Reader, calling, shown
 from gaitopt.model.instant import Instant
 from gaitopt.model.reference import MOST_KNOTS, Path
 from gaitopt.model.units import UNITS, Within

@@ -14,9 +14,10 @@ from pydantic import Field
 
 from gaitopt.model.control import Control
 from gaitopt.model.instant import Instant
+from gaitopt.model.mechanism import inclined
 from gaitopt.model.reference import Path
 from gaitopt.model.units import Slope
-from gaitopt.model.walker import WalkerType, inclined
+from gaitopt.model.walker import WalkerType
 
 
 class ControlledSymmetry(Control):

@@ -5,34 +5,39 @@ checked before they enter an equation: each expression has the right shape and d
 depend on. An error is one sentence that names the class and the attribute or method.
 """
 
-import difflib
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import replace
-from itertools import chain
-from types import SimpleNamespace, UnionType
+from collections.abc import Callable, Iterator, Mapping
+from types import SimpleNamespace
 from typing import Any
 from weakref import WeakSet
 
 import numpy as np
-from casadi import DM, SX, Function, depends_on, horzcat, jacobian, symvar, vertcat
-from pydantic import BaseModel
+from casadi import DM, SX, Function, depends_on, horzcat, jacobian, vertcat
 from pydantic.fields import FieldInfo
 
 from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
-from gaitopt.model.links import Link, Tree
+from gaitopt.model.foreign import (
+    FOOT_COORDINATES,
+    NAME,
+    NAME_WORDS,
+    Reader,
+    calling,
+    doubles,
+    is_finite,
+    is_list,
+    is_name,
+    shown,
+    symbols_of,
+)
+from gaitopt.model.links import state_tree
+from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism
 from gaitopt.model.modes import STOP_STATES, SWITCH_STATES
 from gaitopt.model.units import words_and_unit
-from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker
+from gaitopt.model.walker import Walker
 
-NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
-"""Names of coordinates, actuators, stops and switches, which occur in keys, columns and compiled functions."""
-NAME_WORDS = "a name of ASCII letters and digits, with single underscores between them"
-FOOT_COORDINATES = ("x", "y")
 COLUMNS = ("t", "mode", "f_t", "f_n")
 """Columns of the table of a motion, besides those of coordinates, rates and actuators."""
 RESERVED = (
@@ -74,8 +79,6 @@ LISTS = (
     "sections",
 )  # fmt: skip
 """Class attributes that are tuples of names."""
-KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
-"""Types of a method's results where an expression belongs."""
 REMEDIES = {
     "model": ': write model = "NAME" in its body; problem files name the walker by it',
     "shape": ': write shape = ("theta1", ...) in its body, the names of its coordinates',
@@ -109,37 +112,6 @@ def check_class(walker: object) -> None:
     if reason is not None:
         raise ProblemError(f"{walker.__name__}: {reason}")
     _PASSED.add(walker)
-
-
-@contextmanager
-def calling(walker: type[BaseModel], what: str) -> Iterator[None]:
-    """Turn any exception of a class into one sentence.
-
-    Raises
-    ------
-    ProblemError
-        If the body of the ``with`` raises an exception, SystemExit included; KeyboardInterrupt passes.
-    """
-    try:
-        yield
-    except ProblemError:
-        raise
-    except (Exception, SystemExit) as error:  # the code of a class may raise anything
-        raise ProblemError(f"{walker.__name__}: {what} raises {raised(error)}") from error
-
-
-def raised(error: BaseException) -> str:
-    """Type and first line of an exception; of a misspelt coordinate or parameter the names that there are."""
-    if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
-        names = [*vars(error.obj)]
-        near = difflib.get_close_matches(str(error.name), names, n=2)
-        remedy = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(names) or 'none'}"
-        return f"{type(error).__name__}: nothing is called {error.name}; {remedy}"
-    try:
-        lines = str(error).splitlines()
-    except Exception:  # noqa: BLE001 - someone's exception may not even have a text
-        lines = []
-    return ": ".join([type(error).__name__, *lines[:1]])
 
 
 def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
@@ -213,7 +185,7 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         contacts={name: _checked_contact(walker, read, name, contact) for name, contact in stated.contacts.items()},
     )
     if vertcat(q.x, q.y).is_valid_input():  # symbols rather than a given position of the foot
-        if not (walker.contacts or depends_on(mechanism.touchdown, _symbols(_entries(q).values()))):
+        if not (walker.contacts or depends_on(mechanism.touchdown, symbols_of(vars(q).values()))):
             raise ProblemError(f"{walker.__name__}: Mechanism.touchdown must depend on the shape coordinates")
         points = {f"body {k}": body.position for k, body in enumerate(mechanism.bodies)}
         points |= {f"contact {name}": contact.position for name, contact in mechanism.contacts.items()}
@@ -223,40 +195,6 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
             if not with_foot.is_constant() or not DM(with_foot - SX.eye(2)).is_zero():
                 raise ProblemError(f"{walker.__name__}: {name} does not move along with the stance foot (q.x, q.y)")
     return mechanism
-
-
-def state_tree(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Tree:
-    """The tree of ``Walker.links``, with all entries checked; arguments as for ``state_mechanism``.
-
-    Raises
-    ------
-    ProblemError
-        If the method raises, an entry has the wrong type or shape or depends on a forbidden argument, or the links are
-        no tree with two feet.
-    """
-    with calling(walker, "links"):
-        stated = walker.links(q, p)
-    if not _is_list(stated, Link):
-        words = "a tuple of Link(...)"
-        raise ProblemError(f"{walker.__name__}: links returns {shown(stated)}, but must return {words}")
-    with calling(walker, "reading its links"):
-        reason = next(chain(_link_faults(stated), _tree_faults(stated)), None)
-    if reason is not None:
-        raise ProblemError(f"{walker.__name__}: {reason}")
-    read, links = Reader(walker, q, p), []
-    for link in stated:
-        of = f"of the link {link.name}"
-        points: dict[str, Any] = {
-            name: read.vector(f"{name} {of}", _point(getattr(link, name)), 2, "parameters")
-            for name in ("position", "tip", "com")
-        }
-        numbers: dict[str, Any] = {
-            name: read.scalar(f"{name} {of}", getattr(link, name), "parameters")
-            for name in ("foot_radius", "mass", "inertia", "rotor_inertia", "damping")
-        }
-        angle = read.scalar(f"angle {of}", link.angle, "shape")
-        links.append(replace(link, angle=angle, **points, **numbers))
-    return Tree(tuple(links), vertcat(q.x, q.y))
 
 
 @built_once(maxsize=64)
@@ -312,57 +250,6 @@ def has_links(walker: type[Walker]) -> bool:
     return links is not Walker and bases.index(links) <= bases.index(mechanism)
 
 
-def _point(value: Any) -> Any:
-    """A point that is given as two numbers, as a column."""
-    numbers = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(part, KINDS) for part in value)
-    return vertcat(*value) if numbers else value
-
-
-def _link_faults(links: Iterable[Link]) -> Iterator[str]:
-    """Messages about names and numbers of single links."""
-    for link in links:
-        for what, value in (("name", link.name), ("joint", link.joint or "fixed")):
-            if not _is_name(value):
-                yield f"links has the {what} {shown(value)}, but must have {NAME_WORDS}"
-        if link.sign not in (-1, 1):
-            yield f"sign of the link {link.name} is {shown(link.sign)}, but must be 1 or -1"
-        if not _is_finite(link.zero):
-            yield f"zero of the link {link.name} is {shown(link.zero)}, but must be a number"
-        span: Any = (-1.0, 1.0) if link.range is None else link.range
-        if not (_is_list(span, int | float) and len(span) == 2 and all(map(_is_finite, span)) and span[0] < span[1]):
-            words = "(smallest, largest) angle in rad"
-            yield f"range of the link {link.name} is {shown(link.range)}, but must be the {words} of its joint"
-        if link.effort is not None and not (_is_finite(link.effort) and link.effort >= 0):
-            yield f"effort of the link {link.name} is {shown(link.effort)}, but must be a torque that is not negative"
-
-
-def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
-    """Messages about names of links that contradict each other, and links that are not a tree."""
-    names, joints = tuple(link.name for link in links), tuple(link.joint for link in links if link.joint)
-    if _doubles(names) or _doubles(joints):
-        yield f"links names {_doubles(names) or _doubles(joints)} twice"
-    if set(names) & set(joints):
-        yield f"{', '.join(sorted(set(names) & set(joints)))} is the name of a link and of a joint: rename one"
-    roots = [link.name for link in links if link.parent is None]
-    if len(roots) != 1:
-        yield f"links has the roots {', '.join(roots) or 'none'}, but must be one tree: one link has no parent"
-    for link in links:
-        if link.parent is not None and link.parent not in names:
-            yield f"the link {link.name} has the parent {shown(link.parent)}, which is not a link"
-        if link.parent is None and link.joint:
-            yield f"the link {link.name} has the joint {link.joint}, but no parent: state it, or leave out joint"
-    parents = {link.name: link.parent for link in links}
-    for name in names:
-        carriers: list[str | None] = [name]
-        while carriers[-1] is not None and len(carriers) <= len(names):
-            carriers.append(parents[carriers[-1]])
-        if carriers[-1] is not None:
-            yield f"the link {name} is its own ancestor: links must form a tree"
-    feet = [link.name for link in links if link.foot]
-    if len(feet) != 2:
-        yield f"links has the feet {', '.join(feet) or 'none'}, but must have two: the one that stands, then the other"
-
-
 def state_after_impact(walker: type[Walker], free: SimpleNamespace, p: SimpleNamespace) -> tuple[SX, SX]:
     """Shape coordinates and their rates just after an impact, (n_shape,) each, from those of the section.
 
@@ -389,10 +276,10 @@ def state_landing(walker: type[Walker], q: SimpleNamespace, dq: SimpleNamespace,
     """
     with calling(walker, "landing"):
         stated = walker.landing(q, dq, p)
-    if not (_is_list(stated, object) and len(stated) == 2):
+    if not (is_list(stated, object) and len(stated) == 2):
         words = "two tuples: the shape coordinates and their rates"
         raise ProblemError(f"{walker.__name__}: landing returns {shown(stated)}, but must return {words}")
-    read = Reader(walker, SimpleNamespace(**_entries(q), **_entries(dq, "d")), p)
+    read = Reader(walker, SimpleNamespace(**vars(q), **{f"d{name}": rate for name, rate in vars(dq).items()}), p)
     return _read_shape(walker, read, "landing", stated[0]), _read_shape(walker, read, "landing", stated[1])
 
 
@@ -410,7 +297,7 @@ def state_picture(
     tree = state_tree(walker, q, p) if has_links(walker) else None
     with calling(walker, "outline"):
         lines = tree.lines() if tree and is_default(walker, "outline") else walker.outline(q, p)
-    if not (_is_list(lines, tuple | list) and all(len(line) > 1 for line in lines)):
+    if not (is_list(lines, tuple | list) and all(len(line) > 1 for line in lines)):
         words = "a tuple of lines, each a tuple of at least two points"
         raise ProblemError(f"{walker.__name__}: outline returns {shown(lines)}, but must return {words}")
     drawn = tuple(
@@ -420,62 +307,6 @@ def state_picture(
     with calling(walker, "contact"):
         point = tree.contact if tree and is_default(walker, "contact") else walker.contact(q, p)
     return drawn, read.vector("contact", point, 2, "all")
-
-
-class Reader:
-    """Reads the results of a class's methods, whose arguments are coordinates ``q`` and parameters ``p`` by name."""
-
-    def __init__(self, walker: type[BaseModel], q: SimpleNamespace, p: SimpleNamespace) -> None:
-        self._class = walker
-        entries, parameters = _entries(q), _entries(p)
-        self.symbols = _symbols([*entries.values(), *parameters.values()])
-        foot = {name: entries.pop(name) for name in FOOT_COORDINATES if name in entries}
-        self.shape, self.height = _symbols(entries.values()), _symbols([foot["y"]] if "y" in foot else [])
-        along = _symbols([foot["x"]] if "x" in foot else [])
-        everything = vertcat(self.shape, self.height, along)
-        self.along = along
-        self._forbidden = {
-            "all": ("", SX(0, 1)),
-            "height": ("the coordinates and parameters, but not of x", along),
-            "motor": (
-                "the shape coordinates and parameters; name the actuator in external if it pushes the walker from "
-                "outside, along x or y",
-                vertcat(self.height, along),
-            ),
-            "shape": ("the shape coordinates and parameters, but not of x and y", vertcat(self.height, along)),
-            "parameters": ("the parameters alone", everything),
-        }
-
-    def scalar(self, what: str, value: Any, of: str) -> SX:
-        """One expression."""
-        return self.vector(what, value, 1, of)
-
-    def vector(self, what: str, value: Any, size: int, of: str) -> SX:
-        """A column of expressions, which depend on the arguments ``of``: a key of ``_forbidden``."""
-        name = self._class.__name__
-        form = "one number or expression" if size == 1 else f"a column of {size}, vertcat(...)"
-        expression = self.expression(what, value, form)
-        if expression.shape != (size, 1):
-            rows, columns = expression.shape
-            raise ProblemError(f"{name}: {what} has shape ({rows}, {columns}), but must be {form}")
-        words, forbidden = self._forbidden[of]
-        if forbidden.numel() and depends_on(expression, forbidden):
-            raise ProblemError(f"{name}: {what} must be a function of {words}")
-        return expression
-
-    def expression(self, what: str, value: Any, form: str = "an expression") -> SX:
-        """An expression of any shape, of the symbols that were passed to the method."""
-        name = self._class.__name__
-        strange = isinstance(value, bool) or (isinstance(value, np.ndarray) and value.dtype.kind not in "iuf")
-        if strange or not isinstance(value, KINDS):
-            raise ProblemError(f"{name}: {what} is {shown(value)}, but must be {form} of CasADi's type SX")
-        with calling(self._class, f"reading {what}"):
-            expression = SX(value)
-        foreign = Function("foreign", [self.symbols], [expression], {"allow_free": True}).free_sx()
-        if foreign:
-            words = ", ".join(str(symbol) for symbol in foreign)
-            raise ProblemError(f"{name}: {what} contains {words}, which is not a symbol that was passed to the method")
-        return expression
 
 
 def _read_shape(walker: type[Walker], read: Reader, method: str, stated: object) -> SX:
@@ -499,7 +330,7 @@ def _checked_switch(
     def checked(rates: SimpleNamespace) -> SX:
         with calling(walker, what):
             value = margin(rates)
-        symbols = vertcat(read.symbols, _symbols(_entries(rates).values()))
+        symbols = vertcat(read.symbols, symbols_of(vars(rates).values()))
         return Reader(walker, SimpleNamespace(symbols=symbols), SimpleNamespace()).scalar(what, value, "all")
 
     checked(SimpleNamespace(**{rate: SX.sym(rate) for rate in (*walker.shape, *FOOT_COORDINATES)}))
@@ -536,7 +367,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
     """Messages about the containers of a mechanism, whose entries the class attributes announce."""
     for name, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
         value: Any = getattr(mechanism, name)
-        if not _is_list(value, kind):
+        if not is_list(value, kind):
             words = "angles" if kind is object else f"{kind.__name__}(...)"
             yield f"Mechanism.{name} is {shown(value)}, but must be a tuple of {words}"
     for name in ("stops", "switches", "phases", "potential_while", "contacts", "sections"):
@@ -590,8 +421,8 @@ def _class_faults(walker: type[Walker]) -> Iterator[str]:
     unknown = {*exchanged} - {*walker.model_fields}
     if unknown:
         yield f"exchanged names {', '.join(sorted(unknown))}, which is not a parameter"
-    if _doubles(exchanged):
-        yield f"exchanged names {_doubles(exchanged)} twice: each parameter changes places with one other"
+    if doubles(exchanged):
+        yield f"exchanged names {doubles(exchanged)} twice: each parameter changes places with one other"
 
 
 def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
@@ -612,11 +443,11 @@ def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
         if not isinstance(value, tuple):
             remedy = f"; write {name} = ({value!r},)" if isinstance(value, str) else ""
             yield f"{name} is {shown(value)}, but must be a tuple of names{remedy}"
-        strange = [entry for entry in value if not _is_name(entry)]
+        strange = [entry for entry in value if not is_name(entry)]
         if strange:
             yield f"{name} has the entry {shown(strange[0])}, but must be a tuple of names, each {NAME_WORDS}"
-        if _doubles(value) and name != "tracked":
-            yield f"{name} names {_doubles(value)} twice"
+        if doubles(value) and name != "tracked":
+            yield f"{name} names {doubles(value)} twice"
     for name in ("flies", "massless_feet", "pushes"):
         if not isinstance(stated[name], bool):
             yield f"{name} is {shown(stated[name])}, but must be True or False"
@@ -625,9 +456,9 @@ def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
     if not (is_number and 0 < largest <= math.pi):
         yield f"largest_angle is {shown(largest)}, but must be a number above 0 and at most pi"
     posture = stated["posture"]
-    if not (isinstance(posture, Mapping) and all(map(_is_finite, posture.values()))):
+    if not (isinstance(posture, Mapping) and all(map(is_finite, posture.values()))):
         yield f"posture is {shown(posture)}, but must be a mapping from shape coordinates to numbers"
-    if not (isinstance(stated["exchanged"], Mapping) and all(map(_is_name, _exchanged(stated["exchanged"])))):
+    if not (isinstance(stated["exchanged"], Mapping) and all(map(is_name, _exchanged(stated["exchanged"])))):
         yield f"exchanged is {shown(stated['exchanged'])}, but must be a mapping from parameters to parameters"
 
 
@@ -638,8 +469,8 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     if set(walker.shape) & {*FOOT_COORDINATES}:
         yield "shape names x or y, which are the coordinates of the stance foot"
     names = (*walker.shape, *FOOT_COORDINATES, *(f"d{name}" for name in (*walker.shape, *FOOT_COORDINATES)))
-    if _doubles(names):
-        yield f"{_doubles(names)} would be both a coordinate and the rate of another one: rename it in shape"
+    if doubles(names):
+        yield f"{doubles(names)} would be both a coordinate and the rate of another one: rename it in shape"
     columns = {*walker.shape} & {*COLUMNS}
     if columns:
         yield f"shape names {', '.join(sorted(columns))}, which is another column of the table of a motion: rename it"
@@ -703,40 +534,5 @@ def _section_of(walker: type[Walker]) -> Any:
     return defined[0] if defined else () if is_default(walker, "after_impact") else None
 
 
-def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _exchanged(pairs: Mapping[str, str]) -> tuple[str, ...]:
     return (*pairs, *pairs.values())
-
-
-def _is_name(value: object) -> bool:
-    return isinstance(value, str) and NAME.fullmatch(value) is not None
-
-
-def _is_list(value: object, kind: type | UnionType) -> bool:
-    return isinstance(value, tuple | list) and all(isinstance(entry, kind) for entry in value)
-
-
-def _doubles(names: tuple[str, ...]) -> str:
-    """The names that occur twice, as a list in words."""
-    return ", ".join(sorted({name for name in names if names.count(name) > 1}))
-
-
-def _entries(names: SimpleNamespace, prefix: str = "") -> dict[str, Any]:
-    return {f"{prefix}{name}": value for name, value in vars(names).items()}
-
-
-def _symbols(expressions: Any) -> SX:
-    """All symbols in some expressions, as a column."""
-    return vertcat(SX(0, 1), *symvar(vertcat(SX(0, 1), *expressions)))
-
-
-def shown(value: object) -> str:
-    """A value in a message: its text if that is short, else its type."""
-    try:
-        text = repr(value)
-    except Exception:  # noqa: BLE001 - the text of someone's object may raise anything
-        text = ""
-    return text if 0 < len(text) <= 40 and text.isprintable() else f"a value of type {type(value).__name__}"

@@ -11,7 +11,7 @@ from gaitopt.model.contacts import Friction as Coefficients
 from gaitopt.model.contacts import Impact, Motion, impact, massless_landing, motion, ordered, push_off
 from gaitopt.model.contract import quantities, torques
 from gaitopt.model.control import Control, parameter_names
-from gaitopt.model.declaration import FOOT_COORDINATES
+from gaitopt.model.foreign import FOOT_COORDINATES
 from gaitopt.model.friction import ContactFriction, Friction, ImpactLaw
 from gaitopt.model.instant import Instant
 from gaitopt.model.lagrangian import equations_of_motion

@@ -18,8 +18,9 @@ from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, sqrt, subs
 
 from gaitopt.building import built_once
 from gaitopt.model.declaration import check_class, state_mechanism
+from gaitopt.model.mechanism import Contact, Mechanism
 from gaitopt.model.modes import FOOT, SWING_FOOT
-from gaitopt.model.walker import Contact, Mechanism, Walker
+from gaitopt.model.walker import Walker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

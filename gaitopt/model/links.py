@@ -8,67 +8,24 @@ a positive angle turns y towards x, as that of a leg does. A point r of a frame 
 Positions are summed along the tree from the stance foot, so that no term enters that would cancel again.
 """
 
-from dataclasses import dataclass, replace
-from itertools import combinations, pairwise
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import chain, combinations, pairwise
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from casadi import DM, SX, atan2, cos, densify, is_equal, jacobian, norm_2, sin, sqrt, substitute, sumsqr, vertcat
 
 from gaitopt.errors import ProblemError
-from gaitopt.model.walker import Body, Damper, Mechanism, Walker, inclined
+from gaitopt.model.foreign import KINDS, NAME_WORDS, Reader, calling, doubles, is_finite, is_list, is_name, shown
+from gaitopt.model.mechanism import ORIGIN, Body, Damper, Link, Mechanism, inclined
 
-ORIGIN = (0.0, 0.0)
 SAME = 1e-9
 """Relative difference below which numbers of two legs agree, above the digits of a file."""
 SAME_DEPTH = 10
 """Operations up to which expressions of places and angles are compared."""
 COMPARED = ("mass", "inertia", "position", "com", "tip", "rotor_inertia", "damping", "foot_radius")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Link:
-    """A rigid link of a planar tree; points are in the frame of a link, shape (2,) [m].
-
-    Attributes
-    ----------
-    name : name of the link.
-    angle : SX - absolute angle of the frame, from the slope's normal towards downhill [rad].
-    parent : name of the link that carries it; None for the root of the tree.
-    joint : name of the joint with the parent; empty for the root, and for a link that is fixed to its parent.
-    position : the joint, or the origin of a fixed link, in the frame of the parent; it is the origin of this frame.
-    sign : 1, or -1 for a joint whose angle counts the other way.
-    zero : the joint's angle is ``sign`` times (the angle of this link minus that of its parent), plus ``zero`` [rad].
-    tip : the other end of the link in drawings; the foot, if there is one.
-    foot : whether the tip is a foot. The first link with a foot belongs to the stance leg, the second one swings.
-    foot_radius : radius of a round foot, whose centre is the tip [m].
-    mass : [kg]
-    com : centre of mass.
-    inertia : moment of inertia about the centre of mass [kg m^2].
-    rotor_inertia : that of the joint's motor, times the square of the gear ratio [kg m^2].
-    damping : coefficient of a viscous damper in the joint [N m s/rad].
-    range : smallest and largest angle of the joint; None if it has none [rad].
-    effort : largest torque of the joint's motor; None if it has no limit [N m].
-    """
-
-    name: str
-    angle: Any
-    parent: str | None = None
-    joint: str = ""
-    position: Any = ORIGIN
-    sign: int = 1
-    zero: float = 0.0
-    tip: Any = ORIGIN
-    foot: bool = False
-    foot_radius: Any = 0.0
-    mass: Any = 0.0
-    com: Any = ORIGIN
-    inertia: Any = 0.0
-    rotor_inertia: Any = 0.0
-    damping: Any = 0.0
-    range: tuple[float, float] | None = None
-    effort: float | None = None
 
 
 def difference(one: Link, other: Link) -> str | None:
@@ -80,6 +37,17 @@ def difference(one: Link, other: Link) -> str | None:
         if not gap.is_constant() or np.abs(np.asarray(DM(gap))).max() > SAME * max(1.0, size):
             return name
     return None
+
+
+class Jointed(Protocol):
+    """A class of walkers with links."""
+
+    shape: ClassVar[tuple[str, ...]]
+    actuators: ClassVar[tuple[str, ...]]
+
+    @classmethod
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
+        """See ``Walker.links``."""
 
 
 class Tree:
@@ -215,7 +183,41 @@ class Tree:
         return drawn
 
 
-def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+def state_tree(walker: type[Jointed], q: SimpleNamespace, p: SimpleNamespace) -> Tree:
+    """The tree of ``Walker.links``, with all entries checked; ``q`` and ``p`` are coordinates and parameters by name.
+
+    Raises
+    ------
+    ProblemError
+        If the method raises, an entry has the wrong type or shape or depends on a forbidden argument, or the links are
+        no tree with two feet.
+    """
+    with calling(walker, "links"):
+        stated = walker.links(q, p)
+    if not is_list(stated, Link):
+        words = "a tuple of Link(...)"
+        raise ProblemError(f"{walker.__name__}: links returns {shown(stated)}, but must return {words}")
+    with calling(walker, "reading its links"):
+        reason = next(chain(_link_faults(stated), _tree_faults(stated)), None)
+    if reason is not None:
+        raise ProblemError(f"{walker.__name__}: {reason}")
+    read, links = Reader(walker, q, p), []
+    for link in stated:
+        of = f"of the link {link.name}"
+        points: dict[str, Any] = {
+            name: read.vector(f"{name} {of}", _point(getattr(link, name)), 2, "parameters")
+            for name in ("position", "tip", "com")
+        }
+        numbers: dict[str, Any] = {
+            name: read.scalar(f"{name} {of}", getattr(link, name), "parameters")
+            for name in ("foot_radius", "mass", "inertia", "rotor_inertia", "damping")
+        }
+        angle = read.scalar(f"angle {of}", link.angle, "shape")
+        links.append(replace(link, angle=angle, **points, **numbers))
+    return Tree(tuple(links), vertcat(q.x, q.y))
+
+
+def tree_mechanism(walker: type[Jointed], tree: Tree, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
     """The mechanism of a walker that defines its links alone.
 
     Gravity is ``p.gravity``, on a slope ``p.slope`` if there is one. Every actuator is the motor of the joint of its
@@ -227,15 +229,11 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
     Raises
     ------
     ProblemError
-        If there is no gravity, an actuator is not a joint, or the angles of the links do not determine the shape.
+        If there is no gravity, or the angles of the links do not determine the shape.
     """
     name = walker.__name__
     if not hasattr(p, "gravity"):
         raise ProblemError(f"{name}: has links but no parameter gravity; define it, or define mechanism")
-    lost = [actuator for actuator in walker.actuators if actuator not in tree.joints]
-    if lost and walker.mechanism.__func__ is Walker.mechanism.__func__:  # type: ignore[attr-defined]
-        words = f"{', '.join(lost)}, which is not a joint of its links ({', '.join(tree.joints) or 'none'})"
-        raise ProblemError(f"{name}: actuators names {words}; define mechanism if it is another motor")
     shape = vertcat(*(getattr(q, coordinate) for coordinate in walker.shape))
     length = sum(norm_2(end - start) for link, start, end in tree.way) / 2
     middle, start, end = tree.way[len(tree.way) // 2]
@@ -258,12 +256,12 @@ def tree_mechanism(walker: type[Walker], tree: Tree, q: SimpleNamespace, p: Simp
         touchdown=touchdown,
         upright=high * tilt,
         relabel=_relabelled(walker, tree, shape, p),
-        motors=tuple(tree.joints[actuator] for actuator in walker.actuators if actuator not in lost),
+        motors=tuple(tree.joints[actuator] for actuator in walker.actuators if actuator in tree.joints),
         dampers=tuple(Damper(coefficient=link.damping, across=tree.joints[link.joint]) for link in damped),
     )
 
 
-def _relabelled(walker: type[Walker], tree: Tree, shape: SX, p: SimpleNamespace) -> SX:
+def _relabelled(walker: type[Jointed], tree: Tree, shape: SX, p: SimpleNamespace) -> SX:
     """The shape after the feet have swapped roles: every link then has the angle that its partner had."""
     partner, links, symbols = tree.partners(), tree.links, shape
     angles = {link.name: SX(link.angle) for link in links}
@@ -287,6 +285,57 @@ def _relabelled(walker: type[Walker], tree: Tree, shape: SX, p: SimpleNamespace)
     constant = substitute(vertcat(*(of_symbols[name] for name in chosen)), symbols, SX.zeros(symbols.numel()))
     taken = vertcat(*(angles[partner[name]] for name in chosen)) - constant
     return DM(np.linalg.inv(ways[rows])) @ taken
+
+
+def _point(value: Any) -> Any:
+    """A point that is given as two numbers, as a column."""
+    numbers = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(part, KINDS) for part in value)
+    return vertcat(*value) if numbers else value
+
+
+def _link_faults(links: Iterable[Link]) -> Iterator[str]:
+    """Messages about names and numbers of single links."""
+    for link in links:
+        for what, value in (("name", link.name), ("joint", link.joint or "fixed")):
+            if not is_name(value):
+                yield f"links has the {what} {shown(value)}, but must have {NAME_WORDS}"
+        if link.sign not in (-1, 1):
+            yield f"sign of the link {link.name} is {shown(link.sign)}, but must be 1 or -1"
+        if not is_finite(link.zero):
+            yield f"zero of the link {link.name} is {shown(link.zero)}, but must be a number"
+        span: Any = (-1.0, 1.0) if link.range is None else link.range
+        if not (is_list(span, int | float) and len(span) == 2 and all(map(is_finite, span)) and span[0] < span[1]):
+            words = "(smallest, largest) angle in rad"
+            yield f"range of the link {link.name} is {shown(link.range)}, but must be the {words} of its joint"
+        if link.effort is not None and not (is_finite(link.effort) and link.effort >= 0):
+            yield f"effort of the link {link.name} is {shown(link.effort)}, but must be a torque that is not negative"
+
+
+def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
+    """Messages about names of links that contradict each other, and links that are not a tree."""
+    names, joints = tuple(link.name for link in links), tuple(link.joint for link in links if link.joint)
+    if doubles(names) or doubles(joints):
+        yield f"links names {doubles(names) or doubles(joints)} twice"
+    if set(names) & set(joints):
+        yield f"{', '.join(sorted(set(names) & set(joints)))} is the name of a link and of a joint: rename one"
+    roots = [link.name for link in links if link.parent is None]
+    if len(roots) != 1:
+        yield f"links has the roots {', '.join(roots) or 'none'}, but must be one tree: one link has no parent"
+    for link in links:
+        if link.parent is not None and link.parent not in names:
+            yield f"the link {link.name} has the parent {shown(link.parent)}, which is not a link"
+        if link.parent is None and link.joint:
+            yield f"the link {link.name} has the joint {link.joint}, but no parent: state it, or leave out joint"
+    parents = {link.name: link.parent for link in links}
+    for name in names:
+        carriers: list[str | None] = [name]
+        while carriers[-1] is not None and len(carriers) <= len(names):
+            carriers.append(parents[carriers[-1]])
+        if carriers[-1] is not None:
+            yield f"the link {name} is its own ancestor: links must form a tree"
+    feet = [link.name for link in links if link.foot]
+    if len(feet) != 2:
+        yield f"links has the feet {', '.join(feet) or 'none'}, but must have two: the one that stands, then the other"
 
 
 def _lean(foot: SX, hip: SX) -> SX:

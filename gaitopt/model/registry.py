@@ -14,7 +14,8 @@ from typing import Any
 from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.model.contract import check_law
 from gaitopt.model.control import Control
-from gaitopt.model.declaration import check_class, raised
+from gaitopt.model.declaration import check_class
+from gaitopt.model.foreign import raised
 from gaitopt.model.walker import Walker
 
 ENTRY_POINT_GROUP = "gaitopt.walkers"

@@ -25,10 +25,11 @@ from gaitopt.building import building, built_once
 from gaitopt.model.buffered import buffered
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import has_links, joint_limits, state_after_impact, state_tree
+from gaitopt.model.declaration import has_links, joint_limits, state_after_impact
 from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.links import state_tree
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, contact_section
 from gaitopt.model.walker import Walker

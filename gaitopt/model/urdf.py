@@ -25,10 +25,12 @@ from pydantic import Field
 
 from gaitopt.arrays import Array
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import COLUMNS, FOOT_COORDINATES, NAME, NAME_WORDS, RESERVED, state_tree
-from gaitopt.model.links import SAME, Link, Tree
+from gaitopt.model.declaration import COLUMNS, RESERVED
+from gaitopt.model.foreign import FOOT_COORDINATES, NAME, NAME_WORDS
+from gaitopt.model.links import SAME, Tree, state_tree
+from gaitopt.model.mechanism import Link, Mechanism
 from gaitopt.model.units import Inertia, Positive, Slope, parse_number
-from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.walker import Walker
 
 MAX_BYTES = 1024 * 1024
 """Larger than any robot without its meshes, which are files of their own."""

@@ -8,11 +8,11 @@ Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slo
 """
 
 import copyreg
+import inspect
 import math
 import sys
 from abc import ABC
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from importlib import import_module
 from itertools import product
 from operator import attrgetter
@@ -21,137 +21,23 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
 
 import numpy as np
-from casadi import SX, norm_2, vertcat
+from casadi import SX, vertcat
 from pydantic import BaseModel, ConfigDict
 
-from gaitopt.errors import UnknownNameError
+from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.model.closure import chosen_section, closed_posture
+from gaitopt.model.links import state_tree, tree_mechanism
+from gaitopt.model.mechanism import Body as Body  # classes of other packages import these names from here
+from gaitopt.model.mechanism import Contact as Contact
+from gaitopt.model.mechanism import Damper as Damper
+from gaitopt.model.mechanism import Link, Mechanism
+from gaitopt.model.mechanism import coil as coil
+from gaitopt.model.mechanism import inclined as inclined
+from gaitopt.model.mechanism import polar as polar
 from gaitopt.model.modes import CONTACTS, FOOT, OFF, STOP_STATES, SWING_FOOT, SWITCH_STATES, Mode
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Body:
-    """A point mass, or with ``inertia`` and ``angle`` a rigid body.
-
-    Attributes
-    ----------
-    mass : SX or float [kg]
-    position : SX, shape (2,) - centre of mass [m]
-    inertia : SX or float - about the centre of mass [kg m^2]
-    angle : SX - orientation [rad]
-    """
-
-    mass: Any
-    position: SX
-    inertia: Any = 0.0
-    angle: Any = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Damper:
-    """A viscous damper: its force is ``coefficient`` times the rate of ``across``.
-
-    Attributes
-    ----------
-    coefficient : SX or float [N m s/rad or N s/m], not negative.
-    across : SX - an angle or a length, as a function of the coordinates [rad or m].
-    """
-
-    coefficient: Any
-    across: SX
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Contact:
-    """A point of a walker that can touch the ground, whose height is y = 0.
-
-    Attributes
-    ----------
-    position : SX, shape (2,) - the point [m].
-    counts : SX - positive where the point may land, such as past mid-swing; it passes through the ground elsewhere.
-    places : for a contact at the end of a massless part: the coordinates of its own, with the values that they take
-        when it lands. Such a contact sticks or is off.
-    gap : SX - falls to zero where the point lands; its height by default. A massless contact has no height of its own.
-    """
-
-    position: SX
-    counts: Any = 1.0
-    places: Mapping[str, SX] = field(default_factory=dict)
-    gap: SX | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mechanism:
-    """Positions and angles of a walker as functions of ``q``, in CasADi symbols.
-
-    Attributes
-    ----------
-    bodies : the masses.
-    gravity : SX, shape (2,) - acceleration of gravity in (x, y) [m/s^2].
-    swing_foot : SX, shape (2,) - the foot that will collide [m].
-    touchdown : SX - guard; the swing foot lands when it crosses zero from below.
-    upright : SX - positive while the walker is upright; zero is a fall.
-    relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
-    stops : gaps of the joint stops by name, affine in the shape: positive while free, zero while locked; an angle
-        [rad], or a length divided by that of a leg.
-    switches : margins of the switches by name, dimensionless, positive while off; functions of the rates, which are
-        given by name (``dq.theta``).
-    phases : phase variables by name, functions of the shape and the parameters alone.
-    motors : tuple of SX - the angle or length on which each actuator acts, in the order of ``Walker.actuators`` [rad or
-        m]; for those of ``Walker.external`` the place along their direction of what they push [m].
-    potential : SX - potential energy besides gravity, of springs for instance [J].
-    potential_while : potential energy that acts only in a state: ``contact`` (the foot is on the ground), or that of a
-        stop or switch, such as ``thrust on`` [J].
-    dampers : the viscous dampers.
-    push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands; None if the
-        walker does not push off [N s].
-    contacts : the points that can touch the ground by name, of a walker with several contacts.
-    sections : margins by name, any of which may end a cycle where it falls to zero, dimensionless; functions of the
-        rates, as ``switches``.
-    length : natural unit of length [m]; by default the largest distance of a body from the stance foot, or from a
-        contact, where all shape coordinates are zero.
-    """
-
-    bodies: tuple[Body, ...]
-    gravity: SX
-    upright: SX
-    swing_foot: SX = field(default_factory=lambda: SX.zeros(2))
-    touchdown: SX = field(default_factory=lambda: SX(1))
-    relabel: SX = field(default_factory=lambda: SX(0, 1))
-    stops: Mapping[str, SX] = field(default_factory=dict)
-    switches: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
-    phases: Mapping[str, SX] = field(default_factory=dict)
-    motors: tuple[SX, ...] = ()
-    potential: Any = field(default_factory=lambda: SX(0))
-    potential_while: Mapping[str, SX] = field(default_factory=dict)
-    dampers: tuple[Damper, ...] = ()
-    push: SX | None = None
-    contacts: Mapping[str, Contact] = field(default_factory=dict)
-    sections: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
-    length: SX | None = None
-
-
-def polar(length: Any, angle: Any) -> SX:
-    """The point at ``length`` from the origin, ``angle`` from the slope's normal towards downhill; shape (2,) [m]."""
-    return vertcat(length * SX(angle).sin(), length * SX(angle).cos())
-
-
-def inclined(gravity: Any, slope: Any) -> SX:
-    """Acceleration of gravity [m/s^2] along a slope, downhill, and along its normal; shape (2,)."""
-    return gravity * vertcat(SX(slope).sin(), -SX(slope).cos())
-
-
-def coil(start: SX, end: SX, width: Any, turns: int = 5) -> tuple[SX, ...]:
-    """Points of a zigzag line from ``start`` to ``end`` [m] that draws a spring of this ``width`` [m]."""
-    along = end - start
-    aside = width / 2 * vertcat(-along[1], along[0]) / norm_2(along)
-    zigzag = (start + (k + 0.5) / (2 * turns) * along + (-1) ** k * aside for k in range(2 * turns))
-    return (start, *zigzag, end)
-
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
-
-    from gaitopt.model.links import Link
 else:
     ModelMetaclass = type(BaseModel)  # pydantic has no public name for it
 
@@ -177,8 +63,6 @@ class WalkerClass(PluginClass):
             return cast(tuple[str, ...], defined)
         if cast("type[Walker]", cls).contacts:  # what is free follows from the gait, see ``gaitopt.model.section``
             return ()
-        from gaitopt.model.closure import chosen_section
-
         return chosen_section(cast("type[Walker]", cls))
 
 
@@ -250,21 +134,21 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
         By default that of the links, see ``links.tree_mechanism``.
         """
-        from gaitopt.model.declaration import state_tree
-        from gaitopt.model.links import tree_mechanism
-
-        return tree_mechanism(cls, state_tree(cls, q, p), q, p)
+        tree = state_tree(cls, q, p)
+        lost = [actuator for actuator in cls.actuators if actuator not in tree.joints]
+        if lost and inspect.getattr_static(cls, "mechanism") is inspect.getattr_static(Walker, "mechanism"):
+            words = f"{', '.join(lost)}, which is not a joint of its links ({', '.join(tree.joints) or 'none'})"
+            raise ProblemError(f"{cls.__name__}: actuators names {words}; define mechanism if it is another motor")
+        return tree_mechanism(cls, tree, q, p)
 
     @classmethod
-    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple["Link", ...]:
+    def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
         """The links of a walker that is a planar tree; arguments as for ``mechanism``. Empty if it defines none."""
         return ()
 
     @classmethod
     def after_impact(cls, free: SimpleNamespace, p: SimpleNamespace) -> tuple[Any, ...]:
         """All shape coordinates just after an impact, from those of ``section``; by default by solving the closure."""
-        from gaitopt.model.closure import closed_posture
-
         return closed_posture(cls, free, p)
 
     @classmethod

@@ -20,7 +20,8 @@ from gaitopt.model.checks import before_impact, check_walker, section_posture, s
 from gaitopt.model.contract import check_hooks, law_faults, law_section
 from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
-from gaitopt.model.declaration import calling, is_default, joint_limits
+from gaitopt.model.declaration import is_default, joint_limits
+from gaitopt.model.foreign import calling
 from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers

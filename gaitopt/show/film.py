@@ -26,12 +26,14 @@ from gaitopt.building import built_once
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.declaration import has_links, is_default, state_mechanism, state_picture, state_tree
+from gaitopt.model.declaration import has_links, is_default, state_mechanism, state_picture
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.lagrangian import parameter_namespace
+from gaitopt.model.links import state_tree
+from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import cycle_end, cycle_start
-from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.show.motion import Motion, cycle_words, motor_label, time_label, with_start_times

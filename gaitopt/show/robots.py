@@ -15,8 +15,9 @@ from casadi import DM, SX
 
 from gaitopt.building import building
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import has_links, state_mechanism, state_tree
-from gaitopt.model.links import Link
+from gaitopt.model.declaration import has_links, state_mechanism
+from gaitopt.model.links import state_tree
+from gaitopt.model.mechanism import Link
 from gaitopt.model.walker import Walker
 
 Format = Literal["urdf", "mjcf"]

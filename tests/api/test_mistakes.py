@@ -12,7 +12,7 @@ from gaitopt.cli.main import main
 from gaitopt.display import told_apart
 from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.gait.measures import observe
-from gaitopt.model.walker import inclined, polar
+from gaitopt.model.mechanism import inclined, polar
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 from gaitopt.show.tables import enclosure
 

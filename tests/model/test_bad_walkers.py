@@ -15,9 +15,9 @@ import gaitopt as go
 from gaitopt import Body, Mechanism, Walker, check_walker, parse_problem
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import NoControl
+from gaitopt.model.mechanism import Damper
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import Positive
-from gaitopt.model.walker import Damper
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker

@@ -15,8 +15,9 @@ from pydantic import Field
 import gaitopt as go
 from gaitopt.errors import ProblemError
 from gaitopt.model.checks import check_walker, section_posture
+from gaitopt.model.mechanism import Body, Mechanism
 from gaitopt.model.units import NonNegative, Positive, Slope
-from gaitopt.model.walker import Body, Mechanism, Walker
+from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rabbit import Rabbit
 from gaitopt.problem.problem import load_problem, parse_problem

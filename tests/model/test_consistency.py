@@ -11,7 +11,7 @@ from oracles import COMPASS, EXAMPLES, TORSO, WHEEL, TorsoCompass
 import gaitopt as go
 from gaitopt import Body, Mechanism, Walker, check_walker, parse_problem
 from gaitopt.errors import ProblemError
-from gaitopt.model.walker import polar
+from gaitopt.model.mechanism import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
 

@@ -13,7 +13,7 @@ import gaitopt as go
 from gaitopt import Mode, check_walker
 from gaitopt.errors import ProblemError
 from gaitopt.gait.measures import observe
-from gaitopt.model.walker import Damper
+from gaitopt.model.mechanism import Damper
 from gaitopt.model.walkers.telescopic import TelescopicCompass
 from gaitopt.model.walkers.torso import TorsoWalker
 

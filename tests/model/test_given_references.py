@@ -18,9 +18,9 @@ from scipy.interpolate import BPoly, CubicSpline
 import gaitopt as go
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.curves import coefficients
+from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import Followed
-from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.problem.problem import restore_problem
 from gaitopt.store.run import Run

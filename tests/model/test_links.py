@@ -16,9 +16,9 @@ from gaitopt.model import checks
 from gaitopt.model.checks import check_walker
 from gaitopt.model.declaration import state_picture
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Body, Link, Mechanism, inclined, polar
 from gaitopt.model.units import Positive
-from gaitopt.model.walker import Body, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.push_off import PushOffCompass

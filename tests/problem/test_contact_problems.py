@@ -11,10 +11,10 @@ from casadi import vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import contact_section
 from gaitopt.model.transitions import transitions
-from gaitopt.model.walker import Mechanism
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_walker import SlipWalker
 from gaitopt.problem.problem import Problem, load_problem, parse_problem, restore_problem

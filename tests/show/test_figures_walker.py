@@ -10,7 +10,7 @@ from casadi import SX, vertcat
 from pictured import SEQUENCES, TORSO, gait
 from pydantic import TypeAdapter
 
-from gaitopt.model.walker import polar
+from gaitopt.model.mechanism import polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.show import film as skeleton_module
 from gaitopt.show.film import (

@@ -11,8 +11,8 @@ from casadi import DM, SX, Function, jacobian, vertcat
 
 import gaitopt as go
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import state_tree
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
+from gaitopt.model.links import state_tree
 from gaitopt.model.urdf import walker_from_text
 from gaitopt.model.walker import Walker
 from gaitopt.model.walkers.rabbit import Rabbit

@@ -20,10 +20,10 @@ from gaitopt.gait.gait import trajectory_header, trajectory_rows
 from gaitopt.gait.measures import contact_record, measure, observe
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.mechanism import Contact, polar
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
-from gaitopt.model.walker import Contact, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.problem.problem import load_problem

@@ -10,7 +10,7 @@ import pytest
 from casadi import SX, vertcat
 
 import gaitopt as go
-from gaitopt.model.walker import Contact, Mechanism
+from gaitopt.model.mechanism import Contact, Mechanism
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker

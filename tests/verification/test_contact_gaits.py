@@ -12,7 +12,7 @@ from named import named
 from gaitopt.api.verbs import attractors, prove
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
-from gaitopt.model.walker import Contact, polar
+from gaitopt.model.mechanism import Contact, polar
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.problem.problem import parse_problem, restore_problem
 from gaitopt.search.solve import solve

@@ -15,9 +15,9 @@ from typing import Annotated, Any
 from casadi import pi
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link, Mechanism
 from gaitopt.model.units import NonNegative, Positive, Slope, shorter
-from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.walker import Walker
 
 
 class CompassBiped(Walker):

@@ -15,8 +15,9 @@ from typing import Annotated
 from casadi import SX, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism, coil, inclined
 from gaitopt.model.units import Damping, Positive, Slope, Stiffness
-from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker, coil, inclined
+from gaitopt.model.walker import Walker
 
 SIDE = 0.12
 """Half the side of a mass, relative to the rest length of the spring."""

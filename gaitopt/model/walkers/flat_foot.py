@@ -11,8 +11,9 @@ from typing import Annotated
 from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism, inclined, polar
 from gaitopt.model.units import Damping, Positive, Slope, Stiffness, shorter
-from gaitopt.model.walker import Body, Contact, Damper, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Walker
 
 PAST = 0.1
 """Angle of the stance leg beyond which the swing foot can land; before, it would scuff [rad]."""

@@ -15,8 +15,9 @@ from typing import Annotated, Any
 from casadi import SX, sqrt, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Mechanism, coil
 from gaitopt.model.units import SMALLEST, Positive, Stiffness, Within
-from gaitopt.model.walker import Body, Mechanism, Walker, coil
+from gaitopt.model.walker import Walker
 
 
 class Hopper(Walker):

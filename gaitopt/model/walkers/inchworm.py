@@ -10,8 +10,9 @@ from typing import Annotated
 from casadi import SX, cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Contact, Mechanism, inclined, polar
 from gaitopt.model.units import Inertia, Positive, Slope, shorter
-from gaitopt.model.walker import Body, Contact, Mechanism, Walker, inclined, polar
+from gaitopt.model.walker import Walker
 
 
 class Inchworm(Walker):

@@ -12,9 +12,9 @@ from typing import Annotated, Any
 from casadi import pi, vertcat
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link, Mechanism, polar
 from gaitopt.model.units import NonNegative, Positive, Slope
-from gaitopt.model.walker import Mechanism, Walker, polar
+from gaitopt.model.walker import Walker
 
 
 class KneedWalker(Walker):

@@ -10,9 +10,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link, Mechanism, polar
 from gaitopt.model.units import NonNegative, Within
-from gaitopt.model.walker import Mechanism, polar
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
 

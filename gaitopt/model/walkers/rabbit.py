@@ -13,9 +13,9 @@ from typing import Annotated
 from casadi import pi
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link, Mechanism
 from gaitopt.model.units import Inertia, NonNegative, Positive, Slope, Within
-from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.walker import Walker
 
 
 class Rabbit(Walker):

@@ -10,9 +10,9 @@ from typing import Annotated, Any
 from casadi import SX, cos, pi, sin
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link, Mechanism
 from gaitopt.model.units import Positive, Slope, Within
-from gaitopt.model.walker import Mechanism, Walker
+from gaitopt.model.walker import Walker
 
 
 class RimlessWheel(Walker):

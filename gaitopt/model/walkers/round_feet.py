@@ -16,9 +16,9 @@ from typing import Annotated, Any
 from casadi import pi, vertcat
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link, polar
 from gaitopt.model.units import Inertia, NonNegative, Positive, Slope, shorter
-from gaitopt.model.walker import Walker, polar
+from gaitopt.model.walker import Walker
 
 ARC = tuple(k / 10 for k in range(-6, 7))
 """Angles from the leg at which the arc is drawn [rad]."""

@@ -12,8 +12,9 @@ from typing import Annotated, Any
 from casadi import SX, cos, if_else, pi, sin, sqrt, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Mechanism, coil, polar
 from gaitopt.model.units import SMALLEST, Angle, Positive, Stiffness, Within
-from gaitopt.model.walker import Body, Mechanism, Walker, coil, polar
+from gaitopt.model.walker import Walker
 
 
 class SlipRunner(Walker):

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 from casadi import SX, cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Mechanism, coil, inclined, polar
 from gaitopt.model.units import SMALLEST, Angle, Positive, Slope, Stiffness, TurningStiffness
-from gaitopt.model.walker import Body, Mechanism, Walker, coil, inclined, polar
+from gaitopt.model.walker import Walker
 
 
 class SlipRunnerFoot(Walker):

@@ -14,8 +14,9 @@ from typing import Annotated
 from casadi import SX, cos, pi, sin, sqrt, sumsqr, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Contact, Mechanism, coil
 from gaitopt.model.units import SMALLEST, Angle, Positive, Stiffness, Within
-from gaitopt.model.walker import Body, Contact, Mechanism, Walker, coil
+from gaitopt.model.walker import Walker
 
 
 class SlipWalker(Walker):

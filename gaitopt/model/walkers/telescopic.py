@@ -13,8 +13,9 @@ from typing import Annotated, Any
 from casadi import cos, pi, vertcat
 from pydantic import Field
 
+from gaitopt.model.mechanism import Body, Damper, Mechanism, coil, inclined, polar
 from gaitopt.model.units import Damping, NonNegative, Positive, Slope, Stiffness, Within, shorter
-from gaitopt.model.walker import Body, Damper, Mechanism, Walker, coil, inclined, polar
+from gaitopt.model.walker import Walker
 
 
 class TelescopicCompass(Walker):

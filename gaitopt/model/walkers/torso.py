@@ -13,9 +13,9 @@ from typing import Annotated, Any, ClassVar
 from casadi import pi, vertcat
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Damper, Link, Mechanism, polar
 from gaitopt.model.units import Inertia, Positive, Slope, TurningDamping, TurningStiffness, shorter
-from gaitopt.model.walker import Damper, Mechanism, Walker, polar
+from gaitopt.model.walker import Walker
 
 
 class TorsoWalker(Walker):

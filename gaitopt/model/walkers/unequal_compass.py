@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from gaitopt.model.links import Link
+from gaitopt.model.mechanism import Link
 from gaitopt.model.units import Positive, shorter
 from gaitopt.model.walkers.compass_biped import CompassBiped
 
