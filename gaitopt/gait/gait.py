@@ -443,6 +443,5 @@ class Attractor(ReadOnlyArrays):
     @property
     def named_state(self) -> dict[str, float]:
         """The values of ``state`` by name."""
-        walker = self.problem.walker
-        names = walker.state_names() if walker.contacts else walker.section_names(slipping=True)
+        names = self.problem.map_section.defining_names
         return dict(zip(names, self.state.tolist(), strict=True))

@@ -31,7 +31,6 @@ from gaitopt.model.declaration import (
     check_class,
     has_links,
     is_default,
-    state_after_impact,
     state_landing,
     state_mechanism,
     state_picture,
@@ -40,6 +39,7 @@ from gaitopt.model.foreign import calling, shown
 from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Body
+from gaitopt.model.section import stated_lift
 from gaitopt.model.units import LARGEST, Scales
 from gaitopt.model.walker import Walker
 
@@ -140,8 +140,8 @@ def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -
         If ``Walker.after_impact`` or ``Walker.rates_after_impact`` does not return all of them.
     """
     names = walker.section_names(slipping=True)
-    shape, rates = buffered(_section(walker))([float(free.get(name, 0.0)) for name in names], p)
-    return shape.copy(), rates.copy()
+    z, n = buffered(stated_lift(walker))([float(free.get(name, 0.0)) for name in names], p)[0], len(walker.shape)
+    return z[:n].copy(), z[len(z) // 2 :][:n].copy()
 
 
 def stepping_posture(walker: type[Walker], step_length: float, p: Array) -> Array:
@@ -548,15 +548,6 @@ def _kinematics(walker: type[Walker]) -> Function:
         "gap_jacobian": jacobian(gaps, q[:n]),
     }
     return Function("kinematics", [q, dq, p], [*outputs.values()], ["q", "dq", "p"], [*outputs])
-
-
-@built_once(maxsize=8)
-def _section(walker: type[Walker]) -> Function:
-    """(section coordinates, p) -> shape coordinates and their rates just after an impact."""
-    names = walker.section_names(slipping=True)
-    free, p = SX.sym("free", len(names)), SX.sym("p", len(walker.model_fields))
-    by_name = SimpleNamespace(**{name: free[i] for i, name in enumerate(names)})
-    return Function("section", [free, p], [*state_after_impact(walker, by_name, parameter_namespace(walker, p))])
 
 
 @built_once(maxsize=8)

@@ -117,7 +117,7 @@ class Dynamics(ReadOnlyArrays):
 
     def lift(self, xi: Array) -> Array:
         """State just after an impact of a foot, shape (n_z,), from section coordinates with or without dx."""
-        return self.system.section(Mode.SLIP_FORWARD).lift(xi, self.p, np.zeros(self.system.n_z))
+        return self.system.section(Mode.SLIP_FORWARD).lift(xi, self.p)
 
     def after_impact(self, mode: Mode, z: Array, before: Mode | None = None, *, ends_step: bool = True) -> Array:
         """State just after an impact, shape (n_z,); where a step ends, x starts from zero at the new base point.

@@ -16,7 +16,7 @@ from gaitopt.model.friction import ContactFriction, Friction, ImpactLaw
 from gaitopt.model.instant import Instant
 from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
-from gaitopt.model.section import TOUCHDOWN, contact_section
+from gaitopt.model.section import TOUCHDOWN, section_of
 from gaitopt.model.transitions import impulse_name, share_name, transitions
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
@@ -391,7 +391,7 @@ class Expressions:
         z[x] = 0
         if end != TOUCHDOWN or "energy" in self.walker.model_fields:
             after = self.walker.swapped(mode) if end == TOUCHDOWN else mode
-            section = contact_section(self.walker, before, after, end)
+            section = section_of(self.walker, before, after, end)
             z = section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
         return z
 

@@ -2,8 +2,7 @@
 
     c(z, p) = 0,        z = lift(xi),        xi = z[indices]
 
-A walker that stands on one foot at a time states its section itself (``Walker.section``). For a walker with several
-contacts, c follows from what its contacts do just before and just after the event:
+c follows from what the contacts and stops do just before and just after the event:
 
     height of every contact that touches before or after it             = 0
     velocity of every contact that touches after it                     = 0       normal; tangential if it sticks
@@ -15,20 +14,39 @@ contacts, c follows from what its contacts do just before and just after the eve
 Where the state is continuous at the event, the velocities before it count as well. These equations are solved for as
 many coordinates as there are independent ones, by Newton's method from a state nearby; the others are the section.
 Coordinates of a massless contact that is off have no influence on the motion, and are not section coordinates either.
+
+Where a foot lands on which the walker then stands alone, the class of the walker states its coordinates and its lift
+(``Walker.section``, ``Walker.after_impact``), or the closure of the legs does. Such a section holds after every impact.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Protocol
 
 import numpy as np
-from casadi import DM, SX, Function, densify, depends_on, inv, jacobian, jtimes, solve, substitute, vertcat
+from casadi import (
+    DM,
+    SX,
+    Function,
+    cse,
+    densify,
+    depends_on,
+    inv,
+    jacobian,
+    jtimes,
+    solve,
+    substitute,
+    vertcat,
+    vertsplit,
+)
 from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
 from gaitopt.errors import ProblemError
-from gaitopt.model.buffered import buffered
-from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.buffered import RowMap, buffered
+from gaitopt.model.declaration import state_after_impact
+from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
@@ -49,59 +67,65 @@ CLOSED, ROUNDING = 1e-9, 1e-13
 """Size of the last step below which the equations are solved, and of a step that is left out."""
 
 
-class Section(Protocol):
-    """The section of one kind of event.
+class Section:
+    """The section of one kind of event; see ``section_of``.
 
     Attributes
     ----------
     names : of the section coordinates.
     indices : of these in the state, shape (n_xi,).
     words : the contacts just after the event.
+    stated : whether the walker's class states coordinates and lift. A state then follows from its coordinates alone.
     """
 
     names: tuple[str, ...]
-    words: str
     indices: NDArray[np.intp]
-
-    def lift(self, xi: Array, p: Array, near: Array) -> Array:
-        """The state with these section coordinates, shape (n_z,), next to the state ``near``; NaN if there is none."""
-
-    def tangent(self, z: Array, p: Array) -> Array:
-        """Derivative of ``lift`` at a state of the section, shape (n_z, n_xi)."""
-
-    def holds(self, before: Mode, impact: Mode) -> bool:
-        """Whether a step that ends in the mode ``before``, with the contacts ``impact`` after it, leads there."""
-
-
-class ContactSection(Section):
-    """The section of a walker with several contacts; see ``contact_section``.
-
-    Attributes
-    ----------
-    names, indices : see ``Section``.
-    before, after : modes of the contacts just before the event, after a relabelling, and just after it.
-    """
+    words: str
 
     @building
     def __init__(self, walker: type[Walker], before: Mode, after: Mode, event: str) -> None:
-        self._walker, self._event = walker, event
-        self.before, self.after, self.words = before, after, after.brief
-        eom = equations_of_motion(walker)
-        self._z, self._p = eom.z, eom.p
-        self._c, counts, stale = _equations(walker, before, after, event)
+        self._walker, self._event, self.stated = walker, event, has_stated_sections(walker, event)
+        self._before, self._after, self.words = before, after, after.brief
+        self._n_p = len(walker.model_fields)
         state = walker.state_names()
+        if self.stated:
+            self.names, self.words = walker.section_names(slipping=after.slips), "slip" if after.slips else "stick"
+            self.indices = np.array([state.index(name) for name in self.names], dtype=np.intp)
+            return
+        self._c, counts, stale = _equations(walker, before, after, event)
         self._solved, self._rows = _solved_coordinates(walker, self._c, counts, stale)
         left_out = {*self._solved, *stale}
         self.indices = np.array([k for k in _in_order(walker) if k not in left_out], dtype=np.intp)
         self.names = tuple(state[k] for k in self.indices)
         BUILT.watch(vars(self))
 
-    def lift(self, xi: Array, p: Array, near: Array) -> Array:
-        """See ``Section``; ``p`` may have further entries after the walker's."""
+    @property
+    def every_step(self) -> "Section":
+        """The section from which any step starts: this one, with the slip velocity if the class states it."""
+        return _section(self._walker, Mode.STICK, Mode.SLIP_FORWARD, self._event) if self.stated else self
+
+    @property
+    def defining_names(self) -> tuple[str, ...]:
+        """Names of the coordinates that determine a state: those of the section, or all where it may have several."""
+        return self.names if self.stated else self._walker.state_names()
+
+    def lift(self, xi: Array, p: Array, near: Array | None = None) -> Array:
+        """The state with these section coordinates, shape (n_z,), next to the state ``near``; NaN if there is none.
+
+        Parameters
+        ----------
+        xi : of a stated section with or without dx.
+        p : the walker's parameters, and others after them.
+        near : needed unless the section is stated.
+        """
+        if self.stated:
+            lift = stated_lift(self._walker)
+            return buffered(lift)(_filled(xi, lift.size1_in(0)), p[: self._n_p])[0].copy()
+        assert near is not None
         z, step = near.copy(), buffered(self._step)
         z[self.indices] = xi
         for _ in range(NEWTON_STEPS):
-            (change,) = step(z, p[: self._p.numel()])
+            (change,) = step(z, p[: self._n_p])
             size = float(np.abs(change).max(initial=0.0))
             if not np.isfinite(size):
                 break
@@ -112,18 +136,31 @@ class ContactSection(Section):
                 return z
         return np.full(z.size, np.nan)
 
+    def row_lift(self) -> Callable[[Array, Array, Array | None], Array]:
+        """A function with the arguments of ``lift`` for many states, (n, n_xi) to (n, n_z); one thread may call it."""
+        if self.stated:
+            lift = RowMap(stated_lift(self._walker))
+            return lambda xi, p, near: lift(_filled(xi, self.every_step.indices.size), p[: self._n_p])[0]
+        size = len(self._walker.state_names())
+        return lambda xi, p, near: np.array([self.lift(row, p, near) for row in xi]).reshape(len(xi), size)
+
     def tangent(self, z: Array, p: Array) -> Array:
-        """See ``Section``."""
+        """Derivative of ``lift`` at a state of the section, shape (n_z, n_xi)."""
+        if self.stated:
+            (flat,) = buffered(_stated_tangent(self._walker))(z[self.every_step.indices], p[: self._n_p])
+            return flat.reshape(z.size, -1, order="F")[:, : self.indices.size]
         matrix = np.zeros((z.size, self.indices.size))
         matrix[self.indices, np.arange(self.indices.size)] = 1.0
-        (slopes,) = buffered(self._slopes)(z, p[: self._p.numel()])
+        (slopes,) = buffered(self._slopes)(z, p[: self._n_p])
         matrix[self._solved] = slopes.reshape(len(self._solved), -1, order="F")
         return matrix
 
     def holds(self, before: Mode, impact: Mode) -> bool:
-        """See ``Section``."""
+        """Whether a step that ends in the mode ``before``, with the contacts ``impact`` after it, leads there."""
+        if self.stated:
+            return impact.slips is self._after.slips
         before = self._walker.swapped(before) if self._event == TOUCHDOWN else before
-        return impact.contact is self.after.contact and before.touching == self.before.touching
+        return impact.contact is self._after.contact and before.touching == self._before.touching
 
     @cached_property
     @building
@@ -132,28 +169,30 @@ class ContactSection(Section):
 
         ``p`` are the walker's parameters.
         """
-        z = SX(self._z)
-        change = self._change
+        eom, change = equations_of_motion(self._walker), self._change
+        z = SX(eom.z)
         for k, index in enumerate(self._solved):
             z[index] -= change[k]
-        return Function("projected", [self._z, self._p], [z], ["z", "p"], ["z_plus"])
+        return Function("projected", [eom.z, eom.p], [z], ["z", "p"], ["z_plus"])
 
     @property
     def _change(self) -> SX:
-        c = self._c[self._rows]
-        return solve(jacobian(c, self._z)[:, self._solved], c)
+        c, z = self._c[self._rows], equations_of_motion(self._walker).z
+        return solve(jacobian(c, z)[:, self._solved], c)
 
     @cached_property
     @building
     def _step(self) -> Function:
-        return BUILT.watch(Function("section_step", [self._z, self._p], [densify(self._change)]))
+        eom = equations_of_motion(self._walker)
+        return BUILT.watch(Function("section_step", [eom.z, eom.p], [densify(self._change)]))
 
     @cached_property
     @building
     def _slopes(self) -> Function:
-        J = jacobian(self._c[self._rows], self._z)
+        eom = equations_of_motion(self._walker)
+        J = jacobian(self._c[self._rows], eom.z)
         slopes = -solve(J[:, self._solved], densify(J[:, self.indices.tolist()]))
-        return BUILT.watch(Function("section_slopes", [self._z, self._p], [densify(slopes)]))
+        return BUILT.watch(Function("section_slopes", [eom.z, eom.p], [densify(slopes)]))
 
 
 class Cyclic(Protocol):
@@ -181,13 +220,13 @@ def cycle_end(of: Cyclic) -> str:
     return "landing" if of.walker.massless_feet or of.walker.massless_contacts else "impact"
 
 
-def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str) -> ContactSection:
-    """The section of a walker with several contacts.
+def section_of(walker: type[Walker], before: Mode, after: Mode, event: str) -> Section:
+    """The section just after the event that ends a cycle.
 
     Parameters
     ----------
-    before : the mode in which the step ends.
-    impact : the contacts just after it, relabelled.
+    before : the mode in which the cycle ends.
+    after : the contacts just after it, relabelled.
     event : what ends the cycle.
 
     Raises
@@ -195,13 +234,49 @@ def contact_section(walker: type[Walker], before: Mode, impact: Mode, event: str
     ProblemError
         If the contacts cannot be on the ground together.
     """
+    if has_stated_sections(walker, event):
+        return _section(walker, Mode.STICK, Mode.SLIP_FORWARD if after.slips else Mode.STICK, event)
     before = walker.swapped(before) if event == TOUCHDOWN else before
-    return _contact_section(walker, before, impact.contact, event)
+    return _section(walker, before, after.contact, event)
 
 
 @built_once(maxsize=64)
-def _contact_section(walker: type[Walker], before: Mode, after: Mode, event: str) -> ContactSection:
-    return ContactSection(walker, before, after, event)
+def _section(walker: type[Walker], before: Mode, after: Mode, event: str) -> Section:
+    return Section(walker, before, after, event)
+
+
+def has_stated_sections(walker: type[Walker], event: str) -> bool:
+    """Whether the class of a walker, or the closure of its legs, states what is free where a cycle ends."""
+    return walker.stands_on_one() and event == TOUCHDOWN
+
+
+def stated_state(walker: type[Walker], xi: SX, p: SX) -> SX:
+    """z just after a landing from the section coordinates of a class with dx, x being 0; ``p`` are its parameters."""
+    free = SimpleNamespace(**{name: xi[k] for k, name in enumerate(walker.section_names(slipping=True))})
+    parts = zip(state_after_impact(walker, free, parameter_namespace(walker, p)), (SX(0), xi[-1]), strict=True)
+    named = ({**dict(zip(walker.shape, vertsplit(shape), strict=True)), "x": x, "y": SX(0)} for shape, x in parts)
+    return vertcat(*(values[name] for values in named for name in walker.coordinates()))
+
+
+@built_once(maxsize=8)
+def stated_lift(walker: type[Walker]) -> Function:
+    """(xi, p) -> z of ``stated_state``."""
+    xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
+    return Function("lift", [xi, p], [cse(densify(stated_state(walker, xi, p)))])
+
+
+@built_once(maxsize=8)
+def _stated_tangent(walker: type[Walker]) -> Function:
+    """(xi, p) -> d z / d xi of ``stated_state``; the column of dx is the last."""
+    xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
+    return Function("tangent", [xi, p], [cse(densify(jacobian(stated_state(walker, xi, p), xi)))])
+
+
+def _filled(xi: Array, size: int) -> Array:
+    """Section coordinates with zeros for those that are left out at the end."""
+    full = np.zeros((*xi.shape[:-1], size))
+    full[..., : xi.shape[-1]] = xi
+    return full
 
 
 def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> tuple[SX, tuple[int, int], list[int]]:
@@ -210,14 +285,14 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     Also the indices of the coordinates and rates of massless contacts that are off.
     """
     eom, state, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
-    contacts, q, dq = eom.mechanism.contacts, eom.q, eom.dq
+    contacts, massless, q, dq = eom.contacts, eom.mechanism.contacts, eom.q, eom.dq
     gaps, gap_rates = _closed_stops(walker, before) if event == TOUCHDOWN else ([], [])
     names = (*walker.shape, "x", "y")
-    on_ground = [name for name in walker.contacts if name in before.touching or name in after.touching]
+    on_ground = [name for name in walker.contact_names() if name in before.touching or name in after.touching]
     places = [q[names.index("x")], *(contacts[name].position[1] for name in on_ground)]
     for name in walker.massless_contacts:
         if name in after.touching and name not in before.touching:
-            places += [q[names.index(key)] - value for key, value in contacts[name].places.items()]
+            places += [q[names.index(key)] - value for key, value in massless[name].places.items()]
     places += gaps
     modes, rates, others = (after,) if event == TOUCHDOWN else (before, after), list[SX](), list[SX]()
     for name in on_ground:
@@ -231,7 +306,7 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     if "energy" in walker.model_fields:
         springs = (energy for name, energy in eom.mechanism.potential_while.items() if after.has(name))
         others.append(eom.energy + sum(springs, SX(0)) - eom.parameters.energy)
-    off = [key for name in walker.massless_contacts if name not in after.touching for key in contacts[name].places]
+    off = [key for name in walker.massless_contacts if name not in after.touching for key in massless[name].places]
     stale = [k for key in off for k in (state.index(key), state.index(key) + n)]
     return vertcat(*places, *rates, *others), (len(places), len(rates)), stale
 

@@ -22,16 +22,15 @@ from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
-from gaitopt.model.buffered import buffered
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import has_links, joint_limits, state_after_impact
+from gaitopt.model.declaration import has_links, joint_limits
 from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.links import state_tree
 from gaitopt.model.modes import FOOT, Mode
-from gaitopt.model.section import TOUCHDOWN, Section, contact_section
+from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
@@ -75,7 +74,7 @@ class HybridSystem:
     control : the control law, of which the structure and the segment data matter here, but not the scalars.
     law : tangential law of slipping impacts.
     friction : friction law of the feet; its numbers are entries of ``p``.
-    cycle_end : what ends a cycle of a walker with named contacts: ``touchdown``, ``clock`` or the name of a margin.
+    cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
 
     Attributes
     ----------
@@ -112,7 +111,6 @@ class HybridSystem:
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
-        self._sections: dict[bool, TouchdownSection] = {}
 
     @property
     def expressions(self) -> Expressions:
@@ -400,11 +398,8 @@ class HybridSystem:
     @compiled("xp")
     def lift(self) -> dict[str, SX]:
         """(xi, p) -> z: the state just after an impact from its section coordinates (always with dx), x = 0."""
-        names = self.walker.section_names(slipping=True)
-        xi = SX.sym("xi", len(names))
-        free = SimpleNamespace(**{name: xi[i] for i, name in enumerate(names)})
-        shape, rates = state_after_impact(self.walker, free, parameter_namespace(self.walker, self._eom.p))
-        return {"x": xi, "z_plus": vertcat(self._eom.state(shape, SX(0)), self._eom.state(rates, xi[-1]))}
+        xi = SX.sym("xi", len(self.walker.section_names(slipping=True)))
+        return {"x": xi, "z_plus": stated_state(self.walker, xi, self._eom.p)}
 
     @property
     @compiled("xp")
@@ -423,13 +418,9 @@ class HybridSystem:
             self._functions[key] = Function(name, symbols, cse([*results.values()]), [*inputs], [*results])
 
     def section(self, of: Cycle | Mode) -> Section:
-        """The section just after the event that ends a cycle, or just after an impact of a foot."""
-        if isinstance(of, Cycle) and self.walker.contacts:
-            return contact_section(self.walker, of.phases[-1], of.impact, self.cycle_end)
-        slipping = of.impact.slips if isinstance(of, Cycle) else of.slips
-        if slipping not in self._sections:
-            self._sections[slipping] = TouchdownSection(self, slipping=slipping)
-        return self._sections[slipping]
+        """The section of a cycle, or of contacts ``of`` that touch the ground before the event and after it."""
+        before, after = (of.phases[-1], of.impact) if isinstance(of, Cycle) else (self.walker.swapped(of), of)
+        return section_of(self.walker, before, after, self.cycle_end)
 
     def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p`` from values by dotted key, shape (n_p,); those of the control law are its own by default."""
@@ -449,36 +440,6 @@ class HybridSystem:
     def contact_coefficients(self, p: Any) -> dict[str, tuple[Any, Any, Any]]:
         """The three coefficients of every contact by name."""
         return self.friction.of(p[self._friction_entries])
-
-
-class TouchdownSection(Section):
-    """The section of a walker that stands on one foot at a time; its class says which coordinates are free.
-
-    Parameters
-    ----------
-    slipping : whether the foot slips just after the impact; dx is then the last coordinate.
-    """
-
-    def __init__(self, system: HybridSystem, *, slipping: bool) -> None:
-        self._system, self._slipping, self.words = system, slipping, "slip" if slipping else "stick"
-        self.names = system.walker.section_names(slipping=slipping)
-        self.indices = np.array([system.state_names.index(name) for name in self.names])
-
-    def lift(self, xi: Array, p: Array, near: Array | None = None) -> Array:
-        """See ``Section``, for coordinates with or without dx, whatever the state ``near``."""
-        full = np.zeros(len(self._system.walker.section_names(slipping=True)))
-        full[: xi.size] = xi
-        return buffered(self._system.lift)(full, p)[0].copy()
-
-    def tangent(self, z: Array, p: Array) -> Array:
-        """See ``Section``."""
-        xi = z[self._system.section(Mode.SLIP_FORWARD).indices]
-        (flat,) = buffered(self._system.lift_jacobian)(xi, p)
-        return flat.reshape(z.size, -1, order="F")[:, : self.indices.size]
-
-    def holds(self, before: Mode, impact: Mode) -> bool:
-        """See ``Section``."""
-        return impact.slips is self._slipping
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

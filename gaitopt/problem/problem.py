@@ -44,6 +44,7 @@ from gaitopt.problem.statement import (
     changed_values,
     cycle_data,
     digest_of,
+    guessed_names,
     override,
     problem_data,
     reference_keys,
@@ -185,7 +186,7 @@ class Problem(ProblemStatement):
         record, known = self._record_of(gait)
         values = known if parameters is None else parameters
         same_impact = Mode.from_record(record["impact"]) == self.cycle.impact
-        names = self._guessed_names(self.cycle)
+        names = guessed_names(type(self.walker), self.cycle, self.cycle_end)
         state = {name: record["state"][name] for name in names if same_impact or name != "dx"}
         same_phases = [Mode.from_record(phase) for phase in record["phases"]] == list(self.cycle.phases)
         changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
@@ -247,19 +248,13 @@ class Problem(ProblemStatement):
         """
         if durations is None and not self.is_open and _phase_numbers(cycle) == _phase_numbers(self.cycle):
             durations = self.guess.durations
-        names = self._guessed_names(cycle)
+        names = guessed_names(type(self.walker), cycle, self.cycle_end)
         guess: dict[str, Any] = {"state": {name: float(state[name]) for name in names}}
         guess |= {} if durations is None else {"durations": list(durations)}
         gait = {**cycle_data(cycle.untimed), "guess": guess}
         if self.cycle_end != TOUCHDOWN:
             gait["section"] = problem_data(self).get("gait", {"section": self.cycle_end})["section"]
         return self.replace({"gait": gait, **self.free_guesses(parameters or {})})
-
-    def _guessed_names(self, cycle: Cycle) -> tuple[str, ...]:
-        """Names of the coordinates of a guess: those of the section, or all where the contacts have names."""
-        if self.walker.contacts:
-            return self.walker.state_names()
-        return self.walker.section_names(slipping=cycle.impact.slips)
 
     def free_guesses(self, values: Mapping[str, float]) -> dict[str, object]:
         """Overrides that make known values the guesses of the free numbers, clipped to their bounds."""
@@ -293,7 +288,7 @@ class Problem(ProblemStatement):
         assert isinstance(law, OpenLoop)
         control = law.fixed(values, float(sum(durations)) if duration is None else duration)
         plain = replace(self, control=control, free={}, objective={}, constraints={}, file=None)
-        names = self.walker.section_names(slipping=self.cycle.impact.slips)
+        names = guessed_names(type(self.walker), self.cycle, self.cycle_end)
         changes: dict[str, object] = {f"gait.guess.state.{name}": float(state[name]) for name in names}
         changes["gait.guess.durations"] = [float(duration) for duration in durations]
         return replace(plain.replace(changes | {key: float(values[key]) for key in self.free}), origin=self, file=None)

@@ -25,7 +25,7 @@ from gaitopt.model.foreign import calling
 from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
-from gaitopt.model.section import CLOCK, TOUCHDOWN, contact_section
+from gaitopt.model.section import CLOCK, TOUCHDOWN, has_stated_sections, section_of
 from gaitopt.model.transitions import transitions
 from gaitopt.model.units import SMALLEST, Angle, Number
 from gaitopt.model.walker import Walker
@@ -354,10 +354,10 @@ class _StatementReader:
             needed = f"one duration per phase ({', '.join(phases)})"
             message = f"{len(guess.durations)} given, but the gait needs {needed}; or leave durations out"
             self._fault((*path, "durations"), message)
-        if self._model is not None and self._model.contacts:
-            state = self._read_contact_state(guess.state, cycle)
-        else:
+        if self._model is None or has_stated_sections(self._model, self._cycle_end):
             state = self._read_state(guess.state, steps[-1].impact)
+        else:
+            state = self._read_nearby_state(guess.state, cycle)
         return cycle, None if state is None else Guess(state=state, durations=guess.durations)
 
     def _read_start(self) -> Guess | None:
@@ -379,7 +379,8 @@ class _StatementReader:
         if not missing:
             return Guess(state={name: float(given[name]) for name in model.state_names()}, durations=None, whole=True)
         impact = Mode.slip(given["dx"]) if given.get("dx") else Mode.STICK
-        section = () if model.contacts else model.section_names(slipping=impact.slips)
+        stated = has_stated_sections(model, self._cycle_end)
+        section = model.section_names(slipping=impact.slips) if stated else ()
         if section and {*state.model_fields_set} == {*section}:
             lifted = self._read_state(data, impact, path)
             return None if lifted is None else Guess(state=lifted, durations=None)
@@ -551,8 +552,8 @@ class _StatementReader:
             return CLOCK
         return end
 
-    def _read_contact_state(self, data: Mapping[str, Any], cycle: Cycle | None) -> dict[str, float] | None:
-        """The complete state of a walker with several contacts, next to the values that the file gives."""
+    def _read_nearby_state(self, data: Mapping[str, Any], cycle: Cycle | None) -> dict[str, float] | None:
+        """The state of a section that no class states, next to the values that the file gives."""
         model, walker, path = self._model, self._walker, ("gait", "guess", "state")
         stated = None if model is None else self._section(state_section(model), data, path)
         if model is None or walker is None or stated is None or cycle is None:
@@ -561,7 +562,7 @@ class _StatementReader:
             return None  # the section follows from the modes
         given = stated.model_dump(exclude_none=True)
         try:
-            section = contact_section(model, cycle.phases[-1], cycle.impact, self._cycle_end)
+            section = section_of(model, cycle.phases[-1], cycle.impact, self._cycle_end)
         except (ProblemError, KeyError) as error:
             self._fault(("gait",), str(error))
             return None

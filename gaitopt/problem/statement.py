@@ -19,7 +19,7 @@ from gaitopt.model.control import Control
 from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
 from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.modes import IMPACT, OFF, Mode
-from gaitopt.model.section import CLOCK, TOUCHDOWN, ContactSection, contact_section
+from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, has_stated_sections, section_of
 from gaitopt.model.units import parse_count
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
@@ -254,18 +254,30 @@ class ProblemStatement(Tabulated):
         return self.friction if isinstance(self.friction, float) else self.friction.model_dump()
 
     @property
-    def section(self) -> ContactSection | None:
-        """The section of a walker with several contacts, whose gait has known modes; None for any other."""
-        if not self.walker.contacts or self.is_open:
+    def section(self) -> Section | None:
+        """The section of its gait; of an open sequence that of a sticking impact, None if it follows from the modes."""
+        if self.is_open and not has_stated_sections(type(self.walker), self.cycle_end):
             return None
-        return contact_section(type(self.walker), self.cycle.phases[-1], self.cycle.impact, self.cycle_end)
+        before, after = (Mode.STICK, Mode.STICK) if self.is_open else (self.cycle.phases[-1], self.cycle.impact)
+        return section_of(type(self.walker), before, after, self.cycle_end)
+
+    @property
+    def map_section(self) -> Section:
+        """The section from which any step starts: that of its gait, with the slip velocity if its class states it.
+
+        Raises
+        ------
+        ProblemError
+            If it follows from modes that are open.
+        """
+        if self.section is None:
+            raise self._open_error()
+        return self.section.every_step
 
     @property
     def section_names(self) -> tuple[str, ...]:
-        """Names of the section coordinates of its gait."""
-        if self.section is not None:
-            return self.section.names
-        return self.walker.section_names(slipping=not self.is_open and self.cycle.impact.slips)
+        """Names of the section coordinates of its gait; none if they follow from modes that are open."""
+        return () if self.section is None else self.section.names
 
     def check_one_foot(self, what: str) -> None:
         """Check that the walker stands on one foot at a time; ``what`` needs it, such as ``find``.
@@ -309,15 +321,12 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
         gait: dict[str, Any] = {"phases": OPEN}
         gait |= {} if modes.impact is None else {"impact": str(modes.impact)}
         gait |= {} if modes.steps == 1 else {"steps": modes.steps}
-        names = problem.walker.section_names(slipping=start is not None and start.state["dx"] != 0)
-        gait |= _section_data(problem.cycle_end)
     else:
-        gait, names = cycle_data(modes), problem.section_names
-        gait |= _section_data(problem.cycle_end)
+        gait = cycle_data(modes)
+    gait |= _section_data(problem.cycle_end)
     if start is not None and problem.has_gait:
-        # of named contacts the section may have several states with the same coordinates
-        names = problem.walker.state_names() if problem.walker.contacts else (*names, "x")
-        gait["guess"] = {"state": {name: start.state[name] for name in names}}
+        names = guessed_names(type(problem.walker), modes, problem.cycle_end, start.state["dx"])
+        gait["guess"] = {"state": {name: start.state[name] for name in dict.fromkeys((*names, "x"))}}
         gait["guess"] |= {} if start.durations is None else {"durations": list(start.durations)}
         if start.first is not None:
             gait["guess"] = start.first.data
@@ -351,9 +360,19 @@ def _simulation_data(problem: ProblemStatement) -> dict[str, Any]:
     data: dict[str, Any] = {}
     if problem.start is not None:
         state = problem.start.state
-        names = problem.walker.section_names(slipping=state["dx"] != 0)
+        names = guessed_names(type(problem.walker), problem.modes, problem.cycle_end, state["dx"])
         data["state"] = {name: state[name] for name in (state if problem.start.whole else names)}
     return data | ({} if problem.until is None else {"until": problem.until.data})
+
+
+def guessed_names(
+    walker: type[Walker], modes: Cycle | OpenSequence, cycle_end: str, dx: float = 0.0
+) -> tuple[str, ...]:
+    """Names of the coordinates of a guess, from which the others follow; ``dx`` is its slip velocity [m/s]."""
+    if isinstance(modes, Cycle):
+        return section_of(walker, modes.phases[-1], modes.impact, cycle_end).defining_names
+    stated = has_stated_sections(walker, cycle_end)
+    return walker.section_names(slipping=dx != 0) if stated else walker.state_names()
 
 
 def _section_data(cycle_end: str) -> dict[str, Any]:

@@ -85,7 +85,7 @@ class Attractors(Plotted):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the section coordinates, the columns of ``states``."""
-        return self.problem.walker.section_names(slipping=True)
+        return self.problem.map_section.names
 
     def to_records(self) -> list[dict[str, Any]]:
         """One JSON object per attractor, and one per value and ending of the other walks, as the command prints."""
@@ -187,7 +187,7 @@ def settle_job(
     origin, axis, problem, request, number, value = argument
     mapped = step_map(problem, None, request.engine)
     rng = np.random.default_rng([request.seed, number])
-    names = problem.walker.section_names(slipping=True)
+    names = problem.map_section.names
     known = [np.array(run["states"][-1]) for run in (neighbour or {}).get("attractors", [])]
     for gait in gaits_on_branch(origin, axis, problem, value, should_stop):
         known.append(gait.state[[gait.system.state_names.index(name) for name in names]])

@@ -34,7 +34,7 @@ from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import check_agrees, json_file, validated
 from gaitopt.store.run import Run
-from gaitopt.verification.step_map import map_engine, map_names, section_coordinates, step_map
+from gaitopt.verification.step_map import map_engine, section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
@@ -337,7 +337,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
         else:
             problem, p, state = start, None, dict(start.guess.state)
         varied = {axis.key for axis in grid.axes}
-        names = (name for name in map_names(problem) if name not in varied)
+        names = (name for name in problem.map_section.names if name not in varied)
         base = {name: float(state[name]) for name in names}
         return cls(problem=problem, p=p, base=base, grid=grid, folder=folder, **vars(request))
 
@@ -348,7 +348,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
 
     def check(self) -> None:
         """Refuse a grid over something else than section coordinates, an unknown engine, or too many states."""
-        self.grid.check_keys(map_names(self.problem), "a coordinate just after an impact")
+        self.grid.check_keys(self.problem.map_section.names, "a coordinate just after an impact")
         _ = self.chosen_engine
         check_room(self.grid.size, self.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
@@ -412,9 +412,11 @@ def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop
     plan, tile = argument
     numbers = np.arange(tile * plan.tile_size, min((tile + 1) * plan.tile_size, plan.grid.size))
     values = dict(zip([axis.key for axis in plan.grid.axes], plan.grid.points(numbers).T, strict=True))
-    names = map_names(plan.problem)
+    names = plan.problem.map_section.names
     xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
     mapped, xi = step_map(plan.problem, plan.p, plan.chosen_engine), section_coordinates(plan.problem, xi)
-    if plan.problem.walker.contacts:  # a walk may leave the section of its gait, where more contacts slip or touch
+    if (
+        not plan.problem.map_section.stated
+    ):  # a walk may leave the section of its gait, where more contacts slip or touch
         return follow(mapped.walk, mapped.lift(xi), plan.steps, should_stop=should_stop)
     return follow(mapped, xi, plan.steps, should_stop=should_stop)

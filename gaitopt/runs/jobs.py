@@ -245,7 +245,7 @@ def _from_state(
 ) -> OutcomeRecord:
     """The record of a verified gait next to a state; by Newton's method unless another one is asked for."""
     near = Method.NEWTON if method is Method.AUTO else method
-    complete = {**dict.fromkeys(problem.walker.section_names(slipping=True), 0.0), **state}
+    complete = {**dict.fromkeys(problem.map_section.names, 0.0), **state}
     candidate = problem.with_modes(problem.cycle, complete, durations).from_guess()
     gait = replace(solve(candidate, method=near), problem=problem)
     gait = gait.verified(verify(gait).to_record()) if gait.converged else gait

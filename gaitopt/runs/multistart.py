@@ -111,7 +111,7 @@ class StartsPlan(Plan[list[Optimum]], StartsRequest):
         control = build_system(problem).control
         spans, values = control.unknowns(type(problem.walker)), control.parameters
         rows = [list(row) for _, row in groupby(spans, key=lambda name: name.rpartition(".")[0])]
-        names = problem.walker.section_names(slipping=problem.cycle.impact.slips)
+        names = problem.section_names
         sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
         for number in range(1, self.starts):
             rng = np.random.default_rng([self.seed, number])

@@ -17,7 +17,6 @@ from gaitopt.gait.trajectory import Step
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
-from gaitopt.model.section import contact_section
 from gaitopt.problem.problem import Problem
 from gaitopt.search.candidate import cycle_record
 from gaitopt.simulation.simulator import Simulator
@@ -103,7 +102,7 @@ def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
         words[name] = ("stick" if name in system.walker.massless_contacts else slip) if touches else OFF
     mode = Mode.of_contacts(words)
     try:
-        section = contact_section(system.walker, system.walker.swapped(mode), mode, system.cycle_end)
+        section = system.section(mode)
     except ProblemError:  # its contacts do not reach the ground together
         return np.full(state.size, np.nan)
     near = state.copy()

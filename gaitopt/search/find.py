@@ -248,7 +248,7 @@ class SearchPlan(SearchRequest):
         """
         if self.problem.walker.contacts and self.within:
             self.problem.check_one_foot("a range of start states")
-        names = self.problem.walker.section_names(slipping=True)
+        names = self.problem.map_section.names
         unknown = [name for name in self.within if name not in names]
         if unknown:
             raise UnknownNameError(

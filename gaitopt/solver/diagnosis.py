@@ -54,13 +54,12 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     if not refined.size <= RESIDUAL_TOLERANCE:
         return (Cause(what="equations", words=f"the equations are only satisfied to {refined.size:.2g}"),)
     equations, n_z = refined.equations, refined.equations.system.n_z
-    if equations.system.walker.contacts:  # one Newton step leads from the last state to the section, if it is near
-        start, section = refined.w[:n_z], equations.system.section(mesh.cycle)
-        p = equations.dynamics(refined.p, equations.unpack(refined.w).freed).p
-        off = np.abs(section.lift(start[section.indices], p, start) - start) / refined.units.unknowns[:n_z]
-        if not off.max() <= RESIDUAL_TOLERANCE:
-            words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
-            return (Cause(what="periodicity", words=words, needed=0.0, available=float(off.max())),)
+    start, section = refined.w[:n_z], equations.system.section(mesh.cycle)
+    p = equations.dynamics(refined.p, equations.unpack(refined.w).freed).p
+    off = np.abs(section.lift(start[section.indices], p, start) - start) / refined.units.unknowns[:n_z]
+    if not off.max() <= RESIDUAL_TOLERANCE:  # one Newton step led from the last state to the section, if it was near
+        words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
+        return (Cause(what="periodicity", words=words, needed=0.0, available=float(off.max())),)
     if not refined.accurate:
         words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
         return (Cause(what="integration", words=words),)

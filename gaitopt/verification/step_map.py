@@ -12,9 +12,7 @@ from gaitopt.arrays import Array
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait
-from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine
@@ -44,7 +42,7 @@ def return_map(
     ----------
     start : problem or gait; its walker, control and friction are used.
     states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest). Those
-        of a walker with several contacts are the ones of its gait's section, see ``Problem.section_names``.
+        of a walker with several contacts are the ones of its gait's section, see ``Problem.map_section``.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     workers : number of processes.
 
@@ -83,11 +81,6 @@ def map_engine(problem: Problem, engine: str, steps: int) -> Engine:
     return Engine.SCIPY if problem.walker.contacts and engine == Engine.AUTO else choose_engine(engine, steps=steps)
 
 
-def map_names(problem: Problem) -> tuple[str, ...]:
-    """Names of the section coordinates from which any step starts: with ``dx`` where the one foot may slip."""
-    return problem.section_names if problem.walker.contacts else problem.walker.section_names(slipping=True)
-
-
 def section_coordinates(problem: Problem, states: Array) -> Array:
     """The states as floats with all section coordinates, ``dx`` included; shape (n, k).
 
@@ -96,9 +89,9 @@ def section_coordinates(problem: Problem, states: Array) -> Array:
     ValueError
         If their shape is wrong, or they are not finite.
     """
-    several, names = bool(problem.walker.contacts), map_names(problem)
-    xi = np.asarray(states, dtype=float)
-    if xi.ndim != 2 or xi.shape[1] not in ((len(names),) if several else (len(names) - 1, len(names))):
+    section, xi = problem.map_section, np.asarray(states, dtype=float)
+    names = section.names
+    if xi.ndim != 2 or xi.shape[1] not in (len(names) - section.stated, len(names)):
         raise ValueError(f"states of shape {xi.shape}: one row per state is needed, columns {', '.join(names)}")
     if not np.isfinite(xi).all():
         raise ValueError(f"states must be finite; row {np.flatnonzero(~np.isfinite(xi).all(axis=1))[0]} is not")
@@ -114,20 +107,11 @@ def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array],
 class StepMap:
     """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
 
-    def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem | None = None) -> None:
+    def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem) -> None:
         self.dynamics, self.engine = dynamics, engine
-        system = dynamics.system
-        self._lift: Callable[[Array], Array]
-        if problem is not None and problem.walker.contacts:
-            section, p = system.section(problem.cycle), dynamics.p
-            near = np.array([problem.guess.state[name] for name in system.state_names])
-            self.names, self._indices = section.names, section.indices
-            self._lift = lambda xi: np.array([section.lift(row, p, near) for row in xi]).reshape(len(xi), near.size)
-            return
-        self.names = system.walker.section_names(slipping=True)
-        self._indices = system.section(Mode.SLIP_FORWARD).indices
-        lift = RowMap(system.lift)
-        self._lift = lambda xi: lift(xi, self.dynamics.p)[0]
+        section, names = problem.map_section, dynamics.system.state_names
+        self.names, self._indices, self._lift = section.names, section.indices, section.row_lift()
+        self._near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
 
     def __call__(self, xi: Array) -> StepOutcomes:
         """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
@@ -136,7 +120,7 @@ class StepMap:
 
     def lift(self, xi: Array) -> Array:
         """The whole states with these section coordinates, shape (n, n_z)."""
-        return self._lift(xi)
+        return self._lift(xi, self.dynamics.p, self._near)
 
     def walk(self, states: Array) -> StepOutcomes:
         """As a call, from whole states, shape (n, n_z), to whole states, which may leave the section."""

@@ -152,7 +152,7 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
     """The state from which a simulation starts, and whether it is any state rather than one of the section."""
     problem, walker = start.problem if isinstance(start, Gait) else start, dynamics.system.walker
     names = dynamics.system.state_names
-    section = _section_names(problem, dynamics)
+    section = () if problem.section is None else problem.map_section.names
     if not isinstance(state, Mapping):
         known = section or names
         raise ProblemError(
@@ -184,8 +184,8 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
         missing = [name for name in names if name not in whole]
         reason = "without the modes of a gait there is no section from which the rest follows"
         raise ProblemError(f"state: {', '.join(missing)} is missing; {reason}: give {', '.join(names)}")
-    if walker.contacts:
-        return _contact_state(start, dynamics, state), False
+    if not problem.map_section.stated:
+        return _nearby_state(start, dynamics, state), False
     foreign = [name for name in state if name not in section]
     if foreign:
         raise UnknownNameError(
@@ -210,14 +210,6 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
     return z, False
 
 
-def _section_names(problem: Problem, dynamics: Dynamics) -> tuple[str, ...]:
-    """Names of the section on which a simulation may start; empty if there is none."""
-    walker = dynamics.system.walker
-    if walker.contacts:
-        return () if problem.is_open else tuple(dynamics.system.section(problem.cycle).names)
-    return walker.section_names(slipping=True)
-
-
 def _check_state(dynamics: Dynamics, z: Array) -> None:
     """Check that a whole state is finite, and that the foot of a walker that flies is not below the ground."""
     values = dict(zip(dynamics.system.state_names, z.tolist(), strict=True))
@@ -232,8 +224,8 @@ def _check_state(dynamics: Dynamics, z: Array) -> None:
         raise ProblemError(f"state {below}: the foot is below the ground or moves into it; start above it, or at rest")
 
 
-def _contact_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
-    """As ``_initial_state``, for a walker with several contacts: the state of the section next to that of ``start``."""
+def _nearby_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
+    """As ``_initial_state``, where several states have the same section coordinates: the one next to ``start``."""
     problem = start.problem if isinstance(start, Gait) else start
     names, section = dynamics.system.state_names, dynamics.system.section(problem.cycle)
     if isinstance(start, Gait) and start.steps:

@@ -13,7 +13,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import contact_section
+from gaitopt.model.section import section_of
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_walker import SlipWalker
@@ -153,13 +153,13 @@ def contacts(walker: type, **words: str) -> Mode:
 
 def test_a_section_is_built_once() -> None:
     heel, both = contacts(HeelToe, heel="stick"), contacts(HeelToe, heel="stick", swing_heel="stick")
-    assert contact_section(HeelToe, both, heel, "touchdown") is contact_section(HeelToe, both, heel, "touchdown")
+    assert section_of(HeelToe, both, heel, "touchdown") is section_of(HeelToe, both, heel, "touchdown")
 
 
 def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
     """Of spring-mass walking at touchdown: the place of the back foot and the velocity; heel and toe: see above."""
     both = contacts(SlipWalker, front="stick", back="stick")
-    section = contact_section(SlipWalker, contacts(SlipWalker, front="stick"), both, "touchdown")
+    section = section_of(SlipWalker, contacts(SlipWalker, front="stick"), both, "touchdown")
     assert section.names == ("back_x", "dy")  # dx follows from the energy
     p = np.array([80.0, 1.0, 14e3, np.deg2rad(69), 816.0, 9.81])
     near = np.array([0.36, -0.93, -0.1, -0.93, 0.93, 0, *np.zeros(5), 1.0])
