@@ -18,7 +18,8 @@ reference     motions that joints follow
 tracking      PD control
 contract      checks of a law's class, and of the torques that it gives
 lagrangian    equations of motion
-contact       motion with a sticking, slipping or lifted foot; impacts
+section       the section of a gait: what is free where a cycle ends
+contacts      motion with a sticking, slipping or lifted foot; impacts
 system        everything above as compiled CasADi functions
 dynamics      the compiled system at fixed parameters, as numbers
 buffered      calls of CasADi functions without overhead
