@@ -133,7 +133,8 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
         within, last_arc = cycle.after(phase) is not None, phases[phase][-1]
         place = {"phase": phase} if within else {"step": cycle.step_of(phase)}
         struck = table.struck(cycle, phase)
-        assert struck is not None
+        if struck is None:  # several slips end at once
+            continue
         for name, value in last_arc.dynamics.impact_margins(struck, last_arc.states[-1], last_arc.mode).items():
             # a grazing touchdown is also a second touchdown; without a jump the slip velocity decides about an onset
             if kind(name) != "touchdown_rate" and (gait.dynamics.stick_comes_first or kind(name) != "impact_onset"):

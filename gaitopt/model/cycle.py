@@ -183,10 +183,25 @@ class Cycle:
         """The impact before a phase, that of the last step before the first; None where the state is continuous."""
         return self.reset_after((phase - 1) % len(self.phases))
 
+    def stop_together(self, phase: int) -> tuple[str, ...]:
+        """The named contacts whose slips all end where a phase ends, if they are several and nothing lands there."""
+        mode, after = self.phases[phase], self.after(phase)
+        if after is None or not mode.is_named or self.reset_after(phase) is not None:
+            return ()
+        ended = (name for name, d in mode.directions.items() if d and name in after.touching)
+        stopped = tuple(name for name in ended if after.directions[name] != mode.directions[name])
+        return stopped if len(stopped) > 1 else ()
+
     @cached_property
     def resets(self) -> tuple[tuple[int, Mode], ...]:
-        """The phases that end with an impact, each with its impact."""
-        pairs = ((phase, self.reset_after(phase)) for phase in range(len(self.phases)))
+        """The phases after which the state is another function of that before it, each with the mode just after that.
+
+        It is an impact, or several slips end at once.
+        """
+        pairs = (
+            (phase, self.phases[phase + 1] if self.stop_together(phase) else self.reset_after(phase))
+            for phase in range(len(self.phases))
+        )
         return tuple((phase, reset) for phase, reset in pairs if reset is not None)
 
     @property

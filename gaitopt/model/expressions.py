@@ -395,6 +395,20 @@ class Expressions:
             z = section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
         return z
 
+    def stopped_together(self, mode: Mode, after: Mode) -> SX:
+        """The state after slips of several contacts have ended at one instant, as a function of that before it, (n_z,).
+
+        Both states are the same where all velocities are zero. Where a slip is still v past the end of the first one,
+        it ends t = -v / v' later in the mode in between, which changes the state by t (f - f'), with the rates f and v'
+        in that mode and f' in the next one. The derivative is that of the events one after the other.
+        """
+        z = SX(self.z)
+        for name, before, following in self.transitions.stops_in_turn(mode, after):
+            velocity, rate = self.eom.contacts[name].velocity[0], self.rate(before)
+            time = -velocity / jtimes(velocity, self.z, rate)
+            z = substitute(self.z + time * (rate - self.rate(following)), self.z, z)
+        return z
+
     def state_after(self, mode: Mode, before: Mode) -> SX:
         """The state just after an impact, before any relabelling, shape (n_z,); arguments as for ``impact``."""
         result = self.impact(mode, before)

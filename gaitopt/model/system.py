@@ -267,6 +267,16 @@ class HybridSystem:
             return self._reset_jacobian(mode, before, ends_step)
         return self._reset_jacobian(mode, None, not mode.locked)
 
+    @compiled("tzpr")
+    def stopped_together(self, mode: Mode, after: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> z_plus: the state in ``after`` where slips of several contacts have ended at one instant."""
+        return {"z_plus": self._symbols.stopped_together(mode, after)}
+
+    @compiled("tzpr")
+    def stopped_together_jacobian(self, mode: Mode, after: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> d z_plus / dz of ``stopped_together``, shape (n_z, n_z)."""
+        return {"z_plus_by_z": jacobian(self._symbols.stopped_together(mode, after), self._eom.z)}
+
     @compiled("zp")
     def _reset(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
         return {"z_plus": self._symbols.reset(mode, before, ends_step=ends_step)}

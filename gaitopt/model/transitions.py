@@ -20,6 +20,9 @@ does what the margin says: it slips, or leaves the ground. The event between two
     a contact lands                     gap             else    a slip ends or turns        slip_velocity
     else    a contact leaves            normal_force    else    a contact begins to slip    its cone
 
+Several slips may begin or end at one instant, as they do in symmetric motions. The guard is the cone, or the velocity,
+of the first one; those of the others are zero there too.
+
 A step ends where the swing foot or a contact of ``Walker.landing_contacts`` lands, where a margin of
 ``Walker.sections`` falls to zero, or with a period of the control law.
 """
@@ -31,7 +34,7 @@ from enum import StrEnum
 from functools import lru_cache
 from itertools import pairwise, product
 
-from gaitopt.model.contacts import shares_of
+from gaitopt.model.contacts import TANGENTIAL, constraint_structure, shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, SWING_FOOT, Mode
@@ -484,7 +487,50 @@ class Transitions:
             return min(PRIORITY.index(what) for what, _ in parts & own), -2 * len(parts & own) + len(own)
 
         found = [r for r in rows.values() if after in r.candidates and r.reset is None and parts & _parts(r.guard)]
-        return sorted(found, key=rank)
+        if not found and after is not None:
+            return self._stopping_together(mode, after)
+        if self._friction.may_drop:  # the force of one contact jumps where another one begins to slip
+            return sorted(found, key=rank)
+        edges = [f"{what}.{name}" for what, name in sorted(parts) if what in CONE.values()]
+        together = tuple(edge for edge in edges if edge in rows and len(edges) > 1)
+        return [
+            replace(row, zeros=tuple(dict.fromkeys((*row.zeros, *together)))) if row.guard in together else row
+            for row in sorted(found, key=rank)
+        ]
+
+    def _stopping_together(self, mode: Mode, after: Mode) -> list[Transition]:
+        """The transition where several slips end at one instant, as in a symmetric motion; its guard is the first."""
+        stopped = [name for name, d in mode.directions.items() if d and after.contacts.get(name) in AT_REST[:-1]]
+        stopped = [name for name in stopped if after.directions[name] != mode.directions[name]]
+        rests = (*_at_rest(mode), *stopped)
+        if len(stopped) < 2 or after not in self._candidates(mode, rests):
+            return []
+        guards = [self._name("slip_velocity", name) for name in stopped]
+        return [self._row(guards[0], at_rest=rests, candidates=(after,), zeros=tuple(guards))]
+
+    def stops_in_turn(self, mode: Mode, after: Mode) -> tuple[tuple[str, Mode, Mode], ...]:
+        """Where several slips end at one instant, those after the first as if each ended a moment after the one before.
+
+        Contacts that a rigid body moves alike stop together. Two slips that end in friction may be put in either order,
+        because the forces that end them are the same.
+
+        Returns
+        -------
+        stops : the contact, and the modes just before and just after it stops, for each.
+        """
+        ended = [name for name, d in mode.directions.items() if d and name in after.touching]
+        ended = [name for name in ended if after.directions[name] != mode.directions[name]]
+        if len(ended) < 2:
+            return ()
+        structure = constraint_structure(self.walker, mode.with_states(dict.fromkeys(ended, AT_REST[0])))
+        alike = {structure.constraints[k] for k in structure.dropped}
+        later = [name for name in ended[1:] if (name, TANGENTIAL) not in alike]
+        stops = list[tuple[str, Mode, Mode]]()
+        before = after.with_states({name: mode.contacts[name] for name in later})
+        for name in later:
+            stops.append((name, before, before.with_states({name: after.contacts[name]})))
+            before = stops[-1][2]
+        return tuple(stops)
 
     def at_breakpoint(self, mode: Mode) -> Transition:
         """The transition at a breakpoint of the control law, where the torques and with them the forces may jump.

@@ -60,6 +60,9 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     if not off.max() <= RESIDUAL_TOLERANCE:  # one Newton step led from the last state to the section, if it was near
         words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
         return (Cause(what="periodicity", words=words, needed=0.0, available=float(off.max())),)
+    apart = _apart(refined)
+    if apart is not None:
+        return (apart,)
     if not refined.accurate:
         words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
         return (Cause(what="integration", words=words),)
@@ -140,6 +143,29 @@ def largest_residual(at: Solution) -> Cause:
     else:
         what, words = "event", f"{place}: the event that should end it is missed by {size:.3g}"
     return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
+
+
+def _apart(at: Solution) -> Cause | None:
+    """A contact that still slips, or slips already, where its slip should end together with that of another one."""
+    equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
+    nodes, durations, freed = equations.unpack(at.w)
+    per_phase = cycle.per_phase(equations.dynamics(at.p, freed).steps)
+    for phase, node in enumerate(equations.mesh.last_nodes):
+        mode, names = cycle.phases[phase], cycle.stop_together(phase)
+        if not names:
+            continue
+        margins = table.margin_names(mode)
+        time, dynamics = float(equations.mesh.node_times(durations)[node]), per_phase[phase]
+        segment = next(arc.segment for arc in reversed(equations.mesh.arcs) if arc.phase == phase)
+        values = dynamics.margins(mode, segment, np.array([time]), nodes[:, [node]].T)[0]
+        for name in names[1:]:
+            speed = float(values[margins.index(f"slip_velocity.{name}")])
+            if abs(speed) > RESIDUAL_TOLERANCE * dynamics.scales.speed:
+                words = f"{cycle.phase_words(phase)}: where {names[0]} comes to rest, {name} has the velocity"
+                words = f"{words} {speed:.4g} m/s in its direction: state the phase in between"
+                return Cause(what="slip_velocity", words=words, phase=phase, step=cycle.step_of(phase), time=time,
+                             needed=0.0, available=speed)  # fmt: skip
+    return None
 
 
 def _impossible_motion(at: Solution) -> Cause | None:

@@ -258,6 +258,10 @@ def roll_out(
             landed = per_phase[phase - 1].after_impact
             z = starts[step].copy() if start_given else landed(struck, z, before, ends_step=ends_step)
             time = 0.0 if ends_step else time
+        elif phase > 0 and cycle.stop_together(phase - 1):
+            joined = buffered(dynamics.system.stopped_together(cycle.phases[phase - 1], mode))
+            segment = bisect_right(breakpoints, time)
+            z = joined(time, z, per_phase[phase].p, dynamics.system.data(segment))[0].copy()
         z = np.nan_to_num(z)  # a motion that has broken down
         if mode.fixes_x:
             z[-1] = 0.0

@@ -8,7 +8,7 @@ durations; F(w, p) = (defects, events, resets):
                                                                  begins, the swing foot on the ground at touchdown
     end of a timed phase    t_end - t_breakpoint = 0             where the torques jump, the guard falls below zero
     impact, periodicity     z_start - reset(z_end) = 0           x is counted from the new stance foot; the last reset
-                                                                 leads to z_0
+                                                                 leads to z_0; also where several slips end at once
 
 Friction complementarity, with the slip velocity v_t = v_forward - v_backward:
 
@@ -366,9 +366,8 @@ class MultipleShooting:
         cycle, table = self.mesh.cycle, self.system.transitions
         for (phase, mode), node in zip(cycle.resets, self.mesh.reset_nodes, strict=True):
             struck, before = table.struck(cycle, phase), cycle.phases[phase]
-            assert struck is not None
-            names = table.impact_margin_names(struck, before)
-            if not names:
+            names = () if struck is None else table.impact_margin_names(struck, before)
+            if struck is None or not names:
                 continue
             values = self.system.impact_margins(struck, before)(self.Z[:, node], self.phase_parameters[phase])
             for row, name in enumerate(names):
@@ -635,21 +634,24 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     p = SX.sym("p", len(system.parameters))
     full = substituted(system.parameters, p, {key: freed[i] for i, key in enumerate(free)})
     per_phase = cycle.per_phase(system.walker.step_parameters(full))
-    rows = []
+    rows, at_end = [], list[tuple[SX, SX, SX, SX]]()
     for phase, (mode, name, order) in enumerate(endings(system, cycle)):
         step = cycle.step_of(phase)
         time = sum1(durations[cycle.first_phases[step] : phase + 1])
+        at_end.append((time, ends[:, phase], per_phase[phase], SX(system.data(segments[phase]))))
         if name in (BREAKPOINT, CLOCK):
             known = system.control.period if name == CLOCK else system.control.breakpoints[segments[phase]]
             assert known is not None  # a problem is read so
             rows.append(time - known)
             continue
-        margins = system.margins(mode)(time, ends[:, phase], per_phase[phase], system.data(segments[phase]))
+        margins = system.margins(mode)(*at_end[phase])
         rows.append(margins[system.transitions.margin_names(mode).index(name)] / durations[phase] ** order)
-    for k, (phase, _) in enumerate(cycle.resets):
-        struck = system.transitions.struck(cycle, phase)
-        assert struck is not None
-        reset = system.reset(struck, cycle.phases[phase], ends_step=cycle.after(phase) is None)
+    for k, (phase, after) in enumerate(cycle.resets):
+        struck, mode = system.transitions.struck(cycle, phase), cycle.phases[phase]
+        if struck is None:
+            rows.append(starts[:, k] - system.stopped_together(mode, after)(*at_end[phase]))
+            continue
+        reset = system.reset(struck, mode, ends_step=cycle.after(phase) is None)
         rows.append(starts[:, k] - reset(z=ends[:, phase], p=per_phase[phase])["z_plus"])
     return Function("conditions", [ends, starts, durations, freed, p], [densify(vertcat(*rows))])
 

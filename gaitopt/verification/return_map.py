@@ -16,7 +16,8 @@ a direction v follows from walks alone, by differences that are extrapolated to 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import cycle
+from itertools import cycle, zip_longest
+from typing import TypeAlias
 
 import numpy as np
 from casadi import Function
@@ -48,6 +49,7 @@ SMALL = LARGEST / 2**12
 At the smallest, 7e-9, the rounding of a step is 1e-6 to 1e-5 of the deviation."""
 
 Difference = Callable[[float], Array | None]
+StepModes: TypeAlias = list[tuple[tuple[Mode, ...], Mode]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +68,7 @@ class CycleOutcome:
     message: str
 
     @property
-    def sequence(self) -> list[tuple[tuple[Mode, ...], Mode]]:
+    def sequence(self) -> StepModes:
         """Phases and impact of every step of a cycle that returned."""
         return [(tuple(mode for mode, _ in step.phases), step.final_impact.mode) for step in self.steps]
 
@@ -259,7 +261,7 @@ def directional_derivative(
     """
     if point.cycle.xi is None:
         return None, np.inf, point.message
-    image, sequence, reason = point.cycle.xi, point.cycle.sequence, ""
+    image, reason = point.cycle.xi, ""
     returns: dict[float, Array | None] = {}
 
     def ahead(h: float) -> Array | None:
@@ -270,7 +272,7 @@ def directional_derivative(
             returns[h] = None
             if outcome.xi is None:
                 reason = outcome.message
-            elif outcome.sequence != sequence:
+            elif not _has_modes_of(point.cycle.sequence, outcome.sequence):
                 reason = "a perturbed walk goes through other modes"
             else:
                 returns[h] = (outcome.xi - image) / return_map.unit
@@ -339,6 +341,29 @@ def extrapolated(difference: Difference, *, power: int, goal: float) -> tuple[Ar
     return best, error
 
 
+def _has_modes_of(cycle: StepModes, walked: StepModes) -> bool:
+    """Whether a walk next to a cycle has its modes; contacts that change together there may do so one by one."""
+    if [impact for _, impact in walked] != [impact for _, impact in cycle]:
+        return False
+    for (phases, _), (passed, _) in zip(cycle, walked, strict=True):
+        rest = [*passed]
+        for mode, after in zip_longest(phases, phases[1:]):
+            if not rest or rest.pop(0) is not mode:
+                return False
+            while after is not None and rest and rest[0] is not after and _lies_between(rest[0], mode, after):
+                del rest[0]
+        if rest:
+            return False
+    return True
+
+
+def _lies_between(mode: Mode, before: Mode, after: Mode) -> bool:
+    """Whether every contact does in a mode what it does in one of two others."""
+    return mode.is_named and all(
+        word in (before.contacts[name], after.contacts[name]) for name, word in mode.contacts.items()
+    )
+
+
 def _switches_at_breakpoint(arc: Arc, after: Arc) -> bool:
     """Whether the mode changes at a breakpoint of the control by an event, and not by the jump of a torque."""
     if after.mode is arc.mode:
@@ -371,6 +396,8 @@ def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
     reset = None
     if struck is not None:
         reset = _matrix(system.reset_jacobian(struck, arc.mode, ends_step=False), z, p).copy()
+    elif system.transitions.stops_in_turn(arc.mode, after.mode):
+        reset = _matrix(system.stopped_together_jacobian(arc.mode, after.mode), arc.end, z, p, data).copy()
     elif transition.reset is not None:  # a stop locks
         slides = after.states[0][-1] or not after.mode.touching
         struck = after.mode if slides else after.mode.with_contact(Mode.STICK)

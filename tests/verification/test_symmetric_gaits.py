@@ -1,0 +1,111 @@
+"""Symmetric walkers: slips of several contacts end, or begin, at exactly one instant, and rounding parts them."""
+
+import numpy as np
+import pytest
+from contact_problems import SLED, Sled
+
+import gaitopt as go
+from gaitopt import Cycle, Gait, Mode, Problem, Status
+from gaitopt.model.buffered import buffered
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
+
+ALTERNATING = "{type: alternating, cycle: 2, first: {pull: 4.5, push: -4.5}, second: {pull: -4.5, push: 4.5}}"
+PHASES = """
+  section: clock
+  phases:
+    - {rear: slip_forward, middle: slip_backward, front: slip_forward}
+    - {rear: stick, middle: slip_backward, front: stick}
+    - {rear: stick, middle: stick, front: stick}
+    - {rear: slip_backward, middle: slip_forward, front: slip_backward}
+    - {rear: stick, middle: slip_forward, front: stick}
+    - {rear: stick, middle: stick, front: stick}
+  guess:
+    state: {ahead: 0.22, behind: 0.78}
+    durations: [0.3, 0.18, 0.52, 0.3, 0.18, 0.52]
+"""
+
+
+def problem_of(masses: tuple[float, float, float]) -> Problem:
+    """A sled of three masses, pulled and pushed alike in both halves of the cycle, with its phases in the file."""
+    text, _, _ = (SLED % (*masses, 20, ALTERNATING)).partition("  section: clock")
+    return go.parse_problem(text + PHASES, walkers=[Sled])
+
+
+def settled(problem: Problem, friction: float) -> Gait:
+    """The gait with the modes of a walk that has settled."""
+    problem = problem.replace({"friction": friction})
+    dynamics = problem_dynamics(problem)
+    names = dynamics.system.state_names
+    state = np.array([problem.guess.state.get(name, 0.0) for name in names])
+    step = Simulator(dynamics).run(state, 40).steps[-1]
+    state, durations = step.arcs[0].states[0].tolist(), [duration for _, duration in step.phases]
+    settled = problem.with_modes(Cycle((step.sequence,)), dict(zip(names, state, strict=True)), durations)
+    return go.solve(settled.from_guess())
+
+
+def test_contacts_that_stop_at_one_instant_are_stated_in_a_file_solved_and_verified() -> None:
+    gait = go.solve(problem_of((1.0, 1.0, 1.0)))
+    assert gait.converged, gait.message
+    durations = np.array([duration for _, duration in gait.phases])
+    assert durations[:3] == pytest.approx(durations[3:], abs=1e-12)
+    for arc in gait.steps[0].arcs:  # the outer masses mirror each other
+        velocities = dict(zip(arc.mode.contacts, arc.mode.directions.values(), strict=True))
+        assert velocities["rear"] == velocities["front"]
+    check = go.verify(gait)
+    assert check.passed, [claim.words for claim in check.claims if not claim.passed]
+    assert check.figure("perturbation") < 1e-6  # walks that are not symmetric, in which one stops before the other
+
+
+def test_contacts_that_do_not_stop_together_are_named() -> None:
+    gait = go.solve(problem_of((1.0, 1.0, 1.00001)))
+    assert gait.status is Status.INFEASIBLE
+    assert "where rear comes to rest, front has the velocity -8.9" in gait.message
+    assert "state the phase in between" in gait.message
+
+
+def test_two_slips_that_end_together_may_be_put_in_either_order() -> None:
+    """The state just after both is one function of that before, and its derivative that of the two events in turn."""
+    dynamics = problem_dynamics(problem_of((1.0, 1.3, 0.7)))
+    system, p, r = dynamics.system, dynamics.p, dynamics.system.data(0)
+    both, rear, front, after = (
+        Mode.of_contacts({"rear": first, "middle": "slip_backward", "front": last})
+        for first in ("slip_forward", "stick")
+        for last in ("slip_forward", "stick")
+    )
+    rear, front = front, rear
+    z = np.array([0.5, 0.5, 0, 0, 0, 0, 0.2, 0.2, 0, 0, 0, -0.2])  # rear and front at rest, the middle slips
+
+    def event(mode: Mode, then: Mode, contact: str) -> np.ndarray:
+        row = system.transitions.margin_names(mode).index(f"slip_velocity.{contact}")
+        flow, gradients, rates = (value.copy() for value in buffered(system.linearized(mode))(0.3, z, p, r))
+        (following,) = buffered(system.flow(then))(0.3, z, p, r)
+        return np.eye(z.size) + np.outer(following - flow, gradients.reshape(z.size, -1)[:, row]) / rates[row]
+
+    one = event(rear, after, "front") @ event(both, rear, "rear")
+    other = event(front, after, "rear") @ event(both, front, "front")
+    assert one == pytest.approx(other, abs=1e-12)
+    shift = buffered(system.stopped_together_jacobian(both, after))(0.3, z, p, r)[0]
+    assert shift.reshape(z.size, -1, order="F") @ event(both, rear, "rear") == pytest.approx(one, abs=1e-12)
+
+
+@pytest.mark.slow
+def test_a_symmetric_sled_goes_on_where_both_halves_of_its_cycle_change_at_once() -> None:
+    problem = problem_of((1.0, 1.0, 1.0))
+    branch = go.continuation(settled(problem, 0.4), "friction", to=0.15)
+    assert branch.specials[-1].reason == "reached friction = 0.15"
+    for friction in (0.3187, 0.315, 0.15):
+        alone = settled(problem, friction)
+        assert go.verify(alone).passed
+        if friction == 0.15:
+            last = branch.points[-1].gait
+            assert last.cycle == alone.cycle
+            assert last.state == pytest.approx(alone.state, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_ends_of_a_symmetric_inchworm_slip_and_stop_together() -> None:
+    """On level ground, with the same friction at both ends, the hinge only moves up and down."""
+    gait = settled(go.load_problem("inchworm").replace({"walker.slope": 0, "friction.rear": 0.4}), 0.4)
+    assert gait.converged, gait.message
+    assert go.verify(gait).passed
