@@ -71,12 +71,18 @@ def main() -> None:
         parser.error("--before is required: the commit of the last release, or a folder")
     with (
         tempfile.TemporaryDirectory() as scratch,
-        version(options.before, Path(scratch) / "before") as before,
-        version(options.after, Path(scratch) / "after") as after,
+        version(options.before, Path(scratch) / "before") as (before, tree_before),
+        version(options.after, Path(scratch) / "after") as (after, tree_after),
     ):
+        trees = (tree_before, tree_after)
+        gaits = [
+            name for name in options.gaits if all((tree / "problems" / f"{name}.yaml").is_file() for tree in trees)
+        ]
+        if missing := set(options.gaits).difference(gaits):
+            print(f"not in both versions: {', '.join(sorted(missing))}", file=sys.stderr)
         least: list[dict[str, float]] = [{}, {}]
         for number in range(options.rounds):
-            for times, (name, seconds) in one_round((before, after), options.gaits):
+            for times, (name, seconds) in one_round((before, after), gaits):
                 least[times][name] = min(least[times].get(name, seconds), seconds)
             print(f"round {number + 1} of {options.rounds}", file=sys.stderr)
     rows = [
@@ -99,8 +105,8 @@ def main() -> None:
 
 
 @contextmanager
-def version(name: str, scratch: Path) -> Iterator[dict[str, str]]:
-    """The environment in which processes import the package of a commit or of a folder."""
+def version(name: str, scratch: Path) -> Iterator[tuple[dict[str, str], Path]]:
+    """The environment in which processes import the package of a commit or of a folder, and its checkout."""
     folder, is_folder = Path(name).resolve(), Path(name).is_dir()
     if not is_folder:
         folder = scratch / "tree"
@@ -109,7 +115,7 @@ def version(name: str, scratch: Path) -> Iterator[dict[str, str]]:
         metadata = scratch / "metadata"
         entry_points(folder, metadata)
         path = os.pathsep.join((str(folder), str(metadata)))
-        yield {**os.environ, "PYTHONPATH": path, "PYTHONPYCACHEPREFIX": str(scratch / "bytecode")}
+        yield {**os.environ, "PYTHONPATH": path, "PYTHONPYCACHEPREFIX": str(scratch / "bytecode")}, folder
     finally:
         if not is_folder:
             subprocess.run(["git", "-C", str(ROOT), "worktree", "remove", "--force", str(folder)], check=True)
@@ -144,7 +150,10 @@ def one_round(environments: Sequence[dict[str, str]], gaits: Sequence[str]) -> I
         while running:
             for index, process in enumerate(processes):
                 print(file=process.stdin, flush=True)
-                row = json.loads(process.stdout.readline())
+                answer = process.stdout.readline()
+                if not answer:
+                    raise SystemExit(f"version {index + 1} fails; its error is above")
+                row = json.loads(answer)
                 running = row is not None
                 if running:
                     yield index, row

@@ -481,7 +481,7 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None
     forward = np.zeros(w.size)  # away from the event, in the entries that both curves have
     forward[: system.n_z] = states[0] - point.gait.state
     forward[-1] = offset
-    first = successor.start(w, successor.coordinates(forward) if offset else curve.coordinates(point.tangent))
+    first = successor.start(w, successor.solutions.coordinates(forward) if offset else point.direction)
     try:
         near = first is not None and curve.metric.distance(first.gait.state, point.gait.state) < NEARBY
     except RuntimeError:  # singular: its slips have no length, so that nothing ends them

@@ -34,6 +34,7 @@ from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, Specia
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
 from gaitopt.model.cycle import BREAKPOINT, Cycle
+from gaitopt.solver.arclength import next_length
 from gaitopt.solver.rollout import retraced, roll_out
 from gaitopt.solver.solve import solve_gait
 from gaitopt.store.gaits import special_point
@@ -44,13 +45,6 @@ FIRST_LENGTH = 0.005
 LARGEST_LENGTH = 0.025
 """At least forty points for the range of the parameter."""
 SMALLEST_LENGTH = 1e-9
-GROWTH = 2.0
-FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
-"""Newton iterations up to which a step length grows, and beyond which it shrinks."""
-STRAIGHT = 0.98
-"""Cosine of the largest angle between the tangents of neighbours."""
-ASIDE = 0.2
-"""Largest distance of a gait from its prediction along the tangent, in step lengths."""
 BESIDE = 1e-3
 """Arclength from a branch point at which tangents are taken: far enough for rounding, near enough for curvature to be
 negligible."""
@@ -304,8 +298,7 @@ class Continuation:
         The step is halved until Newton's method converges near the prediction, the curve is straight, and the zero can
         be located. None if no step is short enough.
         """
-        here, curve = self.point, self.point.curve
-        y, tangent = curve.coordinates(here.at.w), curve.coordinates(here.tangent)
+        here, solutions = self.point, self.point.curve.solutions
         while self.length > SMALLEST_LENGTH:
             length = self.length
             try:
@@ -313,10 +306,8 @@ class Continuation:
             except ProblemError:  # the parameter has left the range that the problem allows
                 bound = self.request.crossed(here.value, here.value + length * float(here.tangent[-1]))
                 point = None if bound is None else here.at_parameter(bound)
-            if point is not None:
-                turn = tangent @ curve.coordinates(point.tangent)
-                missed = np.linalg.norm(curve.coordinates(point.at.w) - y - length * tangent)
-                point = point if turn > STRAIGHT and missed < ASIDE * length and point.is_regular else None
+            if point is not None and not (solutions.is_straight(here.point, point.point, length) and point.is_regular):
+                point = None
             reorder = point is not None and not point.in_order  # a switch has passed a breakpoint of the control
             if point is not None and reorder and all(key.kind != BREAKPOINT for key in point.lost(here)):
                 reordered = point.reordered()
@@ -333,11 +324,7 @@ class Continuation:
                 vanishing = _vanishing_slip(zeros)
                 event = vanishing or event
                 if event is None or vanishing is not None or event[0].status == "converged":
-                    if point.iterations > MANY_ITERATIONS:
-                        self.length = length / 2
-                    else:
-                        growth = GROWTH if point.iterations <= FEW_ITERATIONS else 1.0
-                        self.length = min(growth * length, LARGEST_LENGTH)
+                    self.length = min(next_length(length, point.point.iterations), LARGEST_LENGTH)
                     return length, point, event
             self.length /= 2
         return None
@@ -362,7 +349,7 @@ class Continuation:
             special = replace(special, gait=gait.verified(confirm(gait).to_record()))
             if kind == "branch_point":  # where the tangent of its gait is undetermined: the mean of both sides
                 sides = [here.step(location.length + side * BESIDE) for side in (-1, 1)]
-                tangents = [side.curve.entries(side.tangent) for side in sides if side is not None]
+                tangents = [side.curve.solutions.entries(side.tangent) for side in sides if side is not None]
                 special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
             half = exchanged_half(here.gait, point.gait) if kind == "branch_point" and test == "slope" else None
             if half is not None:  # a doubled family turns back at its origin: its halves follow in the other order
@@ -428,7 +415,7 @@ class Continuation:
             index=self.index,
             value=self.point.value,
             gait=gait,
-            tangent=self.point.curve.coordinates(self.point.tangent),
+            tangent=self.point.direction,
             length=self.length,
             walk=self.point.state,
         )
@@ -466,7 +453,7 @@ class Continuation:
             status=status,
             reason=reason,
             gait=point.gait,
-            tangent=point.curve.entries(point.tangent),
+            tangent=point.curve.solutions.entries(point.tangent),
         )
 
 
@@ -499,7 +486,7 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
         if not gait.steps or curve.metric.distance(gait.state, point.gait.state) > NEARBY:
             continue
         further, w = curve_through(curve.problem, curve.parameter, curve.metric, retraced(gait))
-        rescued = further.start(w, further.ahead(ahead))
+        rescued = further.start(w, further.solutions.ahead(ahead))
         if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
             return rescued
     simulated = (simulated_gait(point, ahead * distance * curve.metric.span) for distance in RESCUES)

@@ -57,7 +57,7 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
 def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]:
     """The family of twice as many steps; its other half has the same gaits, begun one cycle later."""
     point = first_point(gait, parameter, metric, 1.0)
-    tangent, n = point.curve.coordinates(point.tangent), point.curve.equations.n_phases
+    tangent, n = point.direction, point.curve.equations.n_phases
     section, durations, slope = tangent[: -n - 1], tangent[-n - 1 : -1], tangent[-1:]
     along = np.concatenate([section, durations, durations, slope])
     state = dict(zip(gait.system.state_names, gait.state, strict=True))
@@ -71,15 +71,15 @@ def _crossing(gait: Gait, tangent: Array | None, parameter: str, metric: Metric)
     if tangent is None:
         raise ProblemError("the direction of the known branch is needed to leave it at a branch point")
     curve, w = curve_through(gait.problem, parameter, metric, retraced(gait))
-    yield from _halves(curve, w, curve.scaled(tangent), signs=(1.0, -1.0))
+    yield from _halves(curve, w, curve.solutions.scaled(tangent), signs=(1.0, -1.0))
 
 
 def _halves(curve: Curve, w: Array, along: Array, signs: tuple[float, ...]) -> Iterator[CurvePoint]:
     """The halves, one for each sign, of the branch that crosses the direction ``along`` (shape of y) at ``w``."""
-    direction = curve.crossing(w, along)
+    direction = curve.solutions.crossing(w, along)
     if direction is None:
         return
-    origin = curve.coordinates(w)
+    origin = curve.solutions.coordinates(w)
     for sign in signs:
         for distance in DISTANCES:
             try:
@@ -88,7 +88,7 @@ def _halves(curve: Curve, w: Array, along: Array, signs: tuple[float, ...]) -> I
                 continue
             if point is None:
                 continue
-            stray = np.linalg.norm(point.curve.coordinates(point.at.w) - origin)
+            stray = np.linalg.norm(point.curve.solutions.coordinates(point.at.w) - origin)
             if stray <= STRAY * distance and holds(point):
                 yield point
                 break

@@ -21,7 +21,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,9 +32,10 @@ from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method
+from gaitopt.solver.arclength import ITERATIONS, Fixed, corrected, predictions
 from gaitopt.solver.assembly import search_record, solution_of, solved_gait
 from gaitopt.solver.diagnosis import RESIDUAL_TOLERANCE, rejection_reason, status_without_gait, vanishing_phase
-from gaitopt.solver.newton import Solution, descend, extrapolation, polish, refine, solve_nearby
+from gaitopt.solver.newton import GaitEquations, Solution, polish, refine, solve_nearby
 from gaitopt.solver.program import feasibility, solved
 from gaitopt.solver.rollout import rolled_again
 
@@ -46,26 +47,8 @@ SMALLEST_STEP = 1e-4
 """Steps of s below which the family is at its end."""
 VANISHING = 4 * SMALLEST_STEP
 """A phase whose duration falls to zero within this part of the path vanishes at the end of the family."""
-MAX_CHORDS = 10
-"""Chords that are tried; from a gait nearby four to six are enough."""
-CONTRACTION = 0.5
-"""Least decrease of the residual from chord to chord; with less, Newton's method is cheaper."""
 STRAIGHT = 1e-9
 """Distance from a line, relative to the distance along it, that is rounding."""
-CHORD_TOLERANCE = 1e-12
-"""Residual in natural units from which one more chord reaches rounding."""
-
-
-def extrapolated(places: Sequence[float], solutions: Sequence[Array], place: float) -> Array:
-    """The polynomial through the last solutions at another place, the last solution first.
-
-    Solutions are dropped, the oldest first, until the polynomial reaches ``place``.
-    """
-    for count in range(len(places), 0, -1):
-        weights = extrapolation(places[:count], place)
-        if weights is not None:
-            return np.asarray(weights @ np.array(solutions[:count]))
-    return solutions[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,11 +137,11 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     """The motion at ``s``, None where it does not continue the one here; and the number of Newton steps."""
     p, equations = _between(p_start, p_end, s), here.solution.equations
     places, solutions = zip(*here.history, strict=True)
-    predicted = extrapolated([place - places[0] for place in places], solutions, s - places[0])
-    near = solve_nearby(Solution(equations, predicted, p))
-    if not near.converged:
-        return None, near.iterations
-    solution = refine(polish(near))
+    predicted = next(predictions([place - places[0] for place in places], solutions, s - places[0]))
+    near = corrected(Fixed(GaitEquations(equations, p)), predicted, slow=0.0)
+    if near is None or not near.is_near:
+        return None, ITERATIONS if near is None else near.iterations
+    solution = refine(polish(near.at))
     before, after = (at.w[: equations.system.n_z] for at in (here.solution, solution))
     solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
     if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
@@ -278,12 +261,12 @@ class Family:
     def _by_chords(self, p: Array) -> tuple[Solution | None, int]:
         """The solution at ``p``, None if chords do not converge; and the number of chords."""
         last = self._solved[-1]
+        system = Fixed(GaitEquations(self._equations, p))
         for w in (self._predicted(p), last.w):
-            start = Solution(self._equations, w, p, chord=last)
-            end = descend(start, tolerance=CHORD_TOLERANCE, most=MAX_CHORDS, contraction=CONTRACTION)
-            if end.size < CHORD_TOLERANCE:
-                return refine(polish(replace(end.stepped(), chord=None))), end.iterations + 1
-        return None, end.iterations
+            end = corrected(system, w, chord=last.scaled)
+            if end is not None and end.is_near:
+                return refine(polish(end.at)), end.iterations
+        return None, ITERATIONS
 
     def _predicted(self, p: Array) -> Array:
         """The solution at ``p`` if the last parameters lie on a line with it; otherwise the last solution."""
@@ -299,7 +282,7 @@ class Family:
             if np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max():
                 break
             places, solutions = [*places, place], [*solutions, before.w]
-        return extrapolated(places, solutions, 1.0)
+        return next(predictions(places, solutions, 1.0))
 
 
 def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:

@@ -51,8 +51,6 @@ MISPLACED = 1e-9
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 10_000
 """If a cycle needs more, its motion is singular."""
-LARGEST_WEIGHTS = 100.0
-"""Largest sum of the absolute weights of an extrapolation; a larger one amplifies rounding too much."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +193,41 @@ class Solution:
         return bool(self.errors.max() < LARGEST_ERROR)
 
 
+@dataclass(frozen=True, eq=False)
+class GaitEquations:
+    """The equations of a gait at values of all parameters but the freed ones, as ``arclength`` takes them.
+
+    Attributes
+    ----------
+    equations : of the gait.
+    p : ndarray - values of all parameters.
+    span : unit of the freed parameter, if there is one.
+    """
+
+    equations: MultipleShooting
+    p: Array
+    span: float = 1.0
+
+    @cached_property
+    def unknown_units(self) -> Array:
+        """Natural units of the unknowns."""
+        units = self.equations.units(self.p).unknowns
+        return np.append(units[:-1], self.span) if self.equations.free else units
+
+    @cached_property
+    def equality_units(self) -> Array:
+        """Natural units of the equalities."""
+        return self.equations.units(self.p).equalities
+
+    def violation(self, w: Array) -> Array:
+        """Values of the equalities."""
+        return self.equations.violation(w, self.p)
+
+    def at(self, w: Array) -> Solution:
+        """The unknowns as a solution."""
+        return Solution(self.equations, w, self.p)
+
+
 @overflow_allowed()
 def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
     """Newton's method from ``start``, while its steps halve.
@@ -328,25 +361,6 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
         return opened.solve_transposed(end)
 
     return response, reset @ response[last], adjoint
-
-
-def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False) -> Array | None:
-    """Weights of the polynomial through values (and derivatives, if ``slopes``) at some places in its value at another.
-
-    Returns
-    -------
-    weights : ndarray, shape (n,), or (2 n,) with those of the derivatives last; None if ``place`` is too far away.
-    """
-    unit = max(abs(s) for s in (*places, place)) or 1.0
-    x, powers = np.array(places) / unit, np.arange(len(places) * (2 if slopes else 1))
-    rows = x[:, None] ** powers
-    if slopes:
-        rows = np.vstack([rows, powers * x[:, None] ** np.maximum(powers - 1, 0) / unit])
-    try:
-        weights = np.linalg.solve(rows.T, (place / unit) ** powers)
-    except np.linalg.LinAlgError:  # two places coincide
-        return None
-    return weights if np.abs(weights[: x.size]).sum() < LARGEST_WEIGHTS else None
 
 
 def _resampled(coarse: Solution, intervals: Sequence[int]) -> Solution:

@@ -37,10 +37,10 @@ def test_no_step_along_a_curve_ends_far_from_it(far: float) -> None:
     equations, w = unknowns(("friction",))
     metric = Metric(state=np.ones(gait().system.n_z), period=1.0, span=1.0)
     curve = Curve(gait().problem, "friction", equations, gait().p, metric)
-    point = curve.start(w, curve.ahead(1.0))
+    point = curve.start(w, curve.solutions.ahead(1.0))
     assert point is not None
     assert point.step(far) is None
-    assert curve.start(w + far, curve.coordinates(point.tangent)) is None
+    assert curve.start(w + far, point.direction) is None
 
 
 @pytest.mark.parametrize("far", FAR)

@@ -8,7 +8,7 @@ import pytest
 import gaitopt as go
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.solver import newton, solve
-from gaitopt.solver.newton import LONGEST_FIRST_STEP, Solution, descend, extrapolation, solve_nearby
+from gaitopt.solver.newton import LONGEST_FIRST_STEP, solve_nearby
 from gaitopt.solver.rollout import roll_out
 from gaitopt.solver.solve import solve_gait
 from gaitopt.systems import build_system
@@ -75,21 +75,6 @@ def test_gait_that_violates_a_margin_is_searched_by_ipopt():
     assert "friction" in {cause.what for cause in gait.causes}
 
 
-def test_chords_reach_the_gait_in_more_steps_than_newtons_method_does():
-    near = solve_nearby(prepared("compass-passive-a"))
-    heavier = Solution(near.equations, near.w, near.p * np.linspace(1.0, 1.03, near.p.size))
-    by_newton, by_chords = (descend(at, tolerance=1e-12, most=40) for at in (heavier, replace(heavier, chord=near)))
-    assert max(by_newton.size, by_chords.size) < 1e-12
-    assert by_newton.iterations <= 5 < by_chords.iterations  # quadratic and linear convergence
-    np.testing.assert_allclose(by_chords.w, by_newton.w, rtol=0, atol=1e-10)
-
-
-def test_a_step_that_does_not_contract_enough_is_not_kept():
-    start = prepared("compass-passive-a")
-    assert descend(start, tolerance=1e-12, most=40, contraction=1e-6) is start
-    assert descend(start, tolerance=1e-12, most=1).iterations == 1
-
-
 def test_request_to_stop_ends_it_at_once():
     assert not solve_nearby(prepared("compass-passive-a"), should_stop=lambda: True).converged
 
@@ -99,24 +84,3 @@ def test_problems_that_differ_in_values_share_their_system():
     other = problem.replace({"friction": 0.2, "control.hip": 0.5})
     assert build_system(other) is build_system(problem)
     assert build_system(problem.replace({"impact_law": "frictionless"})) is not build_system(problem)
-
-
-@pytest.mark.portable
-@pytest.mark.parametrize("slopes", [False, True])
-@pytest.mark.parametrize("places", [[0.0], [0.0, -0.1], [0.0, -1e-5, -3e-5], [0.0, -2.0, 1.5]])
-def test_polynomials_are_continued_exactly(places, slopes):
-    degree = len(places) * (1 + slopes) - 1
-    unit = np.abs(places).max() or 1e-3
-    coefficients = np.random.default_rng(3).standard_normal(degree + 1)
-    curve = np.polynomial.Polynomial(coefficients, window=[-1, 1], domain=[-unit, unit])
-    ahead = 0.3 * unit if len(places) > 1 else unit
-    weights = extrapolation(places, ahead, slopes=slopes)
-    assert weights is not None
-    known = [*curve(np.array(places)), *(curve.deriv()(np.array(places)) if slopes else [])]
-    assert weights @ known == pytest.approx(curve(ahead), rel=1e-9)
-
-
-@pytest.mark.portable
-def test_too_far_ahead_there_is_no_extrapolation():
-    assert extrapolation([0.0, -1e-3, -2e-3], 1.0) is None
-    assert extrapolation([0.0, 0.0], 1.0) is None
