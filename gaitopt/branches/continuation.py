@@ -24,20 +24,19 @@ from gaitopt.branches.change import (
     transition_at,
     vanishing_force,
 )
-from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through, first_point, resumed_point
+from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through, first_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
 from gaitopt.branches.request import FOLLOWS, Request
 from gaitopt.branches.switching import beginnings
 from gaitopt.callbacks import Stop
-from gaitopt.errors import ProblemError, SolveError, StorageError
-from gaitopt.gait.branch import TERMINAL, BranchPoint, ContinuationState, SpecialPoint
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
-from gaitopt.model.cycle import BREAKPOINT, Cycle
+from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.solver.arclength import next_length
-from gaitopt.solver.rollout import retraced, roll_out
+from gaitopt.solver.rollout import retraced
 from gaitopt.solver.solve import solve_gait
-from gaitopt.store.gaits import special_point
+from gaitopt.store.branch import StoredContinuation, StoredPoint
 from gaitopt.verification.verify import confirm
 
 FIRST_LENGTH = 0.005
@@ -63,7 +62,11 @@ HALVED = "the two halves of the cycle become equal: this is a period doubling of
 
 
 def follow_family(
-    start: Gait | SpecialPoint, request: Request, *, done: Sequence[BranchRecord] = (), should_stop: Stop = None
+    start: Gait | SpecialPoint,
+    request: Request,
+    *,
+    done: Sequence[StoredContinuation] = (),
+    should_stop: Stop = None,
 ) -> Iterator[BranchPoint | SpecialPoint]:
     """The points and special points of a family, one by one, as ``gaitopt.continuation`` describes them.
 
@@ -72,20 +75,16 @@ def follow_family(
 
     Parameters
     ----------
-    done : JSON records of an unfinished family, see ``resumable``.
+    done : what is stored of an unfinished family.
 
     Raises
     ------
     UnknownNameError, ProblemError, SolveError
         As ``Request.first_gait`` and ``switching.beginnings``.
-    StorageError
-        If the continuation cannot go on from the records.
     """
     gait = request.first_gait(start)
     value = gait.dynamics.parameter(request.parameter)
-    taken = [record["branch"] for record in done]
-    taken += [number for record in done if record["record"] == "special" for number in record["next"]]
-    numbers = count(1 + max(taken, default=-1))
+    numbers = count(1 + max((stored.largest for stored in done), default=-1))
     new = partial(Continuation, gait=gait, numbers=numbers, should_stop=should_stop)
     continuations = list[Continuation]()
     if isinstance(start, SpecialPoint):
@@ -98,16 +97,14 @@ def follow_family(
             metric = Metric.of(gait, abs(to - value))
             begin = partial(first_point, gait, request.parameter, metric, float(np.sign(to - value)))
             continuations.append(new(request=request.towards((to,), gait), metric=metric, begin=begin))
-    stored, begun_later = _records_by_continuation(done)
-    unnumbered = (first for first in stored if first not in begun_later)
+    known = {stored.number: stored for stored in done}
+    unnumbered = (stored.number for stored in done if not stored.is_named)
     for continuation in continuations:  # the list grows on the way
         number = next(unnumbered, -1) if continuation.number is None else continuation.number
-        records = stored.get(number, [])
-        continuation.resume(records)
-        continuations += [branch for record in records for branch in continuation.restored_branches(record)]
-        last = records[-1] if records else None
-        if last is not None and last["record"] == "special" and last["type"] in TERMINAL:
-            continue
+        if number in known:
+            continuations += continuation.resume(known[number])
+            if known[number].is_complete:
+                continue
         for record in continuation:
             if isinstance(record, SpecialPoint):
                 record, branches = continuation.other_branches(record)
@@ -115,24 +112,6 @@ def follow_family(
             yield record
         if should_stop is not None and should_stop():
             return
-
-
-def resumable(records: Sequence[BranchRecord], request: Request) -> list[BranchRecord]:
-    """The records from which an unfinished family goes on.
-
-    Special points after the last point of a continuation are dropped and located again, and so is its end at a limit of
-    points or time, if ``request`` allows more.
-    """
-    again = set[int]()
-    for stored in _records_by_continuation(records)[0].values():
-        points = sum(record["record"] == "point" for record in stored)
-        for record in reversed(stored):
-            if record["record"] == "point":
-                break
-            if record["type"] in TERMINAL and not (record.get("open") and request.exhausted(points) is None):
-                break
-            again.add(id(record))
-    return [record for record in records if id(record) not in again]
 
 
 @dataclass(kw_only=True, eq=False)
@@ -148,7 +127,7 @@ class Continuation:
     numbers : of the branches to come.
     number : of the first branch, if it has one already.
     should_stop : polled before every step; True ends the continuation without a special point.
-    stored : records of the points before an interruption.
+    last : the last point before an interruption; None if there was none.
     point : the last point.
     branch, index : number of its branch, and of the point on it.
     length : arclength of the next step.
@@ -162,37 +141,37 @@ class Continuation:
     numbers: Iterator[int]
     number: int | None = None
     should_stop: Stop = None
-    stored: list[PointRecord] = field(init=False, default_factory=list)
+    last: StoredPoint | None = field(init=False, default=None)
     point: CurvePoint = field(init=False)
     branch: int = field(init=False)
     index: int = field(init=False, default=0)
     length: float = field(init=False, default=FIRST_LENGTH)
     count: int = field(init=False, default=0)
 
-    def resume(self, records: Sequence[BranchRecord]) -> None:
-        """Go on after the stored records of this continuation, if there are any, as without the interruption.
+    def resume(self, stored: StoredContinuation) -> list["Continuation"]:
+        """Go on after what is stored of this continuation, as without the interruption.
 
-        Raises
-        ------
-        StorageError
-            If the scales of arclength in the records are damaged.
+        Returns
+        -------
+        branches : the continuations of the other branches that begin at its special points.
         """
-        self.stored = [record for record in records if record["record"] == "point"]
-        self.count = len(self.stored)
-        for point in self.stored:
-            state = point.get("walk")
-            if state is not None:
-                try:
-                    self.metric = Metric.from_array(ContinuationState.from_record(state).metric)
-                except ValueError as error:
-                    raise _unusable(point, error) from error
-                break
+        self.last, self.count = stored.last, stored.count
+        if stored.metric is not None:
+            self.metric = Metric.from_array(stored.metric)
+        branches = list[Continuation]()
+        for special in stored.specials:
+            kind = FOLLOWS[special.type]
+            numbers = special.next if special.after is None else special.next[1:]  # the first is this continuation
+            branches += [
+                self._branch(kind, number, partial(self._beginning, special, index))
+                for index, number in enumerate(numbers)
+            ]
+        return branches
 
     def __iter__(self) -> Iterator[BranchPoint | SpecialPoint]:
-        if self.stored:
-            last = self.stored[-1]
-            self.point = _restored_point(self.gait, self.request.parameter, self.metric, self.stored)
-            self.branch, self.index, self.length = last["branch"], last["index"], last["length"]
+        if self.last is not None:
+            self.point = _restored(self.last, self.request.parameter, self.metric)
+            self.branch, self.index, self.length = self.last.branch, self.last.index, self.last.length
             records: Iterator[BranchPoint | SpecialPoint] = iter(())
         else:
             self.point = self.begin if isinstance(self.begin, CurvePoint) else self.begin()
@@ -220,7 +199,7 @@ class Continuation:
         if not self.request.follow.get(kind, 0):
             return special, []
         try:
-            points = self._beginnings(special.to_record())
+            points = self._beginnings(special)
         except (ProblemError, SolveError) as error:
             expected = not special.next  # at a change of modes there is usually only the branch that goes on
             return (replace(special, reason=str(error)) if expected else special), []
@@ -228,26 +207,17 @@ class Continuation:
         branches = [self._branch(kind, number, point) for number, point in zip(numbers, points, strict=True)]
         return replace(special, next=special.next + numbers), branches
 
-    def restored_branches(self, record: BranchRecord) -> list["Continuation"]:
-        """The continuations along the other branches of a stored special point."""
-        if record["record"] == "point" or record["type"] not in FOLLOWS:
-            return []
-        kind = FOLLOWS[record["type"]]
-        numbers = record["next"][1:] if "to" in record else record["next"]  # at a change of modes the first is this one
-        return [
-            self._branch(kind, number, partial(self._beginning, record, index)) for index, number in enumerate(numbers)
-        ]
+    def _beginning(self, special: SpecialPoint, index: int) -> CurvePoint:
+        return self._beginnings(special)[index]
 
-    def _beginning(self, record: SpecialRecord, index: int) -> CurvePoint:
-        return self._beginnings(record)[index]
-
-    def _beginnings(self, record: SpecialRecord) -> list[CurvePoint]:
+    def _beginnings(self, special: SpecialPoint) -> list[CurvePoint]:
         """The first gaits of the other branches through a special point that lie within the bounds.
 
-        They are found from its record, so that a resumed continuation finds the same.
+        The mesh of its gait is not used, as it is not stored: a resumed continuation finds the same.
         """
         parameter, (lower, upper) = self.request.parameter, self.request.bounds
-        points = beginnings(special_point(self.gait, parameter, record), parameter, self.metric)
+        gait = None if special.gait is None else replace(special.gait, shooting=None)
+        points = beginnings(replace(special, gait=gait), parameter, self.metric)
         return [point for point in points if lower < point.value < upper]
 
     def _branch(self, kind: str, number: int, begin: CurvePoint | Callable[[], CurvePoint]) -> "Continuation":
@@ -493,63 +463,19 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
     return next((found for found in simulated if found is not None and found.curve.cycle == curve.cycle), None)
 
 
-def _restored_point(gait: Gait, parameter: str, metric: Metric, points: Sequence[PointRecord]) -> CurvePoint:
-    """The last of the stored points of a continuation, with every bit.
-
-    A record of an earlier version does not hold all that this needs; its gait is then solved again.
-
-    Parameters
-    ----------
-    gait : the first gait of the family.
-    points : records of all points of the continuation.
+def _restored(last: StoredPoint, parameter: str, metric: Metric) -> CurvePoint:
+    """A stored point on its curve.
 
     Raises
     ------
-    StorageError
-        If the continuation cannot go on from the record.
+    SolveError
+        If an earlier version has written it without its solution, and Newton's method fails at its gait.
     """
-    record = points[-1]
-    try:
-        if not record["length"] > 0:
-            raise ValueError(f"length {record['length']} is not positive")
-        value, steps = record["value"], record.get("steps", (record,))
-        states = np.array([[step["state"][name] for name in gait.system.state_names] for step in steps])
-        cycle = Cycle.from_record(record)
-        problem = gait.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
-        state = record.get("walk")
-        if state is not None:
-            needed = (point.get("walk") for point in points[-1 - ContinuationState.from_record(state).earlier :])
-            known = [ContinuationState.from_record(stored) for stored in needed if stored is not None]
-            if known[-1].unknowns[-1] != value:
-                raise ValueError(f"value {value} is not the last of walk.unknowns, {known[-1].unknowns[-1]}")
-            iterations = int(record["solver"]["iterations"] or 0)
-            return resumed_point(problem, cycle, gait.dynamics, parameter, known, iterations)
-        dynamics = gait.dynamics.at({parameter: value})
-        durations = np.array([phase["duration"] for phase in record["phases"]])
-        rolled = roll_out(dynamics, cycle, states, durations)
-        curve, w = curve_through(problem, parameter, metric, rolled, record.get("intervals", ()))
-        point = curve.start(w, np.array(record["tangent"]))
-        if point is None:
-            raise ValueError("Newton's method fails at its gait")
-        return point
-    except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise _unusable(record, error) from error
-
-
-def _unusable(record: PointRecord, error: Exception) -> StorageError:
-    words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
-    return StorageError(f"branch {record['branch']} cannot be resumed from its point {record['index']}: {words}")
-
-
-def _records_by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[BranchRecord]], set[int]]:
-    """The records of each continuation by the number of its first branch, and the numbers given by special points."""
-    first, continuations, given = dict[int, int](), dict[int, list[BranchRecord]](), set[int]()
-    for record in records:
-        number = first.setdefault(record["branch"], record["branch"])
-        continuations.setdefault(number, []).append(record)
-        if record["record"] == "special":
-            following = list(record["next"])
-            if following and "to" in record:  # the continuation itself goes on with the first of them
-                first[following.pop(0)] = number
-            given.update(following)
-    return continuations, given
+    at = last.solution
+    curve = Curve(last.problem, parameter, at.equations, at.p, metric)
+    if last.direction is not None:
+        return curve.with_gait(curve.solutions.point(at, last.direction, last.iterations, last.earlier))
+    point = curve.start(at.w, last.tangent)
+    if point is None:
+        raise SolveError(f"branch {last.branch}: Newton's method fails at the gait of its point {last.index}")
+    return point

@@ -18,17 +18,15 @@ from gaitopt.errors import SolveError
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method
 from gaitopt.solver import arclength
-from gaitopt.solver.arclength import SOLVED, Point, SolutionCurve, located
+from gaitopt.solver.arclength import Point, SolutionCurve, located
 from gaitopt.solver.assembly import assemble_gait
-from gaitopt.solver.mesh import Mesh, MeshArc
 from gaitopt.solver.newton import GaitEquations, Solution, halved, refine
 from gaitopt.solver.rollout import FIRST_ERROR, Rollout, retraced, rolled_again
-from gaitopt.solver.shooting import MultipleShooting, transcribe
+from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.solver.solve import free_parameters
 from gaitopt.threads import cached_property
 
@@ -322,56 +320,4 @@ def first_point(gait: Gait, parameter: str, metric: Metric, sign: float) -> Curv
         raise SolveError(
             f"{gait.problem.name}: the gait cannot be continued in {parameter}: Newton's method fails at it"
         )
-    return point
-
-
-def resumed_point(
-    problem: Problem,
-    cycle: Cycle,
-    dynamics: Dynamics,
-    parameter: str,
-    states: Sequence[ContinuationState],
-    iterations: int,
-) -> CurvePoint:
-    """The last of some points from their ``state``, to the last bit.
-
-    Parameters
-    ----------
-    problem, cycle : with the modes of the curve, and these modes with the phases that are timed.
-    dynamics : at the values of all other parameters.
-    states : of the last point, and before it that of the point before, if the next one is extrapolated from both.
-    iterations : number of Newton iterations that led to the last point.
-
-    Raises
-    ------
-    ValueError
-        If the states do not fit the modes, or the last one is not a gait with them.
-    """
-    *before, last = states
-    system = dynamics.system
-    n_nodes = sum(intervals for *_, intervals in last.arcs) + len(cycle.resets)
-    sizes = {state.unknowns.size for state in states} | {state.direction.size for state in states}
-    if [*dict.fromkeys(arc[0] for arc in last.arcs)] != list(range(len(cycle.phases))):
-        raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
-    if sizes != {n_nodes * system.n_z + len(cycle.phases) + 1}:
-        raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs require")
-    if last.metric.size != system.n_z + 2 or last.metric.min() <= 0:
-        raise ValueError(f"walk.metric is not {system.n_z + 2} positive numbers")
-    objection = problem.objection(parameter, last.origin)
-    if objection is not None:
-        raise ValueError(f"walk.origin: {objection}")
-    arcs = (
-        MeshArc(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
-        for phase, segment, start, end, intervals in last.arcs
-    )
-    equations = transcribe(system, Mesh(cycle=cycle, arcs=tuple(arcs)), (parameter,))
-    p = dynamics.at({parameter: last.origin}).p
-    curve = Curve(problem, parameter, equations, p, Metric.from_array(last.metric))
-    earlier = (before[-1].unknowns, before[-1].direction) if before else None
-    solution = Solution(equations, last.unknowns, p)
-    point = curve.with_gait(curve.solutions.point(solution, last.direction, iterations, earlier))
-    if not point.at.size < SOLVED:
-        raise ValueError("walk.unknowns are not a gait with these phases")
-    if not point.in_order:
-        raise ValueError("walk.arcs do not match the segments of the control")
     return point

@@ -21,6 +21,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, SpecialRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import ContinueRequest, entries
+from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.files import lines_text
 from gaitopt.store.formats import Table, csv_text, damaged, validated
 from gaitopt.store.gaits import branch_point, closing_error, special_point, with_stored_torques
@@ -109,26 +110,21 @@ class BranchPlan:
 
         The caller has locked the folder.
         """
-        from gaitopt.branches.continuation import resumable  # reading a stored branch needs no continuation
-
-        done = resumable(self.stored(), self.request)
+        done = resumable(self.stored(), self.request.exhausted)
         with self.run.begun(self.problem):
             self.run.write({BRANCH_FILE: lines_text((self.head, *done))})
         return done, self._new(start, done, should_stop)
 
     def _new(self, start: Gait | SpecialPoint, done: list[BranchRecord], should_stop: Stop) -> Iterator[BranchRecord]:
-        from gaitopt.branches.continuation import follow_family
+        from gaitopt.branches.continuation import follow_family  # reading a stored branch needs no continuation
 
+        try:
+            stored = stored_continuations(self.request.first_gait(start), self.request.parameter, done) if done else []
+        except StorageError as error:  # a stored point from which the walk cannot go on
+            words = f"{self.run.path(BRANCH_FILE)}: {error}; delete the folder, or name another one"
+            raise StorageError(words) from error
         with self.run.appending(BRANCH_FILE) as lines:
-            points = follow_family(start, self.request, done=done, should_stop=should_stop)
-            while True:
-                try:
-                    point = next(points, None)
-                except StorageError as error:  # a stored point from which the walk cannot go on
-                    words = f"{self.run.path(BRANCH_FILE)}: {error}; delete the folder, or name another one"
-                    raise StorageError(words) from error
-                if point is None:
-                    break
+            for point in follow_family(start, self.request, done=stored, should_stop=should_stop):
                 record = point.to_record()
                 lines.append(record)
                 yield record

@@ -8,7 +8,7 @@ import pytest
 from jumping import AT_ALL, AT_ONCE, SLIPPING, problem, staircase
 from pydantic import TypeAdapter
 
-from gaitopt.branches.continuation import follow_family, resumable
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.monitors import MonitorKey, monitor_values
 from gaitopt.branches.request import Request
 from gaitopt.errors import StorageError
@@ -19,6 +19,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.solve import solve_gait
+from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.gaits import branch_point, special_point
 from gaitopt.verification.verify import confirm, verify
 
@@ -166,11 +167,12 @@ def test_an_interrupted_family_goes_on_with_its_timed_phases():
     whole = [record.to_record() for record in follow_family(gait, request)]
     assert len(whole) > 8
     done = json.loads(json.dumps(whole[:5]))
-    rest = [record.to_record() for record in follow_family(gait, request, done=resumable(done, request))]
+    stored = stored_continuations(gait, "friction", resumable(done, request.exhausted))
+    rest = [record.to_record() for record in follow_family(gait, request, done=stored)]
     assert [record["value"] for record in rest] == [record["value"] for record in whole[5:]]
     done[-1]["phases"][0].pop("until")  # as if the switch were at the edge of the cone
     with pytest.raises(StorageError, match="not a gait with these phases"):
-        list(follow_family(gait, request, done=resumable(done, request)))
+        stored_continuations(gait, "friction", resumable(done, request.exhausted))
 
 
 def test_a_branch_of_such_gaits_has_frames_and_columns():

@@ -12,9 +12,10 @@ from named import named
 
 import gaitopt as go
 from gaitopt.branches import continuation as continuer
-from gaitopt.branches.continuation import follow_family, resumable
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.request import Request
 from gaitopt.errors import StorageError
+from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.verification.verify import Outcome, confirm
 
 SLOPE = "walker.slope"
@@ -47,7 +48,9 @@ BRANCHES = {
 def walked(name, done=(), **changes):
     """The records of a branch that are not ``done``, one by one, as they are on a disk."""
     start, request = BRANCHES[name]
-    for record in follow_family(start(), replace(request, **changes), done=done):
+    request = replace(request, **changes)
+    stored = stored_continuations(request.first_gait(start()), request.parameter, done)
+    for record in follow_family(start(), request, done=stored):
         yield json.loads(json.dumps(record.to_record()))
 
 
@@ -58,7 +61,7 @@ def whole(name):
 
 def check_cut(name, lines, following=None):
     """What comes after a kill, up to ``following`` records of it, is what came without."""
-    kept = resumable(whole(name)[:lines], BRANCHES[name][1])
+    kept = resumable(whole(name)[:lines], BRANCHES[name][1].exhausted)
     assert kept == whole(name)[: len(kept)]
     again = list(islice(walked(name, kept), following))
     assert again == whole(name)[len(kept) :][:following]
@@ -84,8 +87,8 @@ def test_a_branch_goes_on_where_more_points_are_allowed_and_is_the_same():
     ends = [record for record in first if record.get("type") == "end"]
     assert [(end["open"], end["reason"]) for end in ends] == [(True, "paused at the limit of 5 points")] * 2
     request = BRANCHES["wheel"][1]
-    assert resumable(first, replace(request, max_points=5)) == first
-    kept = resumable(first, request)
+    assert resumable(first, replace(request, max_points=5).exhausted) == first
+    kept = resumable(first, request.exhausted)
     assert kept == [record for record in first if record["record"] == "point"]
     assert len(kept) == 10
     joined = [*kept, *walked("wheel", kept)]
@@ -93,7 +96,7 @@ def test_a_branch_goes_on_where_more_points_are_allowed_and_is_the_same():
     assert sorted(r["value"] for r in one) == sorted(r["value"] for r in other)
     ends = [record for record in joined if record.get("type") == "end"]
     assert [(end["value"], end.get("bound"), end.get("open")) for end in ends] == [(0.8, True, None), (1.1, True, None)]
-    assert resumable(joined, request) == joined
+    assert resumable(joined, request.exhausted) == joined
 
 
 def test_a_branch_that_was_out_of_time_goes_on_and_is_the_same():
@@ -102,7 +105,7 @@ def test_a_branch_that_was_out_of_time_goes_on_and_is_the_same():
     assert [record["record"] for record in first] == ["point", "special"]
     assert first[-1]["open"]
     assert "limit of 0 s" in first[-1]["reason"]
-    kept = resumable(first, request)
+    kept = resumable(first, request.exhausted)
     assert [*kept, *islice(walked("stick", kept), 5)] == whole("stick")[:6]
 
 

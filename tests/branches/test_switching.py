@@ -12,7 +12,7 @@ import gaitopt as go
 from gaitopt import Branch, Cycle, Gait, Mode, continuation
 from gaitopt.branches import continuation as walks
 from gaitopt.branches.change import exchanged_half, in_turn
-from gaitopt.branches.continuation import follow_family, resumable
+from gaitopt.branches.continuation import follow_family
 from gaitopt.branches.curve import Metric, curve_through
 from gaitopt.branches.request import Request
 from gaitopt.branches.switching import beginnings
@@ -21,6 +21,7 @@ from gaitopt.gait.branch import SpecialPoint, cascades
 from gaitopt.gait.gait import floquet_multipliers
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.rollout import retraced
+from gaitopt.store.branch import resumable, stored_continuations
 from gaitopt.store.gaits import special_point
 
 DOUBLING = radians(5.34641438276)
@@ -130,7 +131,7 @@ FEW = Request(parameter=SLOPE, to=(radians(5.5),), max_points=3, verify_every=0)
 
 def with_followed(start: Gait, done: list[dict[str, object]], **follow: int) -> list[dict[str, object]]:
     """Records of a family and of the other branches that begin on it that are not ``done``."""
-    records = follow_family(start, replace(FEW, follow=follow), done=done)
+    records = follow_family(start, replace(FEW, follow=follow), done=stored_continuations(start, SLOPE, done))
     return [json.loads(json.dumps(record.to_record())) for record in records]
 
 
@@ -141,7 +142,7 @@ def test_a_family_with_its_doubled_family_goes_on_where_it_was_cut_short() -> No
     assert doubling["next"] == [1]
     assert {record["branch"] for record in whole} == {0, 1}
     for cut in (2, len(whole) - 2):
-        kept = resumable(whole[:cut], FEW)
+        kept = resumable(whole[:cut], FEW.exhausted)
         assert [*kept, *with_followed(start, kept, doublings=1)] == whole
 
 
@@ -172,7 +173,7 @@ def test_branches_that_begin_at_a_branch_point_are_followed_on_the_way() -> None
     (crossing,) = (record for record in whole if record.get("type") == "branch_point")
     assert crossing["next"] == [1, 2]
     assert {record["branch"] for record in whole if record["record"] == "point"} == {0, 1, 2}
-    kept = resumable(whole[:-2], FEW)
+    kept = resumable(whole[:-2], FEW.exhausted)
     assert [*kept, *with_followed(start, kept, branch_points=1)] == whole
 
 
@@ -183,7 +184,8 @@ def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(
     request = Request(parameter="friction", to=(0.9,), max_points=80, verify_every=0, follow={"mode_changes": 1})
 
     def followed(done: list[dict[str, object]]) -> list[dict[str, object]]:
-        return [json.loads(json.dumps(record.to_record())) for record in follow_family(start, request, done=done)]
+        stored = stored_continuations(start, "friction", done)
+        return [json.loads(json.dumps(record.to_record())) for record in follow_family(start, request, done=stored)]
 
     whole = followed([])
     (change,) = (record for record in whole if record.get("type") == "mode_change")
@@ -192,7 +194,7 @@ def test_mode_sequences_that_begin_at_a_change_of_modes_are_followed_on_the_way(
     assert cycles == {0: "stick; stick", 1: "stick, slip_forward; stick", 2: "stick, slip_forward; stick"}
     ends = [record for record in whole if record.get("type") == "end"]
     assert [(end["branch"], end["value"]) for end in ends] == [(1, 0.9), (2, 0.9)]
-    kept = resumable(whole[:-3], request)
+    kept = resumable(whole[:-3], request.exhausted)
     assert [*kept, *followed(kept)] == whole
 
 

@@ -1,0 +1,252 @@
+"""A stored branch, read back so that its continuation goes on to the last bit.
+
+A record of a point holds the unknowns of the equations, the tangent and the mesh with every bit. One of an earlier
+version may lack them; its gait is then solved again.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.errors import StorageError
+from gaitopt.gait.branch import TERMINAL, ContinuationState, SpecialPoint
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
+from gaitopt.model.cycle import Cycle
+from gaitopt.problem.problem import Problem
+from gaitopt.solver.arclength import SOLVED
+from gaitopt.solver.mesh import Mesh, MeshArc
+from gaitopt.solver.newton import Solution
+from gaitopt.solver.rollout import roll_out
+from gaitopt.solver.shooting import transcribe
+from gaitopt.store.gaits import special_point
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredPoint:
+    """The last point of a continuation.
+
+    Attributes
+    ----------
+    branch, index : its place.
+    length : arclength of the next step.
+    problem : with the value of the parameter, and the modes and the state of the point.
+    solution : the unknowns with their equations, in which the parameter is free.
+    direction : ndarray - tangent of the branch in the unknowns; None where an earlier version has written the record,
+        whose ``solution`` is a guess.
+    tangent : ndarray - the same in scaled section coordinates, durations and parameter.
+    iterations : number of Newton iterations that led to it.
+    earlier : unknowns and direction of the point before it, if the next one is extrapolated from both.
+    """
+
+    branch: int
+    index: int
+    length: float
+    problem: Problem
+    solution: Solution
+    direction: Array | None
+    tangent: Array
+    iterations: int = 0
+    earlier: tuple[Array, Array] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredContinuation:
+    """One continuation of a family as far as it is stored.
+
+    Attributes
+    ----------
+    number : of its first branch.
+    is_named : whether a special point of another continuation has given this number.
+    count : number of points.
+    last : the last point; None if there is none, or nothing is left to do.
+    metric : ndarray, shape (n_z + 2,) - scales of arclength; None if they are not stored.
+    specials : special points at which further branches begin.
+    largest : largest number of a branch in it.
+    is_complete : whether the family ends there.
+    """
+
+    number: int
+    is_named: bool
+    count: int
+    last: StoredPoint | None
+    metric: Array | None
+    specials: tuple[SpecialPoint, ...]
+    largest: int
+    is_complete: bool
+
+
+def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchRecord]) -> list[StoredContinuation]:
+    """The continuations of a family from the records of its branches, in the order in which they began.
+
+    Parameters
+    ----------
+    family : the gait from which the family begins, with the friction law that has the parameter.
+
+    Raises
+    ------
+    StorageError
+        If a continuation cannot go on from its records.
+    """
+    continuations, named = _by_continuation(records)
+    read = list[StoredContinuation]()
+    for number, own in continuations.items():
+        points = [record for record in own if record["record"] == "point"]
+        specials = [record for record in own if record["record"] == "special"]
+        beginning = [record for record in specials if _begins_others(record)]
+        is_complete = own[-1]["record"] == "special" and own[-1]["type"] in TERMINAL
+        metric = next((_metric(point) for point in points if point.get("walk") is not None), None)
+        read.append(
+            StoredContinuation(
+                number=number,
+                is_named=number in named,
+                count=len(points),
+                last=None if is_complete or not points else _last_point(family, parameter, points),
+                metric=metric,
+                specials=tuple(special_point(family, parameter, record) for record in beginning),
+                largest=max([record["branch"] for record in own] + [n for record in specials for n in record["next"]]),
+                is_complete=is_complete,
+            )
+        )
+    return read
+
+
+def resumable(records: Sequence[BranchRecord], exhausted: Callable[[int], str | None]) -> list[BranchRecord]:
+    """The records from which an unfinished family goes on.
+
+    Special points after the last point of a continuation are dropped and located again, and so is its end at a limit of
+    points or time, if more are allowed now.
+
+    Parameters
+    ----------
+    exhausted : why a continuation with some number of points pauses; None if it goes on.
+    """
+    again = set[int]()
+    for stored in _by_continuation(records)[0].values():
+        points = sum(record["record"] == "point" for record in stored)
+        for record in reversed(stored):
+            if record["record"] == "point":
+                break
+            if record["type"] in TERMINAL and not (record.get("open") and exhausted(points) is None):
+                break
+            again.add(id(record))
+    return [record for record in records if id(record) not in again]
+
+
+def _by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[BranchRecord]], set[int]]:
+    """The records of each continuation by the number of its first branch, and the numbers given by special points."""
+    first, continuations, given = dict[int, int](), dict[int, list[BranchRecord]](), set[int]()
+    for record in records:
+        number = first.setdefault(record["branch"], record["branch"])
+        continuations.setdefault(number, []).append(record)
+        if record["record"] == "special":
+            following = list(record["next"])
+            if following and "to" in record:  # the continuation itself goes on with the first of them
+                first[following.pop(0)] = number
+            given.update(following)
+    return continuations, given
+
+
+def _begins_others(record: SpecialRecord) -> bool:
+    """Whether branches begin at a special point other than the one with which its continuation goes on."""
+    return len(record["next"]) > ("to" in record)
+
+
+def _metric(point: PointRecord) -> Array:
+    try:
+        return _state(point).metric
+    except ValueError as error:
+        raise _unusable(point, error) from error
+
+
+def _last_point(family: Gait, parameter: str, points: Sequence[PointRecord]) -> StoredPoint:
+    """The last point of a continuation, from the records of all its points.
+
+    Raises
+    ------
+    StorageError
+        If the continuation cannot go on from the record.
+    """
+    record = points[-1]
+    try:
+        if not record["length"] > 0:
+            raise ValueError(f"length {record['length']} is not positive")
+        value, steps = record["value"], record.get("steps", (record,))
+        cycle = Cycle.from_record(record)
+        problem = family.problem.replace({parameter: value}).with_modes(cycle, steps[0]["state"])
+        direction, earlier = None, None
+        if record.get("walk") is None:
+            states = np.array([[step["state"][name] for name in family.system.state_names] for step in steps])
+            durations = np.array([phase["duration"] for phase in record["phases"]])
+            rolled = roll_out(family.dynamics.at({parameter: value}), cycle, states, durations)
+            solution = rolled.on_mesh((parameter,), record.get("intervals", ()))
+        else:
+            state = _state(record)
+            if state.unknowns[-1] != value:
+                raise ValueError(f"value {value} is not the last of walk.unknowns, {state.unknowns[-1]}")
+            solution, direction = _solution(family, problem, cycle, parameter, state), state.direction
+            if state.earlier:
+                before = _state(points[-1 - state.earlier])
+                if {before.unknowns.size, before.direction.size} != {state.unknowns.size}:
+                    raise ValueError("walk.unknowns do not have the size of those of the point before")
+                earlier = before.unknowns, before.direction
+        return StoredPoint(
+            branch=record["branch"],
+            index=record["index"],
+            length=record["length"],
+            problem=problem,
+            solution=solution,
+            direction=direction,
+            tangent=np.array(record["tangent"]),
+            iterations=int(record["solver"]["iterations"] or 0),
+            earlier=earlier,
+        )
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise _unusable(record, error) from error
+
+
+def _state(point: PointRecord) -> ContinuationState:
+    state = point.get("walk")
+    if state is None:
+        raise ValueError("the point before it has no walk")
+    return ContinuationState.from_record(state)
+
+
+def _solution(family: Gait, problem: Problem, cycle: Cycle, parameter: str, state: ContinuationState) -> Solution:
+    """The unknowns of a state with their equations.
+
+    Raises
+    ------
+    ValueError
+        If the state does not fit the modes, or is not a gait with them.
+    """
+    system = family.system
+    n_nodes = sum(intervals for *_, intervals in state.arcs) + len(cycle.resets)
+    if [*dict.fromkeys(arc[0] for arc in state.arcs)] != list(range(len(cycle.phases))):
+        raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
+    if {state.unknowns.size, state.direction.size} != {n_nodes * system.n_z + len(cycle.phases) + 1}:
+        raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs require")
+    if state.metric.size != system.n_z + 2 or state.metric.min() <= 0:
+        raise ValueError(f"walk.metric is not {system.n_z + 2} positive numbers")
+    objection = problem.objection(parameter, state.origin)
+    if objection is not None:
+        raise ValueError(f"walk.origin: {objection}")
+    arcs = (
+        MeshArc(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
+        for phase, segment, start, end, intervals in state.arcs
+    )
+    equations = transcribe(system, Mesh(cycle=cycle, arcs=tuple(arcs)), (parameter,))
+    solution = Solution(equations, state.unknowns, family.dynamics.at({parameter: state.origin}).p)
+    if not solution.size < SOLVED:
+        raise ValueError("walk.unknowns are not a gait with these phases")
+    durations = solution.durations
+    if durations.min() > 0 and not equations.mesh.in_order(durations, system.control.breakpoints):
+        raise ValueError("walk.arcs do not match the segments of the control")
+    return solution
+
+
+def _unusable(record: PointRecord, error: Exception) -> StorageError:
+    words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
+    return StorageError(f"branch {record['branch']} cannot be resumed from its point {record['index']}: {words}")
