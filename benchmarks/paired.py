@@ -106,7 +106,10 @@ def main() -> None:
 
 @contextmanager
 def version(name: str, scratch: Path) -> Iterator[tuple[dict[str, str], Path]]:
-    """The environment in which processes import the package of a commit or of a folder, and its checkout."""
+    """The environment in which processes import the package of a commit or of a folder, and its checkout.
+
+    A first process compiles the bytecode.
+    """
     folder, is_folder = Path(name).resolve(), Path(name).is_dir()
     if not is_folder:
         folder = scratch / "tree"
@@ -114,8 +117,11 @@ def version(name: str, scratch: Path) -> Iterator[tuple[dict[str, str], Path]]:
     try:
         metadata = scratch / "metadata"
         entry_points(folder, metadata)
-        path = os.pathsep.join((str(folder), str(metadata)))
-        yield {**os.environ, "PYTHONPATH": path, "PYTHONPYCACHEPREFIX": str(scratch / "bytecode")}, folder
+        environment = {key: value for key, value in os.environ.items() if key != "PYTHONDONTWRITEBYTECODE"}
+        environment["PYTHONPATH"] = os.pathsep.join((str(folder), str(metadata)))
+        environment["PYTHONPYCACHEPREFIX"] = str(scratch / "bytecode")
+        process_seconds([sys.executable, "-m", "gaitopt", "solve", "rimless-wheel-stick"], environment, str(scratch))
+        yield environment, folder
     finally:
         if not is_folder:
             subprocess.run(["git", "-C", str(ROOT), "worktree", "remove", "--force", str(folder)], check=True)

@@ -157,12 +157,15 @@ def _converted_numbers(model: type[BaseModel], data: Mapping[str, Any]) -> Itera
     """
     for name, field in model.model_fields.items():
         value, notes = data.get(name), field.metadata
-        kind: Any = field.annotation
-        entries: list[tuple[Key, Any]] = [((name,), value)]
-        if isinstance(value, Mapping):
-            kind = (get_args(kind) or (None,))[-1]
+        if isinstance(value, str | bool):
+            kind: Any = field.annotation
+            entries: list[tuple[Key, Any]] = [((name,), value)]
+        elif isinstance(value, Mapping):
+            kind = (get_args(field.annotation) or (None,))[-1]
             kind, *notes = get_args(kind) if get_origin(kind) is Annotated else (kind,)
             entries = [((name, str(key)), entry) for key, entry in value.items()]
+        else:
+            continue
         words = {float: _REQUIREMENTS["float_type"], int: _REQUIREMENTS["int_type"]}.get(kind)
         if words is None or any(hasattr(note, "func") for note in notes):  # a validator reads texts
             continue

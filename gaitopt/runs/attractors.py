@@ -28,6 +28,7 @@ from gaitopt.problem.scalars import state_unit, unit_of
 from gaitopt.requests import AttractorsRequest, entries
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
 from gaitopt.runs.jobs import Plan, ResultFile
+from gaitopt.search.attractors import settled
 from gaitopt.search.candidates import family, start_box
 from gaitopt.search.solve import solve
 from gaitopt.simulation.engine import choose_engine
@@ -35,7 +36,6 @@ from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
 from gaitopt.systems import solve_sequence
 from gaitopt.threads import cached_property
-from gaitopt.verification.long_run import settled
 from gaitopt.verification.step_map import section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 

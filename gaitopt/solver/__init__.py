@@ -14,6 +14,7 @@ program       the nonlinear program of a gait, for IPOPT and for users; the chec
 
 Other uses of the same equations:
 
+arclength     curves of solutions of any equations: predictor, corrector, location of zeros
 following     a known gait at other parameter values: ``follow``, ``Family``
 open_modes    a cycle with open mode sequence: finite elements with switch detection
 """

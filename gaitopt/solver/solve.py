@@ -25,7 +25,6 @@ from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method
 from gaitopt.solver.assembly import search_record
-from gaitopt.solver.collocation import first_gait
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
@@ -160,6 +159,8 @@ def _newton_gait(problem: Problem, guess: Rollout, began: float, progress: Value
 
 def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Valued, should_stop: Stop) -> Gait:
     """The gait of a problem whose guess is not a known motion, by collocation."""
+    from gaitopt.solver.collocation import first_gait  # imports scipy.sparse; most guesses are known motions
+
     found, end, worst = first_gait(problem, dynamics, progress=progress, should_stop=should_stop)
     solver = search_record(Method.IPOPT, end.iterations, began)
     if found is not None:

@@ -5,4 +5,5 @@
 - ``lock``: one writer at a time
 - ``run``: the run folder as one object: problem, manifest, files, lines
 - ``gaits``: gaits, branch points and special points from their records
+- ``branch``: a stored branch as far as it got, from which its continuation goes on
 """

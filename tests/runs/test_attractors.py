@@ -14,8 +14,8 @@ from gaitopt.model.modes import Mode
 from gaitopt.requests import Engine
 from gaitopt.runs.attractors import gaits_on_branch
 from gaitopt.runs.grid import Axis
+from gaitopt.search.attractors import settled
 from gaitopt.show.tables import printed
-from gaitopt.verification.long_run import settled
 from gaitopt.verification.step_map import step_map
 
 WHEEL = "rimless-wheel-slip"

@@ -32,7 +32,7 @@ REPEATS, SAME = 1e-6, 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LongRun(ReadOnlyArrays):
+class Attractor(ReadOnlyArrays):
     """What some walks settle on.
 
     Attributes
@@ -52,7 +52,7 @@ class LongRun(ReadOnlyArrays):
 
 def settled(
     mapped: StepMap, xi: Array, *, transient: int, keep: int, should_stop: Stop = None
-) -> tuple[list[LongRun], dict[str, int]]:
+) -> tuple[list[Attractor], dict[str, int]]:
     """What the walks from given states settle on, and how many of the others end in each way.
 
     Parameters
@@ -61,7 +61,7 @@ def settled(
     xi : ndarray, shape (n, n_xi) - section coordinates with ``dx``.
     transient, keep : cycles of the walker that are walked before, and that are kept.
     """
-    dynamics, endings, found = mapped.dynamics, Counter[str](), list[LongRun]()
+    dynamics, endings, found = mapped.dynamics, Counter[str](), list[Attractor]()
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     per_cycle, walking = dynamics.system.walker.steps_per_cycle(), np.asarray(xi, dtype=float)
     for attempt in range(ROUNDS):
@@ -99,7 +99,7 @@ def settled(
             length = (period or max(keep, MEAN)) * per_cycle
             rate = lyapunov(dynamics, orbit[-1] * units, length, cyclic=period is not None)
             steps = None if period is None else period * per_cycle
-            found.append(LongRun(states=orbit * units, period_steps=steps, lyapunov=rate, starts=1))
+            found.append(Attractor(states=orbit * units, period_steps=steps, lyapunov=rate, starts=1))
         walking = path[-1, remaining]
         if not len(walking):
             break
@@ -173,7 +173,7 @@ def _closest(states: Array) -> float:
     return float(apart[~np.eye(len(states), dtype=bool)].min(initial=np.inf))
 
 
-def _same(run: LongRun, states: Array, period: int | None, per_cycle: int, units: Array) -> bool:
+def _same(run: Attractor, states: Array, period: int | None, per_cycle: int, units: Array) -> bool:
     """Whether an orbit is that of ``run``; two that do not repeat themselves are if their ranges overlap."""
     if run.period_steps != (None if period is None else period * per_cycle):
         return False
