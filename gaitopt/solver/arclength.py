@@ -47,7 +47,7 @@ prediction."""
 SLOW = 0.2
 """A chord that contracts by less than this is replaced by a new Jacobian."""
 LONGEST_FIRST_STEP = 0.2
-"""Longest first step in natural units from a prediction next to its solution."""
+"""Longest first step in natural units from a prediction, or a guess, next to its solution."""
 LARGEST_WEIGHTS = 100.0
 """Largest sum of the absolute weights of an extrapolation; a larger one amplifies rounding too much."""
 FORWARD = 0.5

@@ -1,7 +1,6 @@
 """Newton's method for the equations of a gait: from a nearby guess to a solution that is right to rounding.
 
     J(w) s = F(w),   w <- w - s     from a guess, while every step is at most half of the last    ``solve_nearby``
-                                    while the residual falls, with one Jacobian or new ones       ``descend``
                                     from a solution, down to rounding                             ``polish``
     J dw = -halved defects          integration error of a solution, by a finer integration       ``integration_error``
                                     more intervals until it is small                              ``refine``
@@ -19,15 +18,12 @@ import numpy as np
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
+from gaitopt.solver.arclength import CONTRACTION, LONGEST_FIRST_STEP
 from gaitopt.solver.interval import ORDER
 from gaitopt.solver.shooting import MultipleShooting, NaturalUnits, transcribe
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
 
-LONGEST_FIRST_STEP = 0.2
-"""Longest first step in natural units; a guess that needs a longer one is not near a gait."""
-CONTRACTION = 0.5
-"""Largest ratio of a step to the previous one."""
 LAST_STEP = 1e-7
 """A step in natural units below which the next one, by quadratic convergence, would be rounding."""
 MOST_STEPS = 9
@@ -257,37 +253,25 @@ def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop 
     return replace(lost, iterations=number)
 
 
-def descend(start: Solution, *, tolerance: float, most: int, contraction: float = 1.0) -> Solution:
-    """Newton's method, or chords if ``start`` is one, until the residual in natural units is below ``tolerance``.
-
-    A step is discarded, and the search ends, if it leaves more than ``contraction`` of the residual.
-
-    Raises
-    ------
-    RuntimeError
-        If the Jacobian is singular.
-    """
-    at = start
-    for _ in range(most):
-        if at.size < tolerance:
-            break
-        trial = at.stepped()
-        if not trial.size < contraction * at.size:
-            break
-        at = trial
-    return at
-
-
 @overflow_allowed()
 def polish(solution: Solution) -> Solution:
     """A solution down to rounding by Newton's method, with free parameters fixed.
 
-    It is returned as it is if the Jacobian is singular.
+    A step that does not reduce the residual is discarded, and is the last one. The solution is returned as it is if the
+    Jacobian is singular.
     """
-    try:
-        return descend(solution, tolerance=NEWTON_TOLERANCE, most=NEWTON_STEPS)
-    except RuntimeError:  # singular
-        return solution
+    at = solution
+    for _ in range(NEWTON_STEPS):
+        if at.size < NEWTON_TOLERANCE:
+            break
+        try:
+            trial = at.stepped()
+        except RuntimeError:  # singular
+            return solution
+        if not trial.size < at.size:
+            break
+        at = trial
+    return at
 
 
 @overflow_allowed()
