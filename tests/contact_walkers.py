@@ -12,7 +12,7 @@ from oracles import Link, Mass, Oracle, Point, slope_gravity
 
 from gaitopt.model.control import NoControl
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import COULOMB, ContactFriction, Friction
+from gaitopt.model.friction import COULOMB, ContactFriction, Friction, shared_friction
 from gaitopt.model.mechanism import Body, Contact, Mechanism, inclined
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walker import Walker
@@ -78,7 +78,7 @@ class ContactCase:
 
 @cache
 def passive(walker: type[Walker], names: tuple[str, ...]) -> HybridSystem:
-    shared = ContactFriction.shared(walker.contacts, COULOMB)
+    shared = shared_friction(walker.contacts, COULOMB)
     each = ContactFriction(tuple((name, Friction(f"friction.{name}", f"friction.{name}")) for name in names))
     return HybridSystem(walker, NoControl(), friction=each if names else shared)
 

@@ -400,7 +400,7 @@ def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> 
     cycle, system = problem.cycle, dynamics.system
     if start is not None and start.steps:
         return _Known(start), np.array([duration for _, duration in start.phases])
-    if len(cycle.steps) > 1 or system.walker.flies or system.walker.massless_feet:
+    if len(cycle.steps) > 1 or {"flight", "massless feet"} & {*system.walker.features()}:
         raise ProblemError(f"{problem.name}: open-loop torques are found for walkers without flight, and for one step")
     if problem.guess.first is None and problem.guess.durations is None:
         rolled = guessed_motion(problem, dynamics)

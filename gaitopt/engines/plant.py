@@ -269,17 +269,8 @@ class Reference:
 def _refuse(gait: Gait) -> None:
     """Name what the adapters have no law for."""
     walker, name = gait.system.walker, gait.problem.name
-    parts = {
-        "several contacts": bool(walker.contacts),
-        "flight": walker.flies,
-        "joint stops": bool(walker.stops),
-        "switches": bool(walker.switches),
-        "a push-off": walker.pushes,
-        "massless feet": walker.massless_feet,
-        "motors that push from outside": bool(walker.external),
-        "a control law whose clock does not restart": not gait.system.control.restarts,
-    }
-    present = [part for part, there in parts.items() if there]
+    present = [*walker.features()]
+    present += [] if gait.system.control.restarts else ["a control law whose clock does not restart"]
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
         raise ProblemError(f"{name}: {walker.model} has {' and '.join(present)}; the engines cannot model that")

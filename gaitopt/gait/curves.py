@@ -95,6 +95,13 @@ def integral(values: Array, duration: float) -> float:
     return float(_weights(values.shape[0]) @ values) * duration / 2
 
 
+def primitive(values: Array, duration: float) -> Array:
+    """Chebyshev coefficients of the integral from the start of an interval; shape (n + 1,)."""
+    c = _primitive(values.shape[0]) @ values * duration / 2
+    c[0] -= evaluate(c, np.array(-1.0))
+    return np.asarray(c)
+
+
 def signed_weights(values: Array) -> tuple[Array, Array]:
     """Weights (m,) that integrate curves over [-1, 1], multiplied by the sign of the one through ``values`` (m,).
 

@@ -154,9 +154,9 @@ def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
 
     Several contacts have columns of their own, ``f_t.left`` and ``f_n.left``.
     """
-    ends = [f".{name}" for name in system.walker.contacts] or [""]
-    forces = (f"{force}{end}" for end in ends for force in ("f_t", "f_n"))
-    return ("t", "mode", *system.state_names, *forces, *system.walker.actuators)
+    walker = system.walker
+    forces = (walker.quantity(force, name) for name in walker.contact_names() for force in ("f_t", "f_n"))
+    return ("t", "mode", *system.state_names, *forces, *walker.actuators)
 
 
 def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:

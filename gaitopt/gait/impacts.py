@@ -14,7 +14,7 @@ from gaitopt.gait.shares import undetermined_in
 from gaitopt.gait.trajectory import Trajectory
 from gaitopt.model.buffered import buffered
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import OFF, Mode
+from gaitopt.model.modes import FOOT, OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
 
 SAME_STATE = 1e-9
@@ -35,28 +35,24 @@ def impact_records(motion: Trajectory) -> Iterator[dict[str, Any]]:
             z = z if before is None else before.states[-1]
             assert arc is not None
             locked = [name for name in arc.mode.locked if before is not None and name not in before.mode.locked]
-            struck = arc.struck if arc.mode.is_named else arc.mode if locked else None
+            struck = arc.struck or (arc.mode if locked else None)
             if struck is not None:
                 of = locked or _landing(arc.dynamics, struck, None if before is None else before.mode, z)
                 impulse = _impulse(arc.dynamics, struck, of, z, arc.states[0])
-                yield _impact_entry(began + arc.start, number, of, struck, _determined(arc.dynamics, struck, impulse))
+                yield _impact_entry(arc.dynamics, began + arc.start, number, of, struck, impulse)
         last = step.arcs[-1]
         if step.impact is not None and last.dynamics.system.cycle_end == TOUCHDOWN:
-            mode, of = step.impact.mode, ["swing_foot"]
-            if mode.is_named:
-                mode = last.dynamics.system.walker.swapped(mode)
-                of = [name for name in mode.touching if name not in last.mode.touching]
-            yield _impact_entry(
-                began + last.end, number, of, mode, _determined(last.dynamics, mode, step.impact.impulse)
-            )
+            walker, after = last.dynamics.system.walker, step.impact.mode
+            of = [name for name in walker.struck(after).touching if name not in last.mode.touching]
+            yield _impact_entry(last.dynamics, began + last.end, number, of, walker.swapped(after), step.impact.impulse)
         began, z = began + step.period, z if step.impact is None else step.impact.state
 
 
 def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) -> list[str]:
-    """The named contacts that land in an impact; at the start of a motion, those that come down onto the ground."""
+    """The contacts that land in an impact; at the start of a motion, those that come down onto the ground."""
     if before is not None:
         return [name for name in struck.touching if name not in before.touching]
-    names = dynamics.system.walker.contacts
+    names = dynamics.system.walker.contact_names()
     _, velocities, *_ = buffered(dynamics.system.contact_points)(z, dynamics.p)
     rates = dict(zip(names, velocities.reshape(-1, 2)[:, 1].tolist(), strict=True))
     return [name for name in struck.touching if rates[name] < 0]
@@ -73,23 +69,20 @@ def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: 
     return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None
 
 
-def _determined(dynamics: Dynamics, struck: Mode, impulse: Array | None) -> Array | None:
-    """Impulses of named contacts with NaN for the shares that the equations of the impact leave open."""
-    walker = dynamics.system.walker
-    if impulse is None or not struck.is_named:
-        return impulse
-    open_shares = undetermined_in(walker, struck)
-    names = [f"{force}.{name}" for name in walker.contacts for force in ("f_t", "f_n")]
-    return np.where([name in open_shares for name in names], np.nan, impulse)
-
-
-def _impact_entry(time: float, step: int, of: list[str], mode: Mode, impulse: Array | None) -> dict[str, Any]:
-    """The record of one impact."""
+def _impact_entry(
+    dynamics: Dynamics, time: float, step: int, of: list[str], mode: Mode, impulse: Array | None
+) -> dict[str, Any]:
+    """The record of one impact; shares of impulses that the equations of the impact leave open are None."""
+    walker, of_contacts = dynamics.system.walker, dict[str, dict[str, float | None]]()
+    open_shares = undetermined_in(walker, mode)
+    pairs = [] if impulse is None else impulse.reshape(-1, 2).tolist()
+    for name, pair in zip(walker.contact_names(), pairs, strict=False):
+        shares = zip((f"f_t.{name}", f"f_n.{name}"), pair, strict=True)
+        known = (None if share in open_shares else value for share, value in shares)
+        of_contacts[name] = dict(zip(IMPULSES, known, strict=True))
     impulses: Any = None
-    if impulse is not None:
-        pairs = [[None if np.isnan(value) else value for value in pair] for pair in impulse.reshape(-1, 2).tolist()]
-        impulses = dict(zip(IMPULSES, pairs[0], strict=True))
-        if mode.is_named:
-            values = zip(mode.contacts, pairs, strict=True)
-            impulses = {name: dict(zip(IMPULSES, pair, strict=True)) for name, pair in values if name in mode.touching}
+    if impulse is not None and walker.labels():
+        impulses = {name: pair for name, pair in of_contacts.items() if name in mode.touching}
+    elif impulse is not None:
+        impulses = of_contacts[FOOT]
     return {"time": time, "step": step, "of": of, "impact": mode.words, "impulse": impulses}

@@ -186,13 +186,13 @@ def contact_record(steps: Sequence[Step]) -> dict[str, Any]:
     """Scalars of every named contact along complete steps, and the contacts whose forces are undetermined somewhere.
 
     A contact whose share of a force is undetermined has no scalars of forces; between which bounds each of its forces
-    lies stands beside them [N]. Empty where contacts have no names.
+    lies stands beside them [N]. Empty where contacts have no labels.
     """
     walker = steps[0].arcs[0].dynamics.system.walker if steps else None
-    if walker is None or not walker.contacts:
+    if walker is None or not walker.labels():
         return {}
     values: dict[str, dict[str, Any]] = {
-        name: {"required_friction": None, "min_normal_force": None, "slip_distance": 0.0} for name in walker.contacts
+        name: {"required_friction": None, "min_normal_force": None, "slip_distance": 0.0} for name in walker.labels()
     }
     shared = dict[str, None]()
     for arc in (arc for step in steps for arc in step.arcs):
@@ -239,23 +239,20 @@ class _Measured:
     """``Quantities`` of complete steps as numbers."""
 
     def __init__(self, steps: Sequence[Step]) -> None:
-        self._dynamics = dynamics = steps[0].arcs[0].dynamics
+        self._dynamics = steps[0].arcs[0].dynamics
         self.steps = [[(arc, observe(arc)) for arc in step.arcs] for step in steps]
         self.arcs = [pair for pairs in self.steps for pair in pairs]
         self.driven = [(arc, o) for arc, o in self.arcs if o.torque.any()]  # on the others no motor acts
         self.duration = sum(step.period for step in steps)
         self.distance = sum(step.final_impact.step_length for step in steps)
         self.push_work = sum(step.final_impact.push_work for step in steps)
-        x, slips = dynamics.system.n_shape, [(arc, o) for arc, o in self.arcs if arc.mode.slips]
-        if dynamics.system.walker.contacts:
-            self.slip = sum(
-                abs(curves.integral(contact.slip, arc.duration))
-                for arc, o in slips
-                for contact in touching_contacts(arc, o)
-                if contact.direction
-            )
-        else:
-            self.slip = sum(float(abs(arc.states[-1, x] - arc.states[0, x])) for arc, _ in slips)
+        self.slip = sum(
+            abs(curves.integral(contact.slip, arc.duration))
+            for arc, o in self.arcs
+            if arc.mode.slips
+            for contact in touching_contacts(arc, o)
+            if contact.direction
+        )
 
     @property
     def flights(self) -> Iterator[Array]:

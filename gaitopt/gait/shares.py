@@ -57,7 +57,7 @@ def _possible_forces(arc: Arc) -> Iterator[tuple[str, Array]]:
         return
     system, mode, p = arc.dynamics.system, arc.mode, arc.dynamics.p
     walker, m = system.walker, arc.times.size
-    structure, place = constraint_structure(walker, mode), {name: k for k, name in enumerate(walker.contacts)}
+    structure, place = constraint_structure(walker, mode), {name: k for k, name in enumerate(walker.contact_names())}
     nulls = _null_spaces(arc)  # (m, n, d)
     force = buffered_map(system.observation(mode), m)(arc.times[:, None], arc.states, p, system.data(arc.segment))[0]
     index = {constraint: k for k, constraint in enumerate(structure.constraints)}

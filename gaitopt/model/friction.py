@@ -82,10 +82,10 @@ class ContactFriction:
         place = {key: k for k, key in enumerate(self.parameters)}
         return {name: law.coefficients([values[place[key]] for key in law.parameters]) for name, law in self.laws}
 
-    @classmethod
-    def shared(cls, contacts: tuple[str, ...], law: Friction) -> "ContactFriction":
-        """One law for all contacts."""
-        return cls(tuple((name, law) for name in contacts))
+
+def shared_friction(contacts: tuple[str, ...], law: Friction) -> "Friction | ContactFriction":
+    """One law for all contacts of a walker, or for its foot if it names none."""
+    return ContactFriction(tuple((name, law) for name in contacts)) if contacts else law
 
 
 COULOMB = Friction("friction", "friction")

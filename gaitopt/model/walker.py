@@ -187,6 +187,50 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return not cls.contacts
 
     @classmethod
+    def leaves_ground(cls) -> bool:
+        """Whether it has a mode in which no contact is on the ground."""
+        return cls.flies or not cls.stands_on_one()
+
+    @classmethod
+    def may_keep_energy(cls) -> bool:
+        """Whether it may land without losing energy: on massless feet, or by springs that act in flight or in parts."""
+        return cls.flies or bool(cls.weightless() or cls.switches)
+
+    @classmethod
+    def features(cls) -> tuple[str, ...]:
+        """What it has beyond one foot on the ground, in words: methods say with these what they do not cover."""
+        parts = {
+            "several contacts": cls.contacts,
+            "flight": cls.flies,
+            "joint stops": cls.stops,
+            "switches": cls.switches,
+            "a push-off": cls.pushes,
+            "massless feet": cls.weightless(),
+            "motors that push from outside": cls.external,
+        }
+        return tuple(words for words, part in parts.items() if part)
+
+    @classmethod
+    def labels(cls) -> tuple[str, ...]:
+        """Names that results write beside quantities of contacts; none if the walker stands on one at a time."""
+        return cls.contacts
+
+    @classmethod
+    def label(cls, contact: str) -> str:
+        """The name of a contact if it is one of ``labels``, else nothing."""
+        return contact if contact in cls.labels() else ""
+
+    @classmethod
+    def quantity(cls, what: str, contact: str) -> str:
+        """The name of a quantity of a contact: ``f_t.left``, or ``f_t`` of a contact without a label."""
+        return f"{what}.{cls.label(contact)}".rstrip(".")
+
+    @classmethod
+    def weightless(cls) -> tuple[str, ...]:
+        """Names of the contacts at the end of massless parts."""
+        return (FOOT,) if cls.massless_feet else cls.massless_contacts
+
+    @classmethod
     def landing_points(cls) -> tuple[str, ...]:
         """Names of all points that may touch the ground: the contacts, or ``foot`` and ``swing_foot``."""
         return cls.contacts or (FOOT, SWING_FOOT)

@@ -26,7 +26,7 @@ from gaitopt.model.contract import KINKED, check_hooks, check_period, jumping_op
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
 from gaitopt.model.declaration import actuator_units, state_mechanism
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import COULOMB, ContactFriction
+from gaitopt.model.friction import COULOMB, shared_friction
 from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import TableCurves
@@ -85,7 +85,7 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
     if problem.start is None or not problem.has_gait:  # a simulation may start anywhere
         return
     foot, upright, _ = _geometry_at_guess(problem)
-    apart = problem.walker.flies or problem.walker.contacts or math.hypot(*foot) > FEET_APART * scales.length
+    apart = problem.walker.leaves_ground() or math.hypot(*foot) > FEET_APART * scales.length
     if not apart:
         yield Fault(STATE, "both feet are at the same place: a step begins with the feet apart")
     if upright < FALLEN:
@@ -183,7 +183,7 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
     law, walker = problem.control, type(problem.walker)
     tables = {name: each for name, each in law.targets.items() if isinstance(each, TableCurves)}
     known_law = isinstance(law, ProportionalDerivative | VirtualConstraints)
-    if not (tables and known_law) or problem.start is None or problem.is_open or walker.contacts or walker.flies:
+    if not (tables and known_law) or problem.start is None or problem.is_open or walker.leaves_ground():
         return
     ((key, table),) = tables.items()
     names = law.outputs if isinstance(law, VirtualConstraints) else table.names
@@ -271,8 +271,12 @@ def least_friction(problem: ProblemStatement) -> float:
 def lacks_energy(problem: ProblemStatement) -> bool:
     """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
     walker = problem.walker
-    keeps_energy = walker.flies or walker.massless_contacts or walker.switches or problem.cycle_end != TOUCHDOWN
-    if keeps_energy or problem.free or not isinstance(problem.control, NoControl):
+    if (
+        walker.may_keep_energy()
+        or problem.cycle_end != TOUCHDOWN
+        or problem.free
+        or not isinstance(problem.control, NoControl)
+    ):
         return False
     downhill = _geometry_at_guess(problem)[2][0]
     modes = () if problem.is_open else (*problem.cycle.phases, *problem.cycle.impacts)
@@ -382,7 +386,7 @@ def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array]:
 
     Without a guess all angles are zero.
     """
-    names = (*problem.walker.shape, *(("y",) if problem.walker.contacts else ()))
+    names = problem.walker.coordinates()[:-1]
     posture = [0.0 if problem.start is None else problem.start.state[name] for name in names]
     foot, upright, gravity = buffered(_geometry(type(problem.walker)))(posture, _values(problem.walker))
     return foot.copy(), float(upright[0]), gravity.copy()
@@ -394,16 +398,13 @@ def _values(walker: Walker) -> list[float]:
 
 @built_once(maxsize=32)
 def _system(walker: type[Walker]) -> HybridSystem:
-    contacts = walker.contacts
-    return HybridSystem(
-        walker, NoControl(), friction=ContactFriction.shared(contacts, COULOMB) if contacts else COULOMB
-    )
+    return HybridSystem(walker, NoControl(), friction=shared_friction(walker.contacts, COULOMB))
 
 
 @built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
     """(posture, p) -> swing foot from the stance foot, upright, gravity; the posture is the shape, and any height y."""
-    names, p = (*walker.shape, *(("y",) if walker.contacts else ())), SX.sym("p", len(walker.model_fields))
+    names, p = walker.coordinates()[:-1], SX.sym("p", len(walker.model_fields))
     posture = SX.sym("posture", len(names))
     q = {"x": SX(0), "y": SX(0)} | {name: posture[k] for k, name in enumerate(names)}
     m = state_mechanism(walker, SimpleNamespace(**q), parameter_namespace(walker, p))

@@ -415,7 +415,7 @@ class _StatementReader:
             both = "exclude each other: keep one" if section.postures else "is missing; or give postures, or a state"
             self._fault((*path, "step_length"), "and postures " + both if section.postures else both)
             return None
-        if model.flies or model.massless_feet or model.contacts or "steps" in self._data["gait"]:
+        if {"several contacts", "flight", "massless feet"} & {*model.features()} or "steps" in self._data["gait"]:
             words = "is for one step of walkers that always stand on a foot and have no massless feet: give a state"
             self._fault(path, words)
             return None

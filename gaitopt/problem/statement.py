@@ -17,7 +17,7 @@ from gaitopt.display import Tabulated
 from gaitopt.errors import ProblemError
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
-from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw
+from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw, shared_friction
 from gaitopt.model.modes import IMPACT, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, has_stated_sections, section_of
 from gaitopt.model.units import parse_count
@@ -232,10 +232,11 @@ class ProblemStatement(Tabulated):
     @property
     def friction_law(self) -> Friction | ContactFriction:
         """One coefficient, or static, kinetic and viscous friction; of every contact where they have names."""
-        contacts = self.walker.contacts
         if not isinstance(self.friction, Mapping):
-            law = COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
-            return ContactFriction.shared(contacts, law) if contacts else law
+            return shared_friction(
+                self.walker.contacts, COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
+            )
+        contacts = self.walker.contact_names()
         keys = {name: f"friction.{name}" for name in contacts}
         laws = (
             Friction(keys[name], keys[name])

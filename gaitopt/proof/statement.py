@@ -50,6 +50,8 @@ from gaitopt.proof.certificate import (
 from gaitopt.proof.law import ExactLaw, exact_law, exact_piece
 from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 
+UNCOVERED = ("several contacts", "joint stops", "flight", "switches", "a push-off")
+"""Features of walkers whose resets and conditions are not among the claims."""
 LARGEST_JUMP = 1e-9
 """Largest jump of a tracked angle where two of its pieces meet, in natural units; and of its rate, times the length of
 the piece."""
@@ -369,19 +371,11 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
         or a mode is not that one foot sticks or slips.
     """
     walker = system.walker
-    if walker.contacts:
-        raise NotProved(f"{problem.name}: a {walker.model} has several contacts; proofs do not cover that")
-    reasons = {
-        "joint stops": walker.stops,
-        "flight": walker.flies,
-        "switches": walker.switches,
-        "a push-off": walker.pushes,
-        "a posture after its impact that Newton's method solves for": is_default(walker, "after_impact")
-        and not is_linear(walker),
-    }
-    unknown = " and ".join(reason for reason, present in reasons.items() if present)
+    unknown = [feature for feature in walker.features() if feature in UNCOVERED]
+    if "several contacts" not in unknown and is_default(walker, "after_impact") and not is_linear(walker):
+        unknown.append("a posture after its impact that Newton's method solves for")
     if unknown:
-        raise NotProved(f"{problem.name}: a {walker.model} has {unknown}; proofs do not cover that")
+        raise NotProved(f"{problem.name}: a {walker.model} has {' and '.join(unknown)}; proofs do not cover that")
     for mode in (*problem.cycle.phases, *problem.cycle.impacts):
         if mode not in CONTACTS:
             raise NotProved(f"{problem.name}: proofs do not cover a phase or an impact with {mode}")

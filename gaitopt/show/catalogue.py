@@ -222,7 +222,7 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
 
     empty = set() if alone else {"methods"}
     empty |= {"torques"} if not any(gait.measures["peak_torque"] for gait in gaits) else set()
-    empty |= {"contacts"} if not any(gait.system.walker.contacts for gait in gaits) else set()
+    empty |= {"contacts"} if not any(gait.system.walker.labels() for gait in gaits) else set()
     empty |= {"slip"} if not any(gait.measures["slip_distance"] for gait in gaits) else set()
     shapes = [gait.system.walker.shape for gait in gaits]
     common = [name for name in shapes[0] if all(name in shape for shape in shapes)]

@@ -162,22 +162,22 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     places = []
     for arc in arcs:
         q = arc.states[:, : len(walker.coordinates())].T
-        for name in set(walker.massless_contacts) - {*arc.mode.touching}:  # drawn where it is going to land
+        for name in {*held} - {*arc.mode.touching}:  # drawn where it is going to land
             q = np.asarray(held[name](q, arc.dynamics.p[:n_p]))
         places.append(np.asarray(positions(q, arc.dynamics.p[:n_p])))
     points = np.hstack(places).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
     mass = np.asarray(masses(dynamics.p[:n_p])).ravel()
     discs = tuple((k, float(share)) for k, share in enumerate(mass / mass.sum(), start=2))
-    touching, n_points = len(walker.contact_names()), points.shape[1]
-    contacts = tuple(range(n_points - touching, n_points))
+    n_contacts, n_points = len(walker.contact_names()), points.shape[1]
+    contacts = tuple(range(n_points - n_contacts, n_points))
     if lines:  # neighbours on each line of the outline, whose points follow those of the bodies
         starts = accumulate(lines[:-1], initial=2 + mass.size)
         legs = [(k, k + 1) for start, n in zip(starts, lines, strict=True) for k in range(start, start + n - 1)]
         return Skeleton(points=points, legs=tuple(legs), sides=sides, discs=discs, contacts=contacts)
     draw = next((draw for kind, draw in _DRAWINGS.items() if issubclass(walker, kind)), _rigid_parts)
-    if walker.contacts:
-        return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts), dynamics)
-    return draw(Skeleton(points=points[:, :-1], legs=(), discs=discs), dynamics)
+    if not walker.labels():  # its contact is drawn as the stance foot, the first point
+        points, contacts = points[:, :-1], (0,)
+    return draw(Skeleton(points=points, legs=(), discs=discs, contacts=contacts), dynamics)
 
 
 def slope(motion: Motion) -> float:
@@ -238,7 +238,8 @@ def _mechanism(
     mechanism, (lines, contact) = state_mechanism(walker, *named), state_picture(walker, *named)
     drawn = [*(body.position for body in mechanism.bodies), *(point for line in lines for point in line)]
     foot = vertcat(coordinates["x"], coordinates["y"])
-    contacts = [mechanism.contacts[name].position for name in walker.contacts] or [contact]
+    stated = mechanism.contacts
+    contacts = [stated[name].position if name in stated else contact for name in walker.contact_names()]
     places = horzcat(foot, mechanism.swing_foot, *drawn, *contacts)
     masses = vertcat(*(SX(body.mass) for body in mechanism.bodies))
     return (
@@ -247,10 +248,9 @@ def _mechanism(
         Function("gravity", [p], [mechanism.gravity]),
         tuple(map(len, lines)),
         {
-            name: Function(
-                name, [q, p], [vertcat(*(mechanism.contacts[name].places.get(k, q[n]) for n, k in enumerate(names)))]
-            )
-            for name in walker.massless_contacts
+            name: Function(name, [q, p], [vertcat(*(massless.places.get(k, q[n]) for n, k in enumerate(names)))])
+            for name, massless in stated.items()
+            if massless.places
         },
         state_tree(walker, *named).sides()
         if has_links(walker) and is_default(walker, "outline")
@@ -331,7 +331,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "name": motion.name,
         "slope": slope(motion),
         "contacts": [
-            {"name": name, "point": point, "mark": point if motion.walker.contacts else 0, "friction": float(static)}
+            {"name": name, "point": point, "mark": point if motion.walker.label(name) else 0, "friction": float(static)}
             for (name, (static, *_)), point in zip(coefficients.items(), drawing.contacts, strict=True)
         ],
         "weight": float(motion.dynamics.system.weight(motion.dynamics.p)),
@@ -367,8 +367,7 @@ def _overall(mode: Mode) -> str:
 
 def contacts_words(mode: Mode) -> str:
     """What the contacts on the ground do: ``heel slip forward, toe stick``."""
-    text = mode.brief if mode.is_named else mode.contact
-    return text.replace("_", " ").replace(" + ", ", ")
+    return mode.contact.brief.replace("_", " ").replace(" + ", ", ")
 
 
 def _at_frames(arc: Arc, most: int) -> Arc:

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from scipy.integrate import cumulative_trapezoid
 
 from gaitopt.arrays import Array
+from gaitopt.gait import curves
 from gaitopt.gait.measures import ContactObservation, friction_ratio, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.modes import OFF, Mode
@@ -34,6 +34,7 @@ from gaitopt.show.motion import (
     position_label,
     positions_of,
     resampled,
+    resampled_places,
     smooth,
     thinned,
     time_label,
@@ -84,13 +85,13 @@ ROUNDING = 1e-17
 def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     """Force ratio versus time or a shape coordinate, with the impulse ratio of eq. (9) as a cross at its end.
 
-    For walkers that fly, or have several contacts, a second panel shows the normal force. Every contact has its curve.
+    For walkers that leave the ground a second panel shows the normal force. Every contact has its curve.
 
     Parameters
     ----------
     against : ``time``, or the name of a shape coordinate.
     """
-    loaded = against == "time" and any(motion.walker.flies or motion.walker.contacts for motion in motions)
+    loaded = against == "time" and any(motion.walker.leaves_ground() for motion in motions)
     figure, (axes, *normal) = panels(2, heights=[3, 2], height=5.4) if loaded else panels()
     colours = _contact_colours(motions)
     for motion in motions:
@@ -120,19 +121,18 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
     for motion in motions:
         for began, step in with_start_times(motion.steps):
             slipped = dict[str, float]()  # of the contacts on the ground, since they landed
-            for arc in (resampled(arc) for arc in step.arcs):
+            for arc in step.arcs:
                 slipped = {name: slipped.get(name, 0.0) for name in arc.mode.touching}
+                times, s = resampled(arc).times, resampled_places(arc)
                 for contact in touching_contacts(arc, observe(arc)):
-                    x = arc.states[:, motion.state_index("x")]
-                    if motion.walker.contacts:
-                        x = slipped[contact.names[0]] + cumulative_trapezoid(contact.slip, arc.times, initial=0)
+                    x = slipped[contact.names[0]] + curves.evaluate(curves.primitive(contact.slip, arc.duration), s)
                     slipped |= dict.fromkeys(contact.names, float(x[-1]))
                     style = {"color": colours[motion.name, contact.names], "linestyle": _line(contact)}
-                    axes.plot(began + arc.times, 1000 * x, **style)
+                    axes.plot(began + times, 1000 * x, **style)
     axes.axhline(0, color="#808080", linewidth=0.8)
     axes.set_xlabel(time_label(motions))
-    several = any(motion.walker.contacts for motion in motions)
-    axes.set_ylabel("slip since touchdown [mm]" if several else "slip of the stance foot x [mm]")
+    labelled = any(motion.walker.labels() for motion in motions)
+    axes.set_ylabel("slip since touchdown [mm]" if labelled else "slip of the stance foot x [mm]")
     modes = [mode for motion in motions for mode in motion.modes]
     legend_below(figure, [*_contact_entries(motions, colours), *mode_legend(modes)])
     return figure
@@ -163,11 +163,11 @@ def _contact_colours(motions: Sequence[Motion]) -> dict[tuple[str, tuple[str, ..
 
 def _contact_entries(motions: Sequence[Motion], colours: Mapping[tuple[str, tuple[str, ...]], str]) -> list[Line2D]:
     """Entries of the legend: the motions, or their contacts."""
-    named = {motion.name: bool(motion.walker.contacts) for motion in motions}
+    walkers = {motion.name: motion.walker for motion in motions}
 
     def words(motion: str, contacts: tuple[str, ...]) -> str:
-        own = " + ".join(contacts).replace("_", " ")
-        return motion if not named[motion] else f"{motion}: {own}" if len(motions) > 1 else own
+        own = " + ".join(filter(None, map(walkers[motion].label, contacts))).replace("_", " ")
+        return motion if not own else f"{motion}: {own}" if len(motions) > 1 else own
 
     return [entry(words(*key), color=colour) for key, colour in colours.items()]
 
@@ -218,9 +218,8 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
                     bar.set(edgecolor=colour, linewidth=EDGE_WIDTH)
                     present.add(Mode(word))
     labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
-    if any(motion.walker.contacts for motion in motions):
-        names = [f"{label}: {name}" if label else name for label, (_, name) in zip(labels, rows, strict=True)]
-        labels = [name.replace("_", " ") for name in names]
+    own = [motion.walker.label(name).replace("_", " ") for motion, name in rows]
+    labels = [": ".join(filter(None, pair)) for pair in zip(labels, own, strict=True)]
     axes.set_yticks(range(len(rows)) if any(labels) else [], labels if any(labels) else [], fontsize="small")
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.tick_params(length=0, labelbottom=False)
@@ -241,7 +240,8 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colours: Mapping[tuple
             axes.plot(where, friction_ratio(contact.force), **style)
         ends.append(float(where[-1]))
     last_arcs = np.cumsum([len(step.arcs) for step in motion.steps]) - 1
-    colour = NEUTRAL if motion.walker.contacts else next(c for (name, _), c in colours.items() if name == motion.name)
+    own = {colour for (name, _), colour in colours.items() if name == motion.name}
+    colour = own.pop() if len(own) == 1 else NEUTRAL
     for step, last in zip(motion.steps, last_arcs, strict=True):
         if step.impact is None or step.impact.impulse_ratio is None:
             continue

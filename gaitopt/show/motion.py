@@ -103,13 +103,18 @@ def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str 
 
 
 def resampled(arc: Arc, count: int = 0) -> Arc:
-    """The same arc at ``count`` equidistant times; without a count, dense at its ends, so that lines look smooth."""
-    s = np.linspace(-1, 1, count) if count else np.sin(np.linspace(-1, 1, max(SMOOTH, 3 * len(arc.times))) * np.pi / 2)
+    """The same arc at ``count`` equidistant times, or at those of ``resampled_places``."""
+    s = np.linspace(-1, 1, count) if count else resampled_places(arc)
     if len(arc.times) == 2:  # too short to be anything but straight
         states = arc.states[0] + (s[:, None] + 1) / 2 * (arc.states[-1] - arc.states[0])
     else:
         states = np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)).T)
     return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
+
+
+def resampled_places(arc: Arc) -> Array:
+    """Places in [-1, 1] along an arc, dense at its ends, between which lines look smooth."""
+    return np.asarray(np.sin(np.linspace(-1, 1, max(SMOOTH, 3 * len(arc.times))) * np.pi / 2))
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:

@@ -7,7 +7,7 @@ from casadi import Function, densify, vertcat
 from gaitopt import Mode, Walker
 from gaitopt.model.contacts import LOCKED, NORMAL, TANGENTIAL, constraint_structure
 from gaitopt.model.control import NoControl
-from gaitopt.model.friction import COULOMB, ContactFriction, ImpactLaw
+from gaitopt.model.friction import COULOMB, ImpactLaw, shared_friction
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.walkers.compass_biped import CompassBiped
 from gaitopt.model.walkers.crawler import Crawler
@@ -25,7 +25,7 @@ FRICTION = 0.3
 
 
 def passive(walker: type[Walker], law: ImpactLaw = ImpactLaw.COULOMB) -> HybridSystem:
-    friction = ContactFriction.shared(walker.contacts, COULOMB) if walker.contacts else COULOMB
+    friction = shared_friction(walker.contacts, COULOMB)
     return HybridSystem(walker, NoControl(), law, friction)
 
 

@@ -10,7 +10,7 @@ from contact_walkers import Frame, dynamics_of
 
 from gaitopt.model.control import Control
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.friction import COULOMB, ContactFriction
+from gaitopt.model.friction import COULOMB, shared_friction
 from gaitopt.model.instant import Instant
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
@@ -87,7 +87,7 @@ def test_the_chosen_mode_agrees_with_the_torques_that_the_law_has_in_it() -> Non
     walker = Inchworm(
         link_length=0.5, link_mass=0.5, link_com=0.25, link_inertia=0.0104, hinge_mass=0.5, gravity=9.81, slope=0.08
     )
-    system = HybridSystem(Inchworm, LAW, friction=ContactFriction.shared(Inchworm.contacts, COULOMB))
+    system = HybridSystem(Inchworm, LAW, friction=shared_friction(Inchworm.contacts, COULOMB))
     rng, lifted, refused = np.random.default_rng(3), 0, 0
     for _ in range(60):
         offset, gain = rng.uniform(-8, 8), rng.uniform(-0.3, 0.3)
