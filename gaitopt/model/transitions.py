@@ -388,6 +388,7 @@ class Transitions:
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[tuple[Mode, Mode | None], Mapping[str, Transition]] = {}
+        self._landings: dict[tuple[str, Mode], Mapping[Mode, Mode]] = {}
         self._breakpoints: dict[Mode, Transition] = {}
         self._checked: set[Cycle] = set()
 
@@ -431,14 +432,17 @@ class Transitions:
         relabelled = impact is not None and cycle.after(phase) is None and self.cycle_end == TOUCHDOWN
         return self.walker.swapped(impact) if impact is not None and relabelled else impact
 
-    def landings(self, row: Transition, mode: Mode) -> dict[Mode, Mode]:
+    def landings(self, row: Transition, mode: Mode) -> Mapping[Mode, Mode]:
         """The mode after each impact that may end a step in ``mode``, by the impact.
 
         In the impact the contacts are called as before it, and the stops are locked that it holds.
         """
-        walker, contacts = self.walker, [candidate.contact for candidate in row.candidates]
-        landed = contacts if self._alone else map(walker.swapped, contacts)
-        return {walker.held_in_impact(walker.struck(contact), mode): contact for contact in landed}
+        if (row.guard, mode) not in self._landings:
+            walker, contacts = self.walker, [candidate.contact for candidate in row.candidates]
+            landed = contacts if self._alone else map(walker.swapped, contacts)
+            known = {walker.held_in_impact(walker.struck(contact), mode): contact for contact in landed}
+            self._landings[row.guard, mode] = known
+        return self._landings[row.guard, mode]
 
     def between(self, mode: Mode, after: Mode | None, struck: Mode | None = None) -> Transition:
         """The transition from ``mode`` to the next mode ``after`` of the step; None stands for the end of the step.

@@ -13,6 +13,7 @@ import math
 import sys
 from abc import ABC
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib import import_module
 from itertools import product
 from operator import attrgetter
@@ -238,13 +239,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     @classmethod
     def foot_modes(cls) -> tuple[Mode, ...]:
         """States of the foot, or of the contacts, as modes without stops."""
-        if cls.contacts:
-            words: dict[str, tuple[str, ...]] = dict.fromkeys(cls.contacts, (*CONTACTS, OFF))
-            words |= dict.fromkeys(cls.massless_contacts, (Mode.STICK, OFF))
-            names = [dict(zip(words, choice, strict=True)) for choice in product(*words.values())]
-            return tuple(Mode.of_contacts(states) for states in names)
-        ground = CONTACTS[:1] if cls.massless_feet else CONTACTS
-        return (*ground, Mode.FLIGHT) if cls.flies else ground
+        return _foot_modes(cls)
 
     @classmethod
     def statement(cls) -> dict[str, Any]:
@@ -325,6 +320,17 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         """Names of the section coordinates, which are free just after a sticking or slipping impact."""
         rates = cls.shape if cls.section_rates is None else cls.section_rates
         return (*cls.section, *(f"d{name}" for name in rates), *(("dx",) if slipping else ()))
+
+
+@lru_cache(maxsize=64)  # four contacts have 256
+def _foot_modes(walker: type[Walker]) -> tuple[Mode, ...]:
+    if walker.contacts:
+        words: dict[str, tuple[str, ...]] = dict.fromkeys(walker.contacts, (*CONTACTS, OFF))
+        words |= dict.fromkeys(walker.massless_contacts, (Mode.STICK, OFF))
+        names = [dict(zip(words, choice, strict=True)) for choice in product(*words.values())]
+        return tuple(Mode.of_contacts(states) for states in names)
+    ground = CONTACTS[:1] if walker.massless_feet else CONTACTS
+    return (*ground, Mode.FLIGHT) if walker.flies else ground
 
 
 WalkerType: TypeAlias = type[Walker]

@@ -24,17 +24,17 @@ from gaitopt.errors import SolveError, StorageError, UnknownNameError
 from gaitopt.gait.frames import data_set
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.gait.records import BasinRecord
-from gaitopt.model.modes import CONTACTS
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit
 from gaitopt.requests import BasinRequest, Engine
 from gaitopt.runs.grid import Grid, check_room
 from gaitopt.runs.jobs import Plan, Stored
+from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.outcomes import ENDINGS, StepOutcomes, phase_names
 from gaitopt.store.files import read_bytes, write_whole
 from gaitopt.store.formats import check_agrees, json_file, validated
 from gaitopt.store.run import Run
-from gaitopt.verification.step_map import map_engine, section_coordinates, step_map
+from gaitopt.verification.step_map import section_coordinates, step_map
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
 
 if TYPE_CHECKING:
@@ -141,8 +141,7 @@ def assign_gaits(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -
     The list does not depend on how the grid is cut into tiles, as long as their order is the same.
     """
     labels, unassigned, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
-    modes = problem.walker.modes()
-    impacts = modes if problem.walker.contacts else CONTACTS
+    modes, impacts = problem.walker.modes(), problem.walker.foot_modes()
     while unassigned.size:
         if index == len(gaits):
             row = unassigned[0]
@@ -394,7 +393,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
     @property
     def chosen_engine(self) -> Engine:
         """The engine that ``engine`` means for the number of states."""
-        return map_engine(self.problem, self.engine, self.grid.size * STEPS_OF_A_STATE)
+        return choose_engine(self.engine, steps=self.grid.size * STEPS_OF_A_STATE)
 
     @property
     def tile_size(self) -> int:

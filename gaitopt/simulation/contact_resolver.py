@@ -134,6 +134,7 @@ class ContactResolver:
     Attributes
     ----------
     system : the walker under its control law.
+    clear : decides clear cases of a lone foot; None of other walkers.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
@@ -149,7 +150,7 @@ class ContactResolver:
         self._forces = ContactForces(dynamics)
         self._points = Buffers(dynamics.system.contact_points)
         self._natural = NaturalDynamics(dynamics)
-        self._clear = ClearCases(dynamics) if self._alone else None
+        self.clear = ClearCases(dynamics) if self._alone else None
         self._push = Buffers(dynamics.system.push) if walker.pushes else None
         self._impacts: dict[tuple[Mode, ...], Buffers] = {}
 
@@ -242,18 +243,22 @@ class ContactResolver:
 
         A slip of a lone foot that a jump of the torques lifts off ends with the first event of the next arc.
         """
-        if len(transition.candidates) == 1 or (self._alone and not transition.at_rest):
+        if self.is_decided(transition):
             return transition.candidates[0]
         return self.mode_at_rest(transition.candidates, t, z, segment)
 
+    def is_decided(self, transition: Transition) -> bool:
+        """Whether the first candidate follows an event without a reset, whatever the forces."""
+        return len(transition.candidates) == 1 or (self._alone and not transition.at_rest)
+
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
-        if self._clear is not None:
+        if self.clear is not None:
             ground = grounded(candidates)
             point, slips = self._natural.rest(
                 ground[0], ground[1:], segment, t / self._natural.time, z / self._natural.state
             )
-            possible, clear = self._clear.at_rest(point.margins, point.rates, slips)
+            possible, clear = self.clear.at_rest(point.margins, point.rates, slips)
             if clear:
                 return ground[possible.index(True)]
         instant = self._forces.at(t, z, segment)
@@ -374,13 +379,13 @@ class ContactResolver:
 
     def _clear_impact(self, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
         """The mode after an impact of a lone foot if no rounding can change it; None where all must be examined."""
-        if self._clear is None or not grounded(candidates):
+        if self.clear is None or not grounded(candidates):
             return None
         if candidates not in self._impacts:
             self._impacts[candidates] = Buffers(self.system.impacts(*candidates))
         impacts, approach = self._impacts[candidates](z_minus, self._dynamics.p)
         rows = impacts.reshape(len(candidates), -1)[:, self.system.n_z :].tolist()
-        consistent, clear = self._clear.impact(candidates, rows, approach.item())
+        consistent, clear = self.clear.impact(candidates, rows, approach.item())
         return candidates[consistent.index(True)] if clear else None
 
     def _impact(
@@ -418,9 +423,7 @@ class ContactResolver:
             kinetic = np.where([name in landing for name in self._names], 0.0, kinetic)
         found = self._forces.impacts(mechanics, known, kinetic)
         options = [
-            _Option(k, candidate, mechanics.dq + found.motion[k])
-            for k, candidate in enumerate(known)
-            if self._follows(found, k, touching, mechanics.J)
+            _Option(k, known[k], mechanics.dq + found.motion[k]) for k in self._following(found, touching, mechanics.J)
         ]
         different = self._different(options)
         if len(different) == 1 or (different and (self._stick_first or (self._alone and not landing))):
@@ -456,23 +459,24 @@ class ContactResolver:
                 return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
         return None
 
-    def _follows(self, found: Solutions, k: int, touching: set[str], J: Array) -> bool:
-        """Whether what the contacts do after the k-th impact agrees with their impulses and velocities."""
+    def _following(self, found: Solutions, touching: set[str], J: Array) -> list[int]:
+        """The impacts after which what the contacts do agrees with their impulses and velocities."""
         modes, touches = found.modes, np.array([name in touching for name in self._names])
-        slip, closed, shared, sticks = modes.slip[k], modes.closed[k], modes.shared[k], modes.sticks[k]
-        normal, tangential, after = found.normal[k], found.tangential[k], found.contact[k]
-        if not np.all(np.isfinite(found.motion[k])):
-            return False
-        friction = self._forces.friction.static
+        slips, sticks, normal, tangential = modes.slip != 0, modes.sticks, found.normal, found.tangential
+        bound = self._forces.friction.static * normal * (1 + EDGE) + EDGE
         agrees = (
-            np.all(after[touches & ~closed, 1] > EDGE)
-            and np.all(normal[sticks | (slip != 0)] > -EDGE)
-            and np.all((slip * after[:, 0])[slip != 0] > EDGE)
-            and np.all((np.abs(tangential) <= friction * normal * (1 + EDGE) + EDGE)[sticks])
+            np.isfinite(found.motion).all(axis=1)
+            & ((found.contact[:, :, 1] > EDGE) | ~touches | modes.closed).all(axis=1)
+            & ((normal > -EDGE) | ~(sticks | slips)).all(axis=1)
+            & ((modes.slip * found.contact[:, :, 0] > EDGE) | ~slips).all(axis=1)
+            & ((np.abs(tangential) <= bound) | ~sticks).all(axis=1)
         )
-        if not agrees or not shared.any():
-            return bool(agrees)
-        return all(value >= -EDGE for value in self._forces.margins(modes.modes[k], tangential, normal, J)[1])
+
+        def shares_agree(k: int) -> bool:
+            values = self._forces.margins(modes.modes[k], tangential[k], normal[k], J)[1]
+            return all(value >= -EDGE for value in values)
+
+        return [k for k in np.flatnonzero(agrees).tolist() if not modes.shared[k].any() or shares_agree(k)]
 
     def _conceivable(self, found: Solutions, touching: set[str]) -> list[int]:
         """The motions without a force or an acceleration that is clearly of the wrong sign."""

@@ -3,13 +3,15 @@
 All states in the same mode go through their next arc together, then all with the same event through what follows, until
 every step has ended. The rules are those of ``events``, ``contact_resolver`` and ``simulator``; the table of
 transitions is the same. Arcs are integrated in the lanes of heyoka's batch integrators: every lane has its own time,
-step length and events, and where its arc ends, the next state takes its place. Clear cases of contact are decided for
-all states at once; at an edge, or where no candidate or several are consistent, ``ContactResolver`` decides for one
-state after the other. The result of a state does not depend on the others, to the last bit.
+step length and events, and where its arc ends, the next state takes its place. Clear cases of a lone foot are decided
+for all states at once; at an edge, where no candidate or several are consistent, and where several contacts touch,
+``ContactResolver`` decides for one state after the other. The result of a state does not depend on the others, to the
+last bit.
 
 This module needs heyoka.
 """
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -21,9 +23,10 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import Mode
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.transitions import Ending, Transition, grounded
-from gaitopt.simulation.clear_cases import ClearCases, is_at_edge, is_within_cone
+from gaitopt.simulation.clear_cases import is_at_edge, is_within_cone
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
 from gaitopt.simulation.engine import MAX_ARC_STEPS
 from gaitopt.simulation.events import (
@@ -43,7 +46,7 @@ from gaitopt.simulation.heyoka_code import LANES, HeyokaRowMap, Integrator, inte
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.natural import NaturalDynamics
 from gaitopt.simulation.outcomes import ENDINGS, NONE, Codes, StepOutcomes, max_phases
-from gaitopt.simulation.simulator import MAX_SWITCHES, segment_ends
+from gaitopt.simulation.simulator import MAX_SWITCHES, accumulation, segment_ends
 
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -73,11 +76,13 @@ class BatchSimulator:
     def step(self, states: Array) -> StepOutcomes:
         """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
         motions = _Motions(states, self.dynamics)
-        stick, *slips = self._table.landed
-        moving = motions.states[:, -1] != 0
-        self._decide(motions, np.flatnonzero(~moving), self._table.at_rest(stick))
-        if not slips:
-            motions.end(np.flatnonzero(moving), Ending.PAINLEVE)
+        motions.states, modes, endings, landings = self._resolver.start(motions.states)
+        motions.choose(np.arange(len(states)), modes, endings)
+        starts = endings == 0
+        for (mode, guard), landing in landings.items():
+            starts[landing] = False
+            self._strike(motions, mode, self._table.of(mode)[guard], np.array(landing))
+        self._continue(motions, np.flatnonzero(starts))
         while (running := np.flatnonzero(motions.endings < 0)).size:
             codes = motions.modes[running]
             for code in np.unique(codes):
@@ -98,7 +103,10 @@ class BatchSimulator:
             return
         if event == LIMIT:  # a segment of the control has ended
             last = motions.segments[rows] == len(self._ends) - 1
-            motions.end(rows[last], Ending.NO_TOUCHDOWN)
+            if self.system.cycle_end == CLOCK:
+                self._land(motions, mode, self._table.between(mode, None), rows[last])
+            else:
+                motions.end(rows[last], Ending.NO_TOUCHDOWN)
             motions.segments[rows[~last]] += 1
             self._continue(motions, rows[~last])
             return
@@ -107,36 +115,41 @@ class BatchSimulator:
             motions.end(rows, transition.ending)
             return
         if transition.ends_step:
-            impacts, endings, states, step_lengths = self._resolver.land(mode, transition, motions.states[rows])
-            motions.impacts[rows], motions.endings[rows] = impacts, endings
-            motions.states[rows], motions.step_lengths[rows] = states, step_lengths
+            self._land(motions, mode, transition, rows)
             return
-        motions.switches[rows] += 1
-        chattering = motions.switches[rows] > self._max_switches
-        motions.end(rows[chattering], Ending.CHATTERING)
-        rows = rows[~chattering]
+        if transition.at_rest:
+            motions.states[rows] = self._resolver.settled(mode, motions.states[rows])
+        rows = motions.switch(rows, self._max_switches, strikes=transition.reset is not None)
         if transition.reset is not None:
-            modes, endings, states = self._resolver.strike(mode, transition, motions.states[rows])
-            motions.states[rows] = states
-            motions.choose(rows, modes, endings)
-            self._continue(motions, rows[endings == 0])
-        elif transition.at_rest:
-            motions.states[rows, -1] = 0.0
-            self._decide(motions, rows, transition.candidates)
+            self._strike(motions, mode, transition, rows)
         else:
-            motions.modes[rows] = self._modes.index(transition.candidates[0])
+            self._decide(motions, rows, transition)
+
+    def _land(self, motions: "_Motions", mode: Mode, transition: Transition, rows: Indices) -> None:
+        """End the steps of the given rows."""
+        impacts, endings, states, step_lengths = self._resolver.land(mode, transition, motions.states[rows])
+        motions.impacts[rows], motions.endings[rows] = impacts, endings
+        motions.states[rows], motions.step_lengths[rows] = states, step_lengths
+
+    def _strike(self, motions: "_Motions", mode: Mode, transition: Transition, rows: Indices) -> None:
+        """Continue the given rows after the impact of a contact or a stop within the step."""
+        modes, endings, motions.states[rows] = self._resolver.strike(mode, transition, motions.states[rows])
+        motions.choose(rows, modes, endings)
+        self._continue(motions, rows[endings == 0])
 
     def _continue(self, motions: "_Motions", rows: Indices) -> None:
-        """After a jump of the torques forces decide about feet at rest; any other mode continues."""
+        """Forces decide after a jump of the torques, or at the start of a step."""
         codes = motions.modes[rows]
         for code in np.unique(codes):
-            transition = self._table.at_breakpoint(self._modes[code])
-            if transition.at_rest:
-                self._decide(motions, rows[codes == code], transition.candidates)
+            self._decide(motions, rows[codes == code], self._table.at_breakpoint(self._modes[code]))
 
-    def _decide(self, motions: "_Motions", rows: Indices, candidates: tuple[Mode, ...]) -> None:
+    def _decide(self, motions: "_Motions", rows: Indices, transition: Transition) -> None:
+        """Continue the given rows after an event without a reset."""
+        if self._resolver.is_decided(transition):
+            motions.modes[rows] = self._modes.index(transition.candidates[0])
+            return
         modes, endings = self._resolver.mode_at_rest(
-            candidates, motions.times[rows], motions.states[rows], motions.segments[rows]
+            transition.candidates, motions.times[rows], motions.states[rows], motions.segments[rows]
         )
         motions.choose(rows, modes, endings)
 
@@ -163,14 +176,12 @@ class _Motions:
     def __init__(self, states: Array, dynamics: Dynamics) -> None:
         n, system = len(states), dynamics.system
         self._names, self._all_modes = system.state_names, system.walker.modes()
+        self._unit, self._strikes = dynamics.scales.time, defaultdict[int, list[float]](list)
         self.states = np.array(states, dtype=float)
         self.states[:, system.n_shape] = 0.0
-        self.states[np.abs(self.states[:, -1]) <= AT_REST * dynamics.scales.speed, -1] = 0.0
         self.times, self.step_lengths = np.zeros(n), np.full(n, np.nan)
         self.segments, self.switches = np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.intp)
-        slips = CONTACTS.index(Mode.SLIP_FORWARD), CONTACTS.index(Mode.SLIP_BACKWARD)
-        dx = self.states[:, -1]
-        self.modes = np.select([dx > 0, dx < 0], slips, default=CONTACTS.index(Mode.STICK))  # with all stops free
+        self.modes = np.full(n, NONE)
         self.endings, self.impacts = np.full(n, -1), np.full(n, NONE)
         self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
 
@@ -181,6 +192,26 @@ class _Motions:
         self._n_phases[new] += 1
         self.phases[new] = np.where(self._n_phases[new] > most, 0, self.phases[new] * base + code + 1)
         self.times[rows], self.states[rows] = arrivals.times, arrivals.states
+
+    def switch(self, rows: Indices, most: int, *, strikes: bool) -> Indices:
+        """Record an event within the steps of the given rows; end and leave out those that had ``most`` before it.
+
+        Parameters
+        ----------
+        strikes : whether it is the impact of a contact or a stop. Motions whose impacts accumulate end too.
+        """
+        for row in rows.tolist() if strikes else ():
+            self._strikes[row].append(float(self.times[row]))
+        is_last = self.switches[rows] >= most
+        self.switches[rows] += 1
+        ended = is_last.copy()
+        self.end(rows[is_last], Ending.CHATTERING)
+        for k, row in enumerate(rows.tolist()) if self._strikes else ():
+            impacts, last = self._strikes.get(row, ()), bool(is_last[k])
+            if accumulation(impacts, float(self.times[row]), is_last=last, unit=self._unit) < np.inf:
+                self.end(rows[k : k + 1], Ending.IMPACTS_ACCUMULATE)
+                ended[k] = True
+        return rows[~ended]
 
     def end(self, rows: Indices, ending: Ending) -> None:
         """End the motion of the given rows."""
@@ -210,15 +241,58 @@ class BatchResolver:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._system, self._natural = dynamics.system, NaturalDynamics(dynamics)
-        self._clear, self._one_by_one = ClearCases(dynamics), ContactResolver(dynamics)
+        self._one_by_one = ContactResolver(dynamics)
+        self._clear, self._slowest = self._one_by_one.clear, AT_REST * dynamics.scales.speed
         system, p = dynamics.system, dynamics.p
         self._modes, self._data = system.walker.modes(), _segment_data(dynamics)
-        table = system.transitions
-        self._ground = tuple(mode.contact for mode in table.landed)
+        self._after_impact = system.walker.foot_modes()
+        self._ground = tuple(mode.contact for mode in system.transitions.landed)
         self._friction = dynamics.static_friction
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
-        self._impacts = HeyokaRowMap(system.impacts(*self._ground), {1: p})
+        self._impacts: HeyokaRowMap | None = None
+        if self._clear is not None and system.cycle_end == TOUCHDOWN:
+            self._impacts = HeyokaRowMap(system.impacts(*self._ground), {1: p})
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
+
+    def start(self, states: Array) -> tuple[Array, Codes, Codes, dict[tuple[Mode, str], list[int]]]:
+        """States and modes at the start of a step, endings, and rows by the mode and the guard of a contact that lands.
+
+        A lone foot that slips slower than rounding is at rest, with a slip velocity of zero.
+        """
+        n, landings = len(states), defaultdict[tuple[Mode, str], list[int]](list)
+        modes, endings = np.full(n, NONE), np.zeros(n, dtype=np.int64)
+        if self._clear is not None:
+            states = states.copy()
+            states[np.abs(states[:, -1]) <= self._slowest, -1] = 0.0
+            stick, *slips = (self._modes.index(mode) for mode in self._one_by_one.system.transitions.landed)
+            dx = states[:, -1]
+            modes = np.select([dx > 0, dx < 0], slips or [NONE, NONE], default=stick)
+            endings[modes == NONE] = ENDINGS.index(Ending.PAINLEVE)
+            return states, modes, endings, landings
+        for k, state in enumerate(states):
+            if not np.isfinite(state).all():
+                endings[k] = ENDINGS.index(Ending.NUMERICAL)
+                continue
+            began = self._one_by_one.start(state, anywhere=False)
+            if isinstance(began, Termination):
+                endings[k] = ENDINGS.index(began.ending)
+                continue
+            mode, lands = began
+            modes[k] = self._modes.index(mode)
+            if lands is not None:
+                landings[mode, lands.guard].append(k)
+        return states, modes, endings, landings
+
+    def is_decided(self, transition: Transition) -> bool:
+        """See ``ContactResolver``."""
+        return self._one_by_one.is_decided(transition)
+
+    def settled(self, mode: Mode, states: Array) -> Array:
+        """States in which contacts that have come to rest in a mode have slip velocities of exactly zero."""
+        if self._clear is None:
+            return np.array([self._one_by_one.settled(state, stopped=mode) for state in states]).reshape(states.shape)
+        states[:, -1] = 0.0
+        return states
 
     def mode_at_rest(
         self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices
@@ -232,16 +306,7 @@ class BatchResolver:
         states : ndarray, shape (n, n_z).
         segments : ndarray, shape (n,) - segments of the control.
         """
-        if not times.size:
-            return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-        if candidates not in self._rests:
-            stuck, *slips = grounded(candidates)
-            fixed = {2: self._natural.parameters[stuck], 4: self._natural.margins[[stuck, *slips][-1]]}
-            self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
-        taus, zetas = times / self._natural.time, states / self._natural.state
-        _, margins, rates, *slipping = self._rests[candidates](taus[:, None], zetas, self._data[segments])
-        possible, clear = self._clear.at_rest(margins.T, rates.T, [slip.T for slip in slipping])
-        modes = self._modes.index(candidates[0]) + np.argmax(possible, axis=0)
+        modes, clear = self._clear_modes(candidates, times, states, segments)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~clear):
             decision = self._one_by_one.mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
@@ -250,6 +315,22 @@ class BatchResolver:
             else:
                 modes[k] = self._modes.index(decision)
         return modes, endings
+
+    def _clear_modes(
+        self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices
+    ) -> tuple[Codes, Flags]:
+        """Modes of a lone foot at rest, and where they are clear; see ``mode_at_rest``."""
+        n = times.size
+        if self._clear is None or not n:
+            return np.full(n, NONE), np.zeros(n, dtype=np.bool_)
+        if candidates not in self._rests:
+            stuck, *slips = grounded(candidates)
+            fixed = {2: self._natural.parameters[stuck], 4: self._natural.margins[[stuck, *slips][-1]]}
+            self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
+        taus, zetas = times / self._natural.time, states / self._natural.state
+        _, margins, rates, *slipping = self._rests[candidates](taus[:, None], zetas, self._data[segments])
+        possible, clear = self._clear.at_rest(margins.T, rates.T, [slip.T for slip in slipping])
+        return self._modes.index(candidates[0]) + np.argmax(possible, axis=0), clear
 
     def strike(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array]:
         """Modes just after a stop has locked, endings where no impact is possible, and states after it."""
@@ -264,27 +345,35 @@ class BatchResolver:
 
     def land(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array, Array]:
         """Impacts at touchdown, endings where there is none, states after them and step lengths [m]."""
-        n, n_z = states.shape
-        columns, approach = self._impacts(states)
-        candidates = columns.reshape(n, len(self._ground), -1)
-        values = candidates[:, :, n_z:].transpose(1, 2, 0)
-        consistent, clear = self._clear.impact(self._ground, values, approach[:, 0])
-        impacts = np.argmax(consistent, axis=0)
-        after, x, endings = candidates[np.arange(n), impacts, :n_z], self._system.n_shape, np.zeros_like(impacts)
-        step_lengths = after[:, x].copy()
-        after[:, x] = 0.0
-        if self._push is not None:
-            p_t, p_n = self._push(states)[0].T
-            clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
+        impacts, clear, after, step_lengths = self._clear_impacts(states)
+        endings = np.zeros_like(impacts)
         for k in np.flatnonzero(~clear):
             decision = self._one_by_one.impact(mode, transition, states[k])
             if isinstance(decision, ImpactRecord):
-                impacts[k] = CONTACTS.index(decision.mode)
+                impacts[k] = self._after_impact.index(decision.mode)
                 after[k], step_lengths[k] = decision.state, decision.step_length
             else:
                 impacts[k], endings[k] = NONE, ENDINGS.index(decision.ending)
                 after[k], step_lengths[k] = states[k], np.nan
         return impacts, endings, after, step_lengths
+
+    def _clear_impacts(self, states: Array) -> tuple[Codes, Flags, Array, Array]:
+        """Impacts of a lone foot, where they are clear, states after them and step lengths [m]; see ``land``."""
+        n, n_z = states.shape
+        if self._clear is None or self._impacts is None:
+            return np.full(n, NONE), np.zeros(n, dtype=np.bool_), states.copy(), np.full(n, np.nan)
+        columns, approach = self._impacts(states)
+        candidates = columns.reshape(n, len(self._ground), -1)
+        values = candidates[:, :, n_z:].transpose(1, 2, 0)
+        consistent, clear = self._clear.impact(self._ground, values, approach[:, 0])
+        impacts = np.argmax(consistent, axis=0)
+        after, x = candidates[np.arange(n), impacts, :n_z], self._system.n_shape
+        step_lengths = after[:, x].copy()
+        after[:, x] = 0.0
+        if self._push is not None:
+            p_t, p_n = self._push(states)[0].T
+            clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
+        return impacts, clear, after, step_lengths
 
 
 class BatchArcs:
@@ -297,12 +386,9 @@ class BatchArcs:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._natural, self._table = NaturalDynamics(dynamics), dynamics.system.transitions
-        self._points = {
-            mode: HeyokaRowMap(self._natural.functions.point(mode), {2: self._natural.parameters[mode]})
-            for mode in dynamics.system.walker.modes()
-        }
+        self._points: dict[Mode, HeyokaRowMap] = {}
         self._integrators: dict[Mode, tuple[Integrator, Array]] = {}
-        self._alone, self._data = HeyokaStepper(dynamics), _segment_data(dynamics)
+        self._single, self._data = HeyokaStepper(dynamics), _segment_data(dynamics)
 
     @np.errstate(all="ignore")  # where the equations are singular, forces are infinite
     def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:
@@ -344,7 +430,7 @@ class BatchArcs:
             falling = [falls_at_limit(*column) for column in zip(names, end[1].T, end[2].T, strict=True)]
             ends.events[at_limit] = _first_by_priority(names, np.column_stack(falling))
         for k in slow:
-            arrival = self._alone.advance(mode, int(segments[k]), float(times[k]), states[k], float(limits[k]))
+            arrival = self._single.advance(mode, int(segments[k]), float(times[k]), states[k], float(limits[k]))
             arrivals.times[k], arrivals.states[k] = arrival.time, arrival.state
             event = FAILURE if arrival.failure else LIMIT
             arrivals.events[k] = event if arrival.event is None else names.index(arrival.event)
@@ -380,6 +466,9 @@ class BatchArcs:
 
     def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array) -> list[Array]:
         """Rates of states, margins and their rates."""
+        if mode not in self._points:
+            function, parameters = self._natural.functions.point(mode), self._natural.parameters[mode]
+            self._points[mode] = HeyokaRowMap(function, {2: parameters})
         return self._points[mode](taus[:, None], zetas, self._data[segments])
 
     def _integrator(self, mode: Mode) -> tuple[Integrator, Array]:

@@ -1,8 +1,9 @@
 """Outcomes of simulated steps: of one step as a record, of many steps as arrays in which numbers stand for names.
 
 The code of an ending is its index in ``ENDINGS``; ``completed`` is 0. The code of a mode is its index in
-``Walker.modes()``, which lists contacts first; the code of an impact is that of the contact after it. The code of the
-phases of a step has a digit for every phase, 1 + code of its mode, in base 1 + number of modes.
+``Walker.modes()``, which lists contacts first; the code of an impact is the index in ``Walker.foot_modes()`` of what
+the contacts do after it. The code of the phases of a step has a digit for every phase, 1 + code of its mode, in base
+1 + number of modes.
 """
 
 import math
@@ -61,7 +62,8 @@ class StepOutcomes(ReadOnlyArrays):
     times : ndarray, shape (n,) - time of the last impact, or of the ending [s].
     step_lengths : ndarray, shape (n,) - NaN where the motion was not completed [m].
     phases : ndarray, shape (n,) - the mode sequence as digits, 1 + index in ``modes``, in base ``len(modes) + 1``.
-    impacts : ndarray, shape (n,) - index of the last impact's mode in ``modes``; -1 where the motion ended before.
+    impacts : ndarray, shape (n,) - index of the contacts after the last impact in ``Walker.foot_modes()``; -1 where the
+        motion ended before.
     modes : all modes of the walker.
     """
 
@@ -125,7 +127,7 @@ def phase_names(code: int, modes: Sequence[Mode]) -> tuple[Mode, ...]:
 
 def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, system: HybridSystem) -> StepOutcomes:
     """Steps that were simulated one by one from ``starts``, shape (n, n_z), as arrays."""
-    n, modes = len(starts), system.walker.modes()
+    n, modes, contacts = len(starts), system.walker.modes(), system.walker.foot_modes()
     states, times, lengths = starts.copy(), np.zeros(n), np.full(n, np.nan)
     phases, impacts = np.zeros(n, dtype=np.int64), np.full(n, NONE)
     for k, step in enumerate(outcome.step for outcome in outcomes):
@@ -135,8 +137,7 @@ def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, system: Hybri
         phases[k] = phase_code([mode for mode, _ in step.phases], modes)
         if step.impact is not None:
             states[k], lengths[k] = step.impact.state, step.impact.step_length
-            known = modes if step.impact.mode.is_named else CONTACTS
-            impacts[k] = known.index(step.impact.mode)
+            impacts[k] = contacts.index(step.impact.mode)
     return StepOutcomes(
         names=system.state_names,
         states=states,

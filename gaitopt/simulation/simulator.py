@@ -5,7 +5,7 @@ from the contact forces at the event, or at touchdown from the impulses. Gamus &
 and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` chooses among the candidates.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf, isfinite
 
@@ -245,9 +245,9 @@ class Simulator:
             else:
                 strikes += [time] if transition.reset is not None else []
                 recent = sum(1 for switch in switches[-self._max_switches :] if switch > time - window)
-                last, is_last = _accumulation(strikes), recent == self._max_switches
-                fast = last < inf and time - strikes[-2] < ACCUMULATED * self.dynamics.scales.time
-                if time <= last < inf and (is_last or fast):
+                is_last = recent == self._max_switches
+                last = accumulation(strikes, time, is_last=is_last, unit=self.dynamics.scales.time)
+                if last < inf:
                     following = Termination(Ending.IMPACTS_ACCUMULATE, f"impacts accumulate at {last:.6g} s")
                     break
                 if is_last:
@@ -351,11 +351,18 @@ def _partial(arcs: list[Arc]) -> Step | None:
     return Step(arcs=tuple(arcs), impact=None) if arcs else None
 
 
-def _accumulation(strikes: list[float]) -> float:
-    """The time at which impacts at the given times accumulate; infinity if their intervals do not shrink to nothing.
+def accumulation(strikes: Sequence[float], time: float, *, is_last: bool, unit: float) -> float:
+    """The time at which impacts accumulate, if a motion ends there; infinity if it goes on.
 
-    The intervals tend to a geometric series. Two of its terms are a pair, because two contacts may strike in turn and
-    shrink differently.
+    The intervals between them tend to a geometric series. Two of its terms are a pair, because two contacts may strike
+    in turn and shrink differently.
+
+    Parameters
+    ----------
+    strikes : times of the impacts in a step so far.
+    time : of the last event.
+    is_last : whether no more events are allowed in the step.
+    unit : of time [s].
     """
     if len(strikes) <= INTERVALS:
         return inf
@@ -363,7 +370,9 @@ def _accumulation(strikes: list[float]) -> float:
     if intervals.min() <= 0 or np.any(intervals[2:] >= intervals[:-2]):
         return inf
     ratio = intervals[-1] / intervals[-3]
-    return float(strikes[-1] + (intervals[-1] + intervals[-2]) * ratio / (1 - ratio))
+    limit = float(strikes[-1] + (intervals[-1] + intervals[-2]) * ratio / (1 - ratio))
+    fast = time - strikes[-2] < ACCUMULATED * unit
+    return limit if time <= limit and (is_last or fast) else inf
 
 
 def _finite_vector(what: str, values: Array, names: tuple[str, ...]) -> Array:

@@ -59,7 +59,7 @@ def return_map(
         raise ProblemError(f"return_map takes a gait or a problem; give load_problem({str(start)!r})")
     problem = start.problem if isinstance(start, Gait) else start
     xi = section_coordinates(problem, states)
-    chosen = map_engine(problem, engine, len(xi))
+    chosen = choose_engine(engine, steps=len(xi))
     p = tuple(start.p.tolist()) if isinstance(start, Gait) else None
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
     arguments = [(problem, p, chosen, chunk) for chunk in chunks]
@@ -74,11 +74,6 @@ def return_map(
         parts = [results[job.key] for job in jobs]
     joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
     return replace(parts[0], **joined)
-
-
-def map_engine(problem: Problem, engine: str, steps: int) -> Engine:
-    """The engine for some steps; several contacts have many modes, which heyoka compiles only on demand."""
-    return Engine.SCIPY if problem.walker.contacts and engine == Engine.AUTO else choose_engine(engine, steps=steps)
 
 
 def section_coordinates(problem: Problem, states: Array) -> Array:
@@ -135,8 +130,7 @@ class StepMap:
     @cached_property
     def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
         """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
-        several = bool(self.dynamics.system.walker.contacts)
-        if self.engine is Engine.HEYOKA and not several:
+        if self.engine is Engine.HEYOKA:
             from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
 
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]

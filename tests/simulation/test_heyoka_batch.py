@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("heyoka")
 
+from contact_walkers import frame
 from named import named
 
 from gaitopt import Mode, load_problem, return_map
@@ -17,9 +18,10 @@ from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.search.contact_walks import on_ground
 from gaitopt.simulation.heyoka_batch import BatchResolver, BatchSimulator
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
-from gaitopt.simulation.outcomes import ENDINGS, max_phases, phase_code, phase_names
+from gaitopt.simulation.outcomes import ENDINGS, max_phases, phase_code, phase_names, stack_outcomes
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import build_system
@@ -97,6 +99,45 @@ def test_engines_map_alike(mapped):
     for name in ("endings", "phases", "impacts"):
         np.testing.assert_array_equal(getattr(other, name), getattr(batch, name)[:40])
     np.testing.assert_allclose(other.states, batch.states[:40], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [
+        ("crawler", 40),
+        *(pytest.param(name, 25, marks=pytest.mark.slow) for name in ("heel-toe", "bounding")),
+    ],
+)
+def test_walkers_with_several_contacts_are_mapped_alike(name, count):
+    gait, rng = named(name), np.random.default_rng(3)
+    spread = gait.dynamics.state_units * np.repeat([0.01, 0.05], gait.system.n_z // 2)
+    changes = rng.uniform(-1, 1, (count, gait.system.n_z)) * spread
+    states = np.array([on_ground(gait.dynamics, gait.state, change) for change in changes])
+    states = states[np.isfinite(states).all(axis=1)]
+    simulator, order = BatchSimulator(gait.dynamics), rng.permutation(len(states))
+    batch, shuffled = simulator.step(states), simulator.step(states[order])
+    for field in FIELDS:
+        np.testing.assert_array_equal(getattr(shuffled, field), getattr(batch, field)[order])
+    for stepper in (HeyokaStepper, ScipyStepper):
+        simulator = Simulator(gait.dynamics, stepper)
+        alone = stack_outcomes([simulator.step(state) for state in states], states, gait.system)
+        for field in ("endings", "phases", "impacts"):
+            np.testing.assert_array_equal(getattr(alone, field), getattr(batch, field))
+        np.testing.assert_allclose(alone.states, batch.states, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(alone.times, batch.times, rtol=0, atol=1e-9)
+    assert batch.completed.any()
+
+
+@pytest.mark.slow
+def test_impacts_of_rocking_blocks_accumulate_in_a_batch_too():
+    case, angles = frame(half=0.25, height=1.0), np.array([0.5, 0.2]) * np.arctan2(0.25, 1.0)
+    dynamics, places = case.dynamics(1.0), [np.array([theta, 0.0, 0.0]) for theta in angles]
+    states = np.array([case.state(q - [0.0, *case.points["right"].position(q)], np.zeros(3)) for q in places])
+    batch, alone = BatchSimulator(dynamics).step(states), Simulator(dynamics, HeyokaStepper)
+    outcomes = [alone.step(state) for state in states]
+    assert [ENDINGS[code] for code in batch.endings] == [outcome.ending for outcome in outcomes]
+    assert ENDINGS[batch.endings[0]] is Ending.IMPACTS_ACCUMULATE
+    np.testing.assert_allclose(batch.times, [outcome.step.period for outcome in outcomes], rtol=0, atol=1e-10)
 
 
 def test_processes_map_alike(monkeypatch):
