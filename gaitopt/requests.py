@@ -52,8 +52,24 @@ LARGEST_SPREAD = 0.99
 """Below one, no coordinate of a sample changes its sign."""
 NARROWEST, WIDEST = 1e-14, 1.0
 """Bounds of a bracket: doubles resolve no narrower one, and no special point needs a wider one."""
-SHORTEST_STEP, LONGEST_STEP = 1e-6, 0.1
+FINEST_TIME_STEP, COARSEST_TIME_STEP = 1e-6, 0.1
 """Bounds of the time step of another physics engine [s]."""
+SHORTEST_STEP_TIME, LONGEST_STEP_TIME = 1e-6, 1e6
+"""Bounds of the longest time from impact to impact [s]."""
+
+
+AGREEMENT = 1e-9
+"""Tolerance of a verification: of period, switching times and states just after the impact, in natural units."""
+FINEST_AGREEMENT, COARSEST_AGREEMENT = 1e-13, 1e-4
+"""Bounds of that tolerance: below is rounding, above are other gaits."""
+NEWTON_STEPS = 9
+"""Newton steps that halve from the longest first one converge quadratically long before."""
+IPOPT_ITERATIONS = 300
+"""Of a search for a motion, which takes ten when it succeeds."""
+INTERVALS = 14
+"""Intervals of a step in a first mesh, distributed by length: about ten digits on the gaits of the paper."""
+FEWEST_INTERVALS, MOST_INTERVALS = 2, 2000
+"""Bounds of that number; IPOPT takes half a second for an iteration on the finest mesh."""
 
 
 LONGEST_SHOWN = 60
@@ -236,10 +252,50 @@ SECONDS = About(
 
 
 @dataclass(frozen=True, kw_only=True)
-class SolveRequest(Request):
+class SearchLimits(Request):
+    """How far a search for one gait goes from its guess."""
+
+    newton_steps: Annotated[int, About("Maximum number of Newton steps from the guess.", least=1, most=1000)] = (
+        NEWTON_STEPS
+    )
+    ipopt_iterations: Annotated[int, About("Maximum number of iterations of IPOPT.", least=1, most=100_000)] = (
+        IPOPT_ITERATIONS
+    )
+    intervals: Annotated[
+        int,
+        About(
+            "Shooting intervals of a step in the first mesh; a stiff or inaccurate motion gets more.",
+            least=FEWEST_INTERVALS,
+            most=MOST_INTERVALS,
+        ),
+    ] = INTERVALS
+
+    @property
+    def stated(self) -> dict[str, int]:
+        """The limits that differ from the defaults, as a result records them."""
+        return dict(self.identity)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolveRequest(SearchLimits):
     """See ``gaitopt.solve``."""
 
     method: Annotated[Method, METHOD] = Method.AUTO
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifyRequest(Request):
+    """See ``gaitopt.verify``."""
+
+    engine: Annotated[Engine, ENGINE] = Engine.AUTO
+    tolerance: Annotated[
+        float,
+        About(
+            "Largest difference of the two methods in natural units; the tolerances of all claims are in proportion.",
+            least=FINEST_AGREEMENT,
+            most=COARSEST_AGREEMENT,
+        ),
+    ] = AGREEMENT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -260,6 +316,10 @@ class SimulateRequest(Request):
     steps: Annotated[int | None, About("Number of steps. Default: 1.", least=1)] = None
     dense: Annotated[bool, About()] = True
     engine: Annotated[Engine, ENGINE] = Engine.AUTO
+    longest_step: Annotated[
+        float | None,
+        About("Longest time of a step [s]. Default: 50 sqrt(l/g).", least=SHORTEST_STEP_TIME, most=LONGEST_STEP_TIME),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -370,8 +430,8 @@ class ReplayRequest(Request):
         tuple[float, ...] | None,
         About(
             "Time step [s]; may be repeated. Default: 0.004, 0.002, ..., 0.00025.",
-            least=SHORTEST_STEP,
-            most=LONGEST_STEP,
+            least=FINEST_TIME_STEP,
+            most=COARSEST_TIME_STEP,
             unit="s",
         ),
     ] = None

@@ -27,11 +27,11 @@ from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
 from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Method
+from gaitopt.requests import Method, SearchLimits
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion
-from gaitopt.solver.solve import FARTHER, free_parameters, solve_gait
+from gaitopt.solver.solve import DEFAULT_LIMITS, FARTHER, free_parameters, solve_gait
 
 FLOW_PERIODS = 2
 """Periods by which a reference with ``beyond_end: flow`` extends past its end; no step takes that long."""
@@ -75,6 +75,7 @@ def solve_sequence(
     *,
     start: Gait | None = None,
     method: Method = Method.AUTO,
+    limits: SearchLimits = DEFAULT_LIMITS,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
@@ -85,6 +86,7 @@ def solve_sequence(
     start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
     method : of the search for the gait, see ``Method``. A design by ``newton`` is one by sequential quadratic
         programming alone, without IPOPT.
+    limits : of the search for a gait at given parameters; designs have their own.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -107,7 +109,7 @@ def solve_sequence(
     if designed and start:
         first = start
     else:
-        first = solve_gait(problem, system, method=method, progress=progress, should_stop=should_stop)
+        first = solve_gait(problem, system, method=method, limits=limits, progress=progress, should_stop=should_stop)
     if not designed or first.status is Status.INTERRUPTED:
         return first
     from gaitopt.design.design import design_gait  # most problems have no unknowns and need not load its modules

@@ -28,6 +28,7 @@ from gaitopt.requests import (
     StartsRequest,
     SweepRequest,
     UntilRequest,
+    VerifyRequest,
     WorkersRequest,
     entries,
 )
@@ -44,6 +45,7 @@ VERBS = {
     "solve": (SolveRequest, "solve"),
     "multistart": (StartsRequest, "solve"),
     "simulate": (SimulateRequest, "simulate"),
+    "verify": (VerifyRequest, "verify"),
     "find": (FindRequest, "find"),
     "explain": (ExplainRequest, "explain"),
     "continuation": (ContinueRequest, "continue"),
@@ -106,6 +108,16 @@ def test_every_request_belongs_to_a_verb():
         ),
         (lambda: ReplayRequest(time_steps=()), "time_steps is empty"),
         (lambda: ContinueRequest(parameter="friction", to=(np.inf,)), "to is inf, but must be a finite number"),
+        (
+            lambda: go.solve("compass-passive-a", intervals=1),
+            "intervals is 1, but must be a whole number, from 2 to 2,000",
+        ),
+        (
+            lambda: go.solve("compass-pd-designed", newton_steps=20),
+            "newton_steps limits the search from a guessed motion",
+        ),
+        (lambda: VerifyRequest(tolerance=1.0), "tolerance is 1.0, but must be a finite number, from 1e-13 to 0.0001"),
+        (lambda: SimulateRequest(longest_step=0), "longest_step is 0, but must be a finite number, from 1e-06 to"),
         (lambda: WorkersRequest(workers=0), "workers is 0, but must be a whole number, from 1 to 1,024"),
         (lambda: go.find("rimless-wheel-slip", starts=0), "starts is 0"),
         (lambda: go.find("rimless-wheel-slip", workers=0), "workers is 0"),

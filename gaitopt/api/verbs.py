@@ -30,14 +30,18 @@ from gaitopt.api.progress import (
 )
 from gaitopt.api.stored import compared, save, stored_gait
 from gaitopt.callbacks import Stop, TimeLimit
-from gaitopt.errors import GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
+from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait, require_gait
 from gaitopt.model.control import Control
+from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.walker import Walker
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.problem.statement import Until
 from gaitopt.requests import (
+    INTERVALS,
+    IPOPT_ITERATIONS,
+    NEWTON_STEPS,
     BasinRequest,
     Engine,
     ExplainRequest,
@@ -45,6 +49,7 @@ from gaitopt.requests import (
     Method,
     ProveRequest,
     ReplayRequest,
+    SearchLimits,
     SimulateRequest,
     choice,
 )
@@ -88,6 +93,9 @@ def solve(
     *,
     start: "Gait | Optimum | None" = None,
     method: str = Method.AUTO,
+    newton_steps: int = NEWTON_STEPS,
+    ipopt_iterations: int = IPOPT_ITERATIONS,
+    intervals: int = INTERVALS,
     output: Output = False,
     reuse: bool = False,
     progress: ValueProgress = True,
@@ -114,6 +122,11 @@ def solve(
         follows the gait of a file to changed values. ``ipopt`` solves the NLP (see ``nlp``) from the guess with IPOPT.
         ``auto`` uses IPOPT if Newton's method finds no gait, and for designs. All results are refined to rounding by
         Newton's method; ``gait.solver`` states the method.
+    newton_steps : maximum number of Newton steps from the guess; each is at most half as long as the one before.
+    ipopt_iterations : maximum number of iterations of IPOPT.
+    intervals : shooting intervals of a step in the first mesh. A motion gets more where it is stiff or where its
+        integration is not accurate. These three limits are those of a search for a gait at given parameters: designs
+        and open mode sequences have their own. ``gait.solver`` states them if they are not the defaults.
     output : run folder; the gait is verified and saved in it. True for ``results/NAME-HASH``.
     reuse : read the gait from the run folder if it is there, as the command line does for RUN.
     progress : whether to show it, or a function of the iteration number and the largest constraint violation.
@@ -125,6 +138,8 @@ def solve(
 
     Raises
     ------
+    ArgumentError
+        If a limit is out of its bounds, or given for a design or an open mode sequence.
     UnknownNameError
         If there is no such method.
     SolveError
@@ -136,24 +151,45 @@ def solve(
     """
     wanted, question = choice(Method, method), problem if isinstance(problem, Attractor) else _loaded(problem)
     loaded = question.problem if isinstance(question, Attractor) else question
+    limits = SearchLimits(newton_steps=newton_steps, ipopt_iterations=ipopt_iterations, intervals=intervals)
+    if limits.stated:
+        _check_limits(question, next(iter(limits.stated)))
     folder = None if isinstance(question, Attractor) else _folder(question, output)
     if reuse:
         if folder is None:
             raise ProblemError("reuse: takes the gait of a problem from its run folder; give output=True or a folder")
         known = stored_gait(loaded, folder)
-        if known is not None and wanted in (Method.AUTO, known.solver.get("method")):
+        stated = {} if known is None else {name: known.solver.get(name) for name in limits.stated}
+        if known is not None and wanted in (Method.AUTO, known.solver.get("method")) and stated == limits.stated:
             return known
     guessed, begin = (question, start) if start is None or isinstance(start, Gait) else (start.problem, None)
     if isinstance(guessed, Problem) and not _same_but_for_guess(guessed, loaded):
         raise ProblemError(f"start: is a solution of another problem, or of other values than those of {loaded.name}")
     with nullcontext() if folder is None else Run(folder).writing(loaded):
         with shown(progress, solver_progress, f"solving {loaded.name}") as show:
-            gait = single.solve(guessed, start=begin, method=wanted, progress=show, should_stop=should_stop)
+            gait = single.solve(
+                guessed, start=begin, method=wanted, limits=limits, progress=show, should_stop=should_stop
+            )
         gait = gait if begin is start else replace(gait, problem=loaded)
         if output and gait.converged:
             gait = gait.verified(verify(gait).to_record())
             save(gait, folder or _folder(gait.problem, output))
     return gait
+
+
+def _check_limits(question: Problem | Attractor, limit: str) -> None:
+    """Refuse a limit of the search for one gait from a known motion where another search takes place."""
+    if isinstance(question, Attractor):
+        reason = "an attractor, which is a motion already"
+    elif question.is_open:
+        reason = "a problem with an open mode sequence, for which many gaits are tried"
+    elif question.free or question.objective or isinstance(question.control, OpenLoop):
+        reason = "a design, which has limits of its own"
+    elif question.guess.first is not None:
+        reason = "a problem without a guessed state, whose first gait is found by collocation"
+    else:
+        return
+    raise ArgumentError(limit, f"limits the search from a guessed motion, but this is {reason}")
 
 
 def nlp(problem: Problem | str | Path) -> NonlinearProgram:
@@ -196,6 +232,7 @@ def simulate(
     until: Until | None = None,
     dense: bool = True,
     engine: str = Engine.AUTO,
+    longest_step: float | None = None,
     compare: bool = False,
     output: Output = False,
     should_stop: Stop = None,
@@ -212,6 +249,8 @@ def simulate(
     until : where to end instead: ``Until(time=2.0)``, ``Until(events=5)``.
     dense : False stores only the ends of every arc, for long walks.
     engine : ``auto``, ``scipy`` or ``heyoka``.
+    longest_step : longest time from impact to impact [s]; a step that takes longer ends as ``no_touchdown``. 50 times
+        the square root of l / g by default.
     compare : compare the walk of a problem with its stored gait, if there is one; always done if ``output`` is given.
     output : run folder of the walk; True for the folder of the problem.
     should_stop : polled at every step.
@@ -234,7 +273,7 @@ def simulate(
     """
     from gaitopt.runs.grid import check_room
 
-    request = SimulateRequest(steps=steps, dense=dense, engine=choice(Engine, engine))
+    request = SimulateRequest(steps=steps, dense=dense, engine=choice(Engine, engine), longest_step=longest_step)
     if not isinstance(until, Until | None):
         raise ProblemError(f"until is {until!r}, but must be Until(time=SECONDS), Until(steps=N) or Until(events=N)")
     begin = start if isinstance(start, Gait) else _loaded(start, needs_gait=False)
@@ -245,8 +284,9 @@ def simulate(
     disk, count = 0 if folder is None else STEP_BYTES_DISK, request.steps or (1 if until is None else until.steps or 1)
     check_room(count, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
     walk = simulate_walk(
-        begin, state, request.steps, until=until, dense=dense, engine=request.engine, should_stop=should_stop
-    )
+        begin, state, request.steps, until=until, dense=dense, engine=request.engine,
+        longest_step=request.longest_step, should_stop=should_stop,
+    )  # fmt: skip
     if compare or folder is not None:
         walk = compared(walk)
     if folder is not None:

@@ -26,13 +26,20 @@ from gaitopt.cli.runs import gait_of, is_folder, load, report, shown_result, sol
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.requests import (
+    AGREEMENT,
+    INTERVALS,
+    IPOPT_ITERATIONS,
+    NEWTON_STEPS,
     FindRequest,
     Method,
     ProveRequest,
     ReplayRequest,
+    SearchLimits,
     SimulateRequest,
+    SolveRequest,
     StartsRequest,
     UntilRequest,
+    VerifyRequest,
     choice,
 )
 
@@ -70,6 +77,9 @@ def solve(
     changes: SetOption = None,
     from_guess: GuessOption = False,
     method: MethodOption = "auto",
+    newton_steps: Annotated[int, options.option(SolveRequest, "newton_steps")] = NEWTON_STEPS,
+    ipopt_iterations: Annotated[int, options.option(SolveRequest, "ipopt_iterations")] = IPOPT_ITERATIONS,
+    intervals: Annotated[int, options.option(SolveRequest, "intervals")] = INTERVALS,
     output: OutOption = None,
 ) -> int:
     """Solve for a gait, verify it and store it.
@@ -84,8 +94,11 @@ def solve(
     from gaitopt.show.tables import print_optima
     from gaitopt.store.run import Run
 
-    if starts > 1 and choice(Method, method) is not Method.AUTO:
-        raise typer.BadParameter("--method and --starts exclude each other; leave out one of them")
+    limits = SearchLimits(newton_steps=newton_steps, ipopt_iterations=ipopt_iterations, intervals=intervals)
+    given = [f"--{name.replace('_', '-')}" for name in limits.stated]
+    given += [] if choice(Method, method) is Method.AUTO else ["--method"]
+    if starts > 1 and given:
+        raise typer.BadParameter(f"{given[0]} and --starts exclude each other; leave out one of them")
     if stored.ATTRACTOR in problem:
         if changes or start or starts > 1 or from_guess:
             raise typer.BadParameter(
@@ -94,7 +107,9 @@ def solve(
         attractor = stored.load_attractor(problem)
         folder = Run.of(attractor.problem, output).folder
         with shown_result(lambda gait: report(gait, folder, terminal)), terminal.solving(problem) as (progress, stop):
-            gait = verbs.solve(attractor, method=method, output=output or True, progress=progress, should_stop=stop)
+            gait = verbs.solve(
+                attractor, method=method, **limits.stated, output=output or True, progress=progress, should_stop=stop
+            )
         return report(gait, Run.of(gait.problem, output).folder, terminal)
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded
@@ -102,7 +117,7 @@ def solve(
     folder = Run.of(loaded, output).folder
     if starts == 1:
         with shown_result(lambda gait: report(gait, folder, terminal)):
-            gait = solve_verified(loaded, terminal, folder, method)
+            gait = solve_verified(loaded, terminal, folder, method, limits=limits)
         return report(gait, folder, terminal)
     with Run(folder).writing(loaded):
         with terminal.working("starts") as (progress, interrupted):
@@ -150,6 +165,7 @@ def simulate(
     time: Annotated[float | None, options.option(UntilRequest, "time")] = None,
     events: Annotated[int | None, options.option(UntilRequest, "events")] = None,
     engine: EngineOption = "auto",
+    longest_step: Annotated[float | None, options.option(SimulateRequest, "longest_step")] = None,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
@@ -175,8 +191,8 @@ def simulate(
         until, steps = Until(time=time, steps=steps, events=events), None
     with shown_result(show), interruptible() as interrupted:
         walk = verbs.simulate(
-            start, begin, steps, until=until, engine=engine, compare=True, output=output or False,
-            should_stop=interrupted,
+            start, begin, steps, until=until, engine=engine, longest_step=longest_step, compare=True,
+            output=output or False, should_stop=interrupted,
         )  # fmt: skip
     show(walk)
     return 0
@@ -186,6 +202,7 @@ def verify(
     terminal: Terminal,
     run: RunArgument,
     engine: EngineOption = "auto",
+    tolerance: Annotated[float, options.option(VerifyRequest, "tolerance")] = AGREEMENT,
     optimum: Annotated[
         bool, typer.Option("--optimum", help="Search near a design for a better one that meets the constraints.")
     ] = False,
@@ -205,9 +222,9 @@ def verify(
         gait, folder, fresh = gait_of(run, changes, output, terminal)
     if not gait.converged:
         return report(gait, None, terminal)
-    if not fresh or engine != "auto":
+    if not fresh or engine != "auto" or tolerance != AGREEMENT:
         terminal.say("verifying by forward simulation")
-        gait = gait.verified(verbs.verify(gait, engine=engine).to_record())
+        gait = gait.verified(verbs.verify(gait, engine=engine, tolerance=tolerance).to_record())
         if fresh or output is not None:
             folder = output or folder
             gait.save(folder)

@@ -11,6 +11,7 @@ import typer
 from gaitopt.cli.options import overrides
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
 from gaitopt.errors import GaitoptError, UnknownNameError
+from gaitopt.requests import SearchLimits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -111,15 +112,22 @@ def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Termina
 
 
 def solve_verified(
-    problem: "Problem", terminal: Terminal, folder: Path | None, method: str = "auto", start: "Optimum | None" = None
+    problem: "Problem",
+    terminal: Terminal,
+    folder: Path | None,
+    method: str = "auto",
+    start: "Optimum | None" = None,
+    *,
+    limits: SearchLimits | None = None,
 ) -> "Gait":
     """The gait of a problem with its verification, stored in a folder if one is given; or the failed solve."""
     from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
         gait = verbs.solve(
-            problem, start=start, method=method, output=folder or False, progress=progress, should_stop=interrupted
-        )
+            problem, start=start, method=method, **({} if limits is None else limits.stated), output=folder or False,
+            progress=progress, should_stop=interrupted,
+        )  # fmt: skip
     if not gait.converged:
         return gait
     return gait if gait.verification is not None else gait.verified(verbs.verify(gait).to_record())

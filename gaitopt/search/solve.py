@@ -15,11 +15,12 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Attractor, Gait, Status
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Method
+from gaitopt.requests import Method, SearchLimits
 from gaitopt.search.candidate import cycle_record
 from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.following import follow
+from gaitopt.solver.solve import DEFAULT_LIMITS
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 
@@ -32,6 +33,7 @@ def solve(
     *,
     start: Gait | None = None,
     method: Method = Method.AUTO,
+    limits: SearchLimits = DEFAULT_LIMITS,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
@@ -42,16 +44,20 @@ def solve(
         return find_best(problem, method=method, progress=progress, should_stop=should_stop)
     try:
         from_guess = method is Method.IPOPT or lacks_energy(problem)
-        begin = None if from_guess else file_gait(problem, method=method, should_stop=should_stop)
+        begin = None if from_guess else file_gait(problem, method=method, limits=limits, should_stop=should_stop)
     except KeyboardInterrupt:
         dynamics = problem_dynamics(problem)
         return Gait(problem=problem, dynamics=dynamics, status=Status.INTERRUPTED, message="interrupted")
     if begin is None:
-        return solve_sequence(problem, start=start, method=method, progress=progress, should_stop=should_stop)
+        return solve_sequence(
+            problem, start=start, method=method, limits=limits, progress=progress, should_stop=should_stop
+        )
     return follow(begin, problem, progress=progress, should_stop=should_stop)
 
 
-def file_gait(problem: Problem, *, method: Method = Method.AUTO, should_stop: Stop = None) -> Gait | None:
+def file_gait(
+    problem: Problem, *, method: Method = Method.AUTO, limits: SearchLimits = DEFAULT_LIMITS, should_stop: Stop = None
+) -> Gait | None:
     """The gait of the problem's file, which is followed to the values of the problem; None if there is none.
 
     Raises
@@ -60,7 +66,7 @@ def file_gait(problem: Problem, *, method: Method = Method.AUTO, should_stop: St
         If ``should_stop`` ends its solution.
     """
     file = problem.followed_from
-    gait = None if file is None else _solved(_File(problem=file, method=method, should_stop=should_stop))
+    gait = None if file is None else _solved(_File(problem=file, method=method, limits=limits, should_stop=should_stop))
     return gait if gait is not None and gait.converged else None
 
 
@@ -70,12 +76,13 @@ class _File:
 
     problem: Problem
     method: Method
+    limits: SearchLimits
     should_stop: Stop = field(compare=False)
 
 
 @lru_cache(maxsize=CACHED)
 def _solved(file: _File) -> Gait:
-    gait = solve_sequence(file.problem, method=file.method, should_stop=file.should_stop)
+    gait = solve_sequence(file.problem, method=file.method, limits=file.limits, should_stop=file.should_stop)
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt  # so that the cache does not hold it
     return gait

@@ -55,7 +55,9 @@ LIMIT, FAILURE = -1, -2
 """Codes of arcs that end at their time limit, or because the integrator cannot continue."""
 TIME_LIMIT = int(hy.taylor_outcome.time_limit)
 UNFINISHED = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
-"""heyoka's outcomes of lanes that stop only because another one does."""
+"""heyoka's outcomes of lanes that stop only because another one does, or after ``STEPS_AT_ONCE``."""
+STEPS_AT_ONCE = 500
+"""Integration steps after which lanes are examined, even if none has ended: an arc of a walk takes tens."""
 
 
 class BatchSimulator:
@@ -502,12 +504,15 @@ class _Lanes:
         arrivals = self._arrivals
         self._load(range(LANES), queue)
         while max(rows) >= 0:
-            taylor.propagate_until(self._stops, max_steps=MAX_ARC_STEPS - max(counts))  # or to the first event
+            # to the time limits, to the first event, or for some steps
+            taylor.propagate_until(self._stops, max_steps=min(MAX_ARC_STEPS - max(counts), STEPS_AT_ONCE))
             ended = []
             for lane, (outcome, _, _, steps) in enumerate(taylor.propagate_res):
                 counts[lane] += steps
                 code = int(outcome)
-                if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS:
+                # where a motion becomes infinite, heyoka takes steps of no length, which it does not count
+                stands = outcome == hy.taylor_outcome.step_limit and not steps
+                if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS or stands:
                     if (row := rows[lane]) >= 0:
                         arrivals.times[row], arrivals.states[row] = taylor.time[lane], self._state[lane]
                         arrivals.events[row] = code

@@ -7,6 +7,7 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from math import inf, isfinite
 
 import numpy as np
@@ -56,7 +57,7 @@ def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
     return HeyokaStepper
 
 
-def segment_ends(dynamics: Dynamics, longest: float = inf) -> tuple[float, ...]:
+def segment_ends(dynamics: Dynamics, longest: float = inf, *, longest_step: float | None = None) -> tuple[float, ...]:
     """Times since the impact at which the segments of the control end [s].
 
     The last one is the time limit of a step, or where the clock ends a cycle, the period of the control.
@@ -64,9 +65,11 @@ def segment_ends(dynamics: Dynamics, longest: float = inf) -> tuple[float, ...]:
     Parameters
     ----------
     longest : time at which the motion ends anyhow, if it is finite; it may then exceed that of a walking step.
+    longest_step : time limit of a walking step [s]; ``MAX_STEP_TIME`` by default.
     """
     control = dynamics.system.control
-    limit = min(MAX_STEP_TIME * dynamics.scales.time if longest == inf else longest, control.horizon)
+    most = MAX_STEP_TIME * dynamics.scales.time if longest_step is None else longest_step
+    limit = min(most if longest == inf else longest, control.horizon)
     if dynamics.system.cycle_end == CLOCK:
         assert control.period is not None  # a problem is read so
         limit = control.period
@@ -81,6 +84,7 @@ class Simulator:
     dynamics : the walker under its control law, at its parameters.
     stepper : creates the integrator of the arcs from ``dynamics``: a subclass of ``Stepper``.
     max_switches : largest number of mode switches within a step.
+    longest_step : time limit of a step [s]; 50 sqrt(l / g) by default.
 
     Attributes
     ----------
@@ -99,18 +103,22 @@ class Simulator:
         stepper: Callable[[Dynamics], Stepper] = ScipyStepper,
         *,
         max_switches: int = MAX_SWITCHES,
+        longest_step: float | None = None,
     ) -> None:
         _finite_vector("parameters", dynamics.p, dynamics.system.parameters)
         self.dynamics, self.system = dynamics, dynamics.system
         self.stepper = stepper(dynamics)
-        self._make_stepper, self._max_switches = stepper, max_switches
-        self._ends, self._resolver = segment_ends(dynamics), ContactResolver(dynamics)
+        self._make_stepper, self._max_switches, self._longest_step = stepper, max_switches, longest_step
+        self._ends, self._resolver = segment_ends(dynamics, longest_step=longest_step), ContactResolver(dynamics)
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:
         """The simulators of the steps in turn, one for each of ``dynamics.steps``: itself first."""
         others = self.dynamics.steps[1:]
-        return (self, *(Simulator(each, self._make_stepper, max_switches=self._max_switches) for each in others))
+        like = partial(
+            Simulator, stepper=self._make_stepper, max_switches=self._max_switches, longest_step=self._longest_step
+        )
+        return (self, *map(like, others))
 
     def run(
         self,

@@ -23,13 +23,14 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.building import BUILDING, Freed, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
+from gaitopt.requests import IPOPT_ITERATIONS
 from gaitopt.solver.shooting import Label
 from gaitopt.threads import cached_property
 
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
-MAX_ITERATIONS = 300
-"""Of a search for a motion, which takes ten when it succeeds."""
+MAX_ITERATIONS = IPOPT_ITERATIONS
+"""Of a design."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 COMMON: dict[str, Any] = {"print_level": 0, "sb": "yes", "acceptable_iter": 0}

@@ -20,10 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from gaitopt.arrays import Array
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.modes import Mode
+from gaitopt.requests import INTERVALS
 from gaitopt.threads import cached_property
 
-INTERVALS = 14
-"""Intervals of a step in a first mesh, distributed by length: about ten digits on the gaits of the paper."""
 FEWEST = 2
 """Intervals of the shortest arc."""
 COINCIDENT = 1e-11
@@ -150,20 +149,21 @@ class Mesh:
         return Mesh(cycle=self.cycle, arcs=arcs)
 
 
-def mesh_of(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float]) -> Mesh:
+def mesh_of(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float], intervals: int = INTERVALS) -> Mesh:
     """Cut the phases at those breakpoints that lie inside them; a timed phase ends at the nearest one.
 
     Parameters
     ----------
     durations : estimates of the phase durations [s].
     breakpoints : of the control, times since impact [s], ascending.
+    intervals : of a step, distributed by the lengths of its arcs.
     """
     lengths = np.asarray(durations, dtype=float)
     firsts = (*cycle.first_phases, lengths.size)
     arcs = [
         arc
         for step, (first, end) in zip(cycle.steps, pairwise(firsts), strict=True)
-        for arc in _step_arcs(step, first, lengths[first:end], breakpoints)
+        for arc in _step_arcs(step, first, lengths[first:end], breakpoints, intervals)
     ]
     return Mesh(cycle=cycle, arcs=tuple(arcs))
 
@@ -173,7 +173,9 @@ def nearest(breakpoints: Sequence[float], time: float) -> float:
     return min(breakpoints, key=lambda b: abs(b - time))
 
 
-def _step_arcs(step: ModeSequence, first: int, durations: Array, breakpoints: Sequence[float]) -> Iterator[MeshArc]:
+def _step_arcs(
+    step: ModeSequence, first: int, durations: Array, breakpoints: Sequence[float], intervals: int
+) -> Iterator[MeshArc]:
     """Arcs of one step, whose phases are counted from ``first``."""
     switches = np.concatenate([[0.0], np.cumsum(durations)])
     if switches[-1] <= 0:
@@ -187,7 +189,5 @@ def _step_arcs(step: ModeSequence, first: int, durations: Array, breakpoints: Se
         segment = sum(b <= begin for b in breakpoints)
         for k, (start, end) in enumerate(pairwise(ends)):
             length = (finish if end is None else end) - (begin if start is None else start)
-            intervals = max(FEWEST, round(INTERVALS * length / switches[-1]))
-            yield MeshArc(
-                phase=first + phase, mode=mode, segment=segment + k, start=start, end=end, intervals=intervals
-            )
+            count = max(FEWEST, round(intervals * length / switches[-1]))
+            yield MeshArc(phase=first + phase, mode=mode, segment=segment + k, start=start, end=end, intervals=count)

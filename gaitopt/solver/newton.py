@@ -18,6 +18,7 @@ import numpy as np
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.gait.gait import Status
+from gaitopt.requests import NEWTON_STEPS
 from gaitopt.solver.arclength import CONTRACTION, LONGEST_FIRST_STEP
 from gaitopt.solver.interval import ORDER
 from gaitopt.solver.shooting import MultipleShooting, NaturalUnits, transcribe
@@ -26,13 +27,11 @@ from gaitopt.threads import cached_property
 
 LAST_STEP = 1e-7
 """A step in natural units below which the next one, by quadratic convergence, would be rounding."""
-MOST_STEPS = 9
-"""Steps that halve from ``LONGEST_FIRST_STEP`` converge quadratically long before."""
 SHORTEST_PERIOD = 0.5
 """Shortest period relative to the guess: feet that stay together solve all equations in no time at all."""
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not reach it ends when it stops improving."""
-NEWTON_STEPS = 8
+POLISH_STEPS = 8
 """A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
 CHORD_RESIDUAL = 1e-13
 """Residual in natural units below which the Jacobian is that of the solution up to rounding: chords suffice."""
@@ -225,7 +224,9 @@ class GaitEquations:
 
 
 @overflow_allowed()
-def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
+def solve_nearby(
+    start: Solution, *, most_steps: int = NEWTON_STEPS, progress: Valued = None, should_stop: Stop = None
+) -> Solution:
     """Newton's method from ``start``, while its steps halve.
 
     The margins are not checked. A failed search has the status ``not_converged``, one that ``should_stop`` ends
@@ -234,7 +235,7 @@ def solve_nearby(start: Solution, *, progress: Valued = None, should_stop: Stop 
     equations, at, last = start.equations, start, np.inf
     shortest = SHORTEST_PERIOD * start.durations.sum()
     lost = replace(start, status=Status.NOT_CONVERGED, words="Newton's method finds no solution next to the guess")
-    for number in range(MOST_STEPS + 1):
+    for number in range(most_steps + 1):
         if progress is not None:
             progress(number, at.size)
         if should_stop is not None and should_stop():
@@ -261,7 +262,7 @@ def polish(solution: Solution) -> Solution:
     Jacobian is singular.
     """
     at = solution
-    for _ in range(NEWTON_STEPS):
+    for _ in range(POLISH_STEPS):
         if at.size < NEWTON_TOLERANCE:
             break
         try:

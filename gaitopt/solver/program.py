@@ -24,9 +24,10 @@ from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import IPOPT_ITERATIONS
 from gaitopt.solver.assembly import solved_gait
 from gaitopt.solver.diagnosis import largest_residual, rejection_reason, status_without_gait
-from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, Program
+from gaitopt.solver.ipopt import TOLERANCE, Block, Ipopt, Program
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
@@ -326,9 +327,15 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
     )  # fmt: skip
 
 
-def solved(program: ShootingProgram, *, progress: Valued = None, should_stop: Stop = None) -> Solution:
-    """Where IPOPT ends with a program of ``feasibility``."""
-    key = _Compiled(equations=program.equations, n_rows=program.g.numel(), program=program)
+def solved(
+    program: ShootingProgram,
+    *,
+    iterations: int = IPOPT_ITERATIONS,
+    progress: Valued = None,
+    should_stop: Stop = None,
+) -> Solution:
+    """Where IPOPT ends with a program of ``feasibility``, after at most some iterations."""
+    key = _Compiled(equations=program.equations, n_rows=program.g.numel(), iterations=iterations, program=program)
     end = _ipopt(key).solve(program, progress=progress, should_stop=should_stop)
     return Solution(program.equations, end.w, program.p0, status=end.status, words=end.words, iterations=end.iterations)
 
@@ -339,12 +346,13 @@ class _Compiled:
 
     equations: MultipleShooting
     n_rows: int
+    iterations: int
     program: ShootingProgram = field(compare=False)
 
 
 @built_once(maxsize=16)
 def _ipopt(key: _Compiled) -> Ipopt:
-    return Ipopt(key.program, options={"tol": TOLERANCE, "max_iter": MAX_ITERATIONS})
+    return Ipopt(key.program, options={"tol": TOLERANCE, "max_iter": key.iterations})
 
 
 def checked_gait(problem: Problem, solution: Solution, solver: Mapping[str, float | str]) -> Gait:

@@ -26,6 +26,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
+from gaitopt.requests import INTERVALS
 from gaitopt.solver.interval import ORDER, shooting_step
 from gaitopt.solver.mesh import Mesh, mesh_of, nearest
 from gaitopt.solver.newton import MAX_INTERVALS, Solution
@@ -133,7 +134,12 @@ class Rollout:
 
     @overflow_allowed()
     def on_mesh(
-        self, free: tuple[str, ...] = (), intervals: Sequence[int] = (), *, error: float = FIRST_ERROR
+        self,
+        free: tuple[str, ...] = (),
+        intervals: Sequence[int] = (),
+        *,
+        error: float = FIRST_ERROR,
+        per_step: int = INTERVALS,
     ) -> Solution:
         """The motion on a mesh of shooting intervals: equations, unknowns and parameters with which a search starts.
 
@@ -144,8 +150,9 @@ class Rollout:
         free : dotted keys of the parameters that are unknowns.
         intervals : of every arc, used if there are as many arcs.
         error : largest error of one interval in natural units.
+        per_step : intervals of a step in the first mesh.
         """
-        mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints)
+        mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints, per_step)
         mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
         for _ in range(MOST_MESHES):
             first, moved = self._sampled(mesh, free)

@@ -10,6 +10,7 @@ check           every margin at the nodes, and no event between them            
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -23,7 +24,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import contact_of, kind
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Method
+from gaitopt.requests import Method, SearchLimits
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
@@ -44,6 +45,7 @@ MOST_SEARCHED = 2000
 """Intervals of a mesh on which IPOPT searches; an iteration takes half a second there. Newton's method may use more."""
 PERIODIC = 1e-6
 """Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait."""
+DEFAULT_LIMITS = SearchLimits()
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 FARTHER = "the methods auto and ipopt search farther"
 """Remedy where Newton's method alone finds nothing."""
@@ -60,6 +62,7 @@ def solve_gait(
     system: HybridSystem,
     *,
     method: Method = Method.AUTO,
+    limits: SearchLimits = DEFAULT_LIMITS,
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
@@ -70,6 +73,7 @@ def solve_gait(
     problem : its guess starts the search.
     system : the hybrid system of the problem's walker and control.
     method : ``auto`` runs IPOPT only if Newton's method finds no gait.
+    limits : of the search; the gait records those that are not the defaults.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -77,6 +81,20 @@ def solve_gait(
     -------
     gait : a numerical failure is a status of the gait, not an error.
     """
+    if limits.stated:
+        gait = _solve(problem, system, method, limits, progress, should_stop)
+        return replace(gait, solver={**gait.solver, **limits.stated})
+    return _solve(problem, system, method, limits, progress, should_stop)
+
+
+def _solve(
+    problem: Problem,
+    system: HybridSystem,
+    method: Method,
+    limits: SearchLimits,
+    progress: Valued,
+    should_stop: Stop,
+) -> Gait:
     dynamics, cycle, began = Dynamics.of(system, problem.parameters), problem.cycle, time.perf_counter()
     if lacks_energy(problem):
         cause = Cause(what="energy", words=NO_ENERGY)
@@ -86,21 +104,22 @@ def solve_gait(
         return _first_gait(problem, dynamics, began, progress, should_stop)
     guess = guessed_motion(problem, dynamics)
     if method is not Method.IPOPT:
-        gait = _newton_gait(problem, guess, began, progress, should_stop)
+        gait = _newton_gait(problem, guess, began, limits, progress, should_stop)
         if gait.converged or gait.status is Status.INTERRUPTED or method is Method.NEWTON:
             return gait
 
     def ipopt(start: Solution) -> Solution:
-        end = solved(feasibility(problem, start), progress=progress, should_stop=should_stop)
+        most = limits.ipopt_iterations
+        end = solved(feasibility(problem, start), iterations=most, progress=progress, should_stop=should_stop)
         if end.status not in FAILURES or not start.equations.mesh.cycle.timed:
             return end
         # the torques of the guess may jump where those of the gait do not: without margins, the motion shows it
-        periodic = solved(feasibility(problem, start, relaxed=True), should_stop=should_stop)
+        periodic = solved(feasibility(problem, start, relaxed=True), iterations=most, should_stop=should_stop)
         leaves = periodic.converged and not periodic.in_order
         return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
     tried = "IPOPT" if method is Method.IPOPT else "Newton's method and IPOPT"
-    begin = guess.on_mesh()
+    begin = guess.on_mesh(per_step=limits.intervals)
     stiff = _too_stiff(begin)
     if stiff is not None:
         solver = search_record(method if method is Method.IPOPT else Method.NEWTON, 0, began)
@@ -113,7 +132,7 @@ def solve_gait(
         state = guess.motions[0].states[0]
         shortened = np.array(guess.durations) * transit_time(dynamics, cycle, state) / guess.period
         tried += ", also from a shorter step"
-        again = roll_out(dynamics, cycle, state, shortened).on_mesh()
+        again = roll_out(dynamics, cycle, state, shortened).on_mesh(per_step=limits.intervals)
         if _too_stiff(again) is None:
             start_again, retried = _search(again, ipopt)
             if retried.status not in FAILURES:
@@ -132,7 +151,9 @@ def solve_gait(
     )
 
 
-def _newton_gait(problem: Problem, guess: Rollout, began: float, progress: Valued, should_stop: Stop) -> Gait:
+def _newton_gait(
+    problem: Problem, guess: Rollout, began: float, limits: SearchLimits, progress: Valued, should_stop: Stop
+) -> Gait:
     """The gait that Newton's method finds next to a guess, or the first failed attempt."""
 
     def failed(status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
@@ -140,8 +161,9 @@ def _newton_gait(problem: Problem, guess: Rollout, began: float, progress: Value
         return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
 
     failure: Gait | None = None
-    for start in _nearby_starts(problem, guess):
-        _, near = _search(start, partial(solve_nearby, progress=progress, should_stop=should_stop))
+    newton = partial(solve_nearby, most_steps=limits.newton_steps, progress=progress, should_stop=should_stop)
+    for start in _nearby_starts(problem, guess, limits.intervals):
+        _, near = _search(start, newton)
         if near.status is Status.INTERRUPTED:
             return failed(near.status, near.words, near.iterations)
         gait = failed(near.status, f"{near.words}; {FARTHER}", near.iterations)
@@ -169,18 +191,18 @@ def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Va
     return Gait(problem=problem, dynamics=dynamics, status=end.status, message=words, solver=solver, causes=causes)
 
 
-def _nearby_starts(problem: Problem, guess: Rollout) -> Iterator[Solution]:
+def _nearby_starts(problem: Problem, guess: Rollout, intervals: int) -> Iterator[Solution]:
     """Where Newton's method starts: at the guess, and at the walk from its state on a finer mesh if that is periodic.
 
     The walk ends its phases at their events, whatever durations the problem states.
     """
     if guess.endless is None:
-        yield guess.on_mesh()
+        yield guess.on_mesh(per_step=intervals)
     walk = guess
     if problem.guess.durations is not None:
         walk = roll_out(guess.dynamics, problem.cycle, guess.motions[0].states[0])
     if walk.endless is None:
-        at = walk.on_mesh(error=FINE_ERROR)
+        at = walk.on_mesh(error=FINE_ERROR, per_step=intervals)
         resets = (at.residual / at.units.equalities)[-at.equations.system.n_z * len(walk.cycle.resets) :]
         if np.abs(resets).max() < PERIODIC:
             yield at

@@ -30,12 +30,10 @@ from gaitopt.gait.measures import friction_ratio, measure, measure_scales, obser
 from gaitopt.gait.records import VerificationRecord
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.transitions import Ending
-from gaitopt.requests import Engine
+from gaitopt.requests import AGREEMENT, Engine, VerifyRequest, choice
 from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap, directional_derivative
 
-AGREEMENT = 1e-9
-"""Of period, switching times and states just after the impact."""
 INTERIOR_AGREEMENT = 1e-8
 """Of states inside an arc, where the simulator interpolates, and of all scalars of arcs."""
 RECOMPUTED = 1e-9
@@ -172,23 +170,29 @@ def recorded_claims(record: VerificationRecord) -> list[Claim]:
     return claims
 
 
-def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
+def verify(gait: Gait, *, engine: str = Engine.AUTO, tolerance: float = AGREEMENT) -> Verification:
     """Verify a gait by forward simulation from its state after impact.
 
     Parameters
     ----------
     gait : a converged gait.
     engine : integrator of the simulation: ``auto``, ``scipy`` or ``heyoka``.
+    tolerance : largest difference of period, switching times and states just after the impact between the two methods,
+        in natural units. The tolerances of all other claims are in proportion, except that of perturbations, which
+        differences of walks resolve no better. Each claim states its own.
 
     Raises
     ------
+    ArgumentError
+        If the tolerance is not a number from 1e-13 to 1e-4.
     SolveError
         If ``gait`` is a failed solve.
     UnknownNameError
         If the engine is unknown or not installed.
     """
+    request = VerifyRequest(engine=choice(Engine, engine), tolerance=tolerance)
     require_gait(gait, "verify")
-    simulator = Simulator(gait.dynamics, stepper_class(engine))
+    simulator = Simulator(gait.dynamics, stepper_class(request.engine))
     sequence, walked = _simulated_cycle(gait, simulator)
     claims = [sequence, *law_claims(gait)]
     if sequence.passed:
@@ -198,7 +202,14 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO) -> Verification:
         claims += return_map_claims(
             gait, ReturnMap(simulator, gait.system.section(gait.problem.cycle), len(walked), gait.state)
         )
-    return Verification(claims=tuple(claims))
+    return Verification(claims=tuple(_with_tolerance(claim, request.tolerance / AGREEMENT) for claim in claims))
+
+
+def _with_tolerance(known: Claim, factor: float) -> Claim:
+    """A claim with its tolerance multiplied; what was not measured, or depends on differences of walks, stays."""
+    if factor == 1 or known.outcome not in (Outcome.HOLDS, Outcome.FAILS) or known.name == "perturbation":
+        return known
+    return claim(known.name, known.figure, factor * known.tolerance, known.note)
 
 
 def confirm(gait: Gait) -> Verification:

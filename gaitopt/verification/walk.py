@@ -44,10 +44,12 @@ class Walk(WalkerMotion):
     trajectory : steps, ending and message.
     gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait from which it started; no
         rows if it started from a problem.
+    longest_step : the time limit of a step [s], if one was given.
     """
 
     trajectory: Trajectory
     gait_states: Array
+    longest_step: float | None = None
 
     def __repr__(self) -> str:
         count, ending = len(self.complete_steps), self.trajectory.ending
@@ -93,6 +95,7 @@ class Walk(WalkerMotion):
             "impacts": list(impact_records(self.trajectory)),
             "gait_states": [self._state_record(state) for state in self.gait_states],
             "parameters": {key: value for (key, value), other in moving if value != other},  # those of the gait
+            **({} if self.longest_step is None else {"longest_step": self.longest_step}),
         }
 
     @property
@@ -112,6 +115,7 @@ def simulate(
     until: Until | None = None,
     dense: bool = True,
     engine: str = Engine.AUTO,
+    longest_step: float | None = None,
     should_stop: Stop = None,
 ) -> Walk:
     """Simulate a motion from a state; see ``gaitopt.simulate``."""
@@ -127,14 +131,17 @@ def simulate(
             "end the simulation at a time or after events: until=Until(time=2.0)"
         )
     z, anywhere = _initial_state(start, dynamics, state or {})
-    simulator = Simulator(dynamics, stepper_class(engine, steps=steps or 1))
+    simulator = Simulator(dynamics, stepper_class(engine, steps=steps or 1), longest_step=longest_step)
     simulator.check_start(z)
     trajectory = simulator.run(
         z, steps=steps or 1, until=until, anywhere=anywhere, dense=dense, should_stop=should_stop
     )
     width = len(dynamics.system.state_names)
     states = states_after_impacts(start) if isinstance(start, Gait) else np.empty(0)
-    return Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width))
+    return Walk(
+        problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width),
+        longest_step=longest_step,
+    )  # fmt: skip
 
 
 def is_endless(dynamics: Dynamics) -> bool:
