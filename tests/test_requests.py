@@ -142,6 +142,25 @@ def test_numbers_of_numpy_and_words_become_plain_values():
     assert ContinueRequest(parameter="friction", to=(1,)).to == (1.0,)
 
 
+def test_limits_that_are_not_the_defaults_act_and_are_recorded():
+    gait = go.solve("compass-passive-a", intervals=30, newton_steps=20)
+    assert {name: gait.solver.get(name) for name in ("intervals", "newton_steps", "ipopt_iterations")} == {
+        "intervals": 30, "newton_steps": 20, "ipopt_iterations": None
+    }  # fmt: skip
+    usual = go.solve("compass-passive-a")
+    assert {*usual.solver} == {"method", "iterations", "seconds"}
+    assert gait.state == pytest.approx(usual.state, abs=1e-12)
+    few = go.solve("compass-passive-a", method="newton", newton_steps=1)
+    assert (few.status, few.solver["iterations"]) == (go.Status.NOT_CONVERGED, 1)
+    strict = go.verify(usual, tolerance=1e-13)
+    assert {claim.name: claim.tolerance for claim in strict.claims}["period"] == pytest.approx(1e-13)
+    assert go.verify(usual).passed
+    assert not strict.passed  # two methods do not agree to the last digit
+    walk = go.simulate("compass-passive-a", longest_step=0.3)
+    assert "no touchdown within 0.3 s" in walk.trajectory.message
+    assert walk.to_record()["longest_step"] == 0.3
+
+
 def test_only_what_differs_from_the_defaults_identifies_a_request():
     assert FindRequest().identity == []
     assert FindRequest(starts=5, method="newton").identity == [["starts", 5], "newton"]

@@ -272,6 +272,15 @@ def test_motion_that_becomes_infinite_leaves_the_other_lanes_alone(lost):
         np.testing.assert_array_equal(getattr(together, name)[others], getattr(alone, name)[others])
 
 
+def test_motions_that_become_infinite_in_finite_time_end():
+    """Where the decoupling matrix of the law is singular, heyoka takes steps of no length, which it does not count."""
+    problem = load_problem("compass-virtual-constraint").replace({"control.model": "actual"})
+    largest = np.array([0.4, 1.5, 1.5, 1.2])
+    starts = np.random.default_rng([0, 0]).uniform(-largest, largest, (250, 4))
+    outcomes = [*return_map(problem, starts, engine="heyoka").outcomes]
+    assert 0 < outcomes.count(Ending.NUMERICAL) < 100
+
+
 @pytest.mark.parametrize("engine", ["heyoka", "scipy"])
 def test_massless_foot_that_begins_with_a_slip_ends_there(engine):
     problem = load_problem("slip-run")
