@@ -276,6 +276,9 @@ class SearchLimits(Request):
         return dict(self.identity)
 
 
+DEFAULT_LIMITS = SearchLimits()
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolveRequest(SearchLimits):
     """See ``gaitopt.solve``."""

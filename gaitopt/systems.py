@@ -27,11 +27,11 @@ from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
 from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Method, SearchLimits
+from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion
-from gaitopt.solver.solve import DEFAULT_LIMITS, FARTHER, free_parameters, solve_gait
+from gaitopt.solver.solve import FARTHER, free_parameters, solve_gait
 
 FLOW_PERIODS = 2
 """Periods by which a reference with ``beyond_end: flow`` extends past its end; no step takes that long."""

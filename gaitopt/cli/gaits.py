@@ -108,8 +108,9 @@ def solve(
         folder = Run.of(attractor.problem, output).folder
         with shown_result(lambda gait: report(gait, folder, terminal)), terminal.solving(problem) as (progress, stop):
             gait = verbs.solve(
-                attractor, method=method, **limits.stated, output=output or True, progress=progress, should_stop=stop
-            )
+                attractor, method=method, newton_steps=newton_steps, ipopt_iterations=ipopt_iterations,
+                intervals=intervals, output=output or True, progress=progress, should_stop=stop,
+            )  # fmt: skip
         return report(gait, Run.of(gait.problem, output).folder, terminal)
     loaded = load(problem, changes, terminal)
     loaded = loaded.from_guess() if from_guess else loaded

@@ -11,7 +11,7 @@ import typer
 from gaitopt.cli.options import overrides
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal
 from gaitopt.errors import GaitoptError, UnknownNameError
-from gaitopt.requests import SearchLimits
+from gaitopt.requests import DEFAULT_LIMITS, SearchLimits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -118,14 +118,15 @@ def solve_verified(
     method: str = "auto",
     start: "Optimum | None" = None,
     *,
-    limits: SearchLimits | None = None,
+    limits: SearchLimits = DEFAULT_LIMITS,
 ) -> "Gait":
     """The gait of a problem with its verification, stored in a folder if one is given; or the failed solve."""
     from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
         gait = verbs.solve(
-            problem, start=start, method=method, **({} if limits is None else limits.stated), output=folder or False,
+            problem, start=start, method=method, newton_steps=limits.newton_steps,
+            ipopt_iterations=limits.ipopt_iterations, intervals=limits.intervals, output=folder or False,
             progress=progress, should_stop=interrupted,
         )  # fmt: skip
     if not gait.converged:

@@ -15,12 +15,11 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.gait import Attractor, Gait, Status
 from gaitopt.problem.plausibility import lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Method, SearchLimits
+from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.search.candidate import cycle_record
 from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.following import follow
-from gaitopt.solver.solve import DEFAULT_LIMITS
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 

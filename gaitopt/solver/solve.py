@@ -24,7 +24,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import contact_of, kind
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
-from gaitopt.requests import Method, SearchLimits
+from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
 from gaitopt.solver.newton import Solution, solve_nearby
@@ -45,7 +45,6 @@ MOST_SEARCHED = 2000
 """Intervals of a mesh on which IPOPT searches; an iteration takes half a second there. Newton's method may use more."""
 PERIODIC = 1e-6
 """Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait."""
-DEFAULT_LIMITS = SearchLimits()
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
 FARTHER = "the methods auto and ipopt search farther"
 """Remedy where Newton's method alone finds nothing."""
