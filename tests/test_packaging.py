@@ -68,7 +68,8 @@ for name in sys.argv[1:]:
 
 def test_the_version_is_stated_alike_everywhere():
     assert f"\nversion: {gaitopt.__version__}\n" in (ROOT / "CITATION.cff").read_text()
-    assert f"\n## [{gaitopt.__version__}]\n" in (ROOT / "CHANGELOG.md").read_text()
+    heading = rf"^## \[{re.escape(gaitopt.__version__)}\] - (unreleased|\d{{4}}-\d\d-\d\d)$"
+    assert re.search(heading, (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
 
 
 def test_the_built_in_walkers_are_registered():
@@ -92,3 +93,19 @@ def test_the_wheel_takes_the_problems_along():
     assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"] == {
         "problems": "gaitopt/problem/catalogue"
     }
+
+
+def test_the_conda_recipe_needs_what_the_package_needs():
+    recipe = (ROOT / ".github" / "conda" / "meta.yaml").read_text().partition("\n  run:\n")[2].partition("\ntest:")[0]
+    stated = {line.strip("- ").partition(" ")[0] for line in recipe.splitlines()} - {"python"}
+    other_names = {"matplotlib": "matplotlib-base", "typing-extensions": "typing_extensions"}
+    needed = {re.split("[>=]", each)[0] for each in PROJECT["project"]["dependencies"]}
+    assert stated == {other_names.get(name, name) for name in needed}
+
+
+def test_every_citation_of_the_paper_is_in_its_bibliography():
+    folder = ROOT / "docs" / "paper"
+    cited = set(re.findall(r"@([a-z]+\d{4})", (folder / "paper.md").read_text()))
+    known = set(re.findall(r"^@\w+\{(\w+),", (folder / "paper.bib").read_text(), re.MULTILINE))
+    assert cited <= known
+    assert len((folder / "paper.md").read_text().split()) < 1300
