@@ -23,7 +23,7 @@ def period(problem: Problem, system: HybridSystem) -> float:
     z = ocp.state(system.n_z)
     ocp.set_der(z, system.flow(Mode.STICK)(ocp.t, z, p, data))
     first, last = ocp.at_t0(z), ocp.at_tf(z)
-    after = system.impact(Mode.STICK)(last, p)[0]
+    after = system.impact(system.walker.swapped(Mode.STICK), Mode.STICK)(last, p)[0]
     x = system.n_shape
     kept = [k for k in range(system.n_z) if k not in (x, system.n_z - 1)]
     ocp.subject_to(first[kept] == after[kept])

@@ -339,8 +339,9 @@ class Sensitivity:
 @built_once(maxsize=8)
 def _at_impact(t: MultipleShooting) -> Function:
     """(w, p) -> ``IMPACT_SCALARS`` and the margins of the impact; and their Jacobian in w."""
-    landed = t.system.impact(t.mesh.cycle.impact)(z=t.Z[:, -1], p=t.p)["z_plus"]
-    impulse = t.system.impact(Mode.STICK)(z=t.Z[:, -1], p=t.p)["impulse"]
+    swapped, last = t.system.walker.swapped, t.mesh.cycle.phases[-1]
+    landed = t.system.impact(swapped(t.mesh.cycle.impact), last)(z=t.Z[:, -1], p=t.p)["z_plus"]
+    impulse = t.system.impact(swapped(Mode.STICK), last)(z=t.Z[:, -1], p=t.p)["impulse"]
     margins = [expression for expression, _ in t.impact_margins]
     work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
     of_gravity = MX(t.system.weight(t.p)), MX(t.system.incline(t.p))

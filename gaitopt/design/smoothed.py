@@ -108,7 +108,8 @@ class SmoothedScalars:
     @property
     def distance(self) -> MX:
         """Length of the step [m]."""
-        impact = self._t.system.impact(self._t.mesh.cycle.impact)
+        cycle, system = self._t.mesh.cycle, self._t.system
+        impact = system.impact(system.walker.swapped(cycle.impact), cycle.phases[-1])
         return impact(z=self._t.Z[:, -1], p=self._t.p)["z_plus"][self._t.system.n_shape]
 
     @property
@@ -155,8 +156,9 @@ class SmoothedScalars:
         The least row is zero if it is the extremum.
         """
         if name == "impulse_ratio":  # of a sticking impact, also where the impact slips
-            cycle = self._t.mesh.cycle
-            impulse = self._t.system.impact(Mode.STICK)(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
+            cycle, system = self._t.mesh.cycle, self._t.system
+            sticks = system.impact(system.walker.swapped(Mode.STICK), cycle.phases[-1])
+            impulse = sticks(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
             label = Label(name=name, mode=cycle.impact, step=len(cycle.steps) - 1, unit=SI["impulse"])
             return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1))), (label, label)
         unit = SI["force"] if name == "required_friction" else unit_of(name, self._t.system)
@@ -383,7 +385,8 @@ class SmoothedProblem:
         t, n = self.equations, self.equations.system.n_shape
         nodes, durations, freed = t.unpack(w)
         period, largest = durations.sum(), np.abs(nodes).max(axis=1)
-        length = abs(float(t.system.impact(t.mesh.cycle.impact)(z=nodes[:, -1], p=p)["z_plus"][n]))
+        landing = t.system.impact(t.system.walker.swapped(t.mesh.cycle.impact), t.mesh.cycle.phases[-1])
+        length = abs(float(landing(z=nodes[:, -1], p=p)["z_plus"][n]))
         slip = max(largest[-1], length / period)
         states = np.array([*np.full(n, largest[:n].max()), length, *np.full(n, largest[n + 1 : -1].max()), slip])
         reach = states.copy()

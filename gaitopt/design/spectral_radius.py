@@ -69,7 +69,8 @@ class ReturnMapGradient:
         changed = jtimes(t.equalities[:-n_z], t.w, vertcat(V, by_freed))
         xi = t.Z[system.section(Mode.SLIP_FORWARD).indices, 0]
         start = system.lift_jacobian(xi, t.p)[:, : len(section)]
-        reset = system.impact_jacobian(t.mesh.cycle.impact)(t.Z[:, -1], t.p)[section, :]
+        struck = system.walker.swapped(t.mesh.cycle.impact)
+        reset = system.reset_jacobian(struck, t.mesh.cycle.phases[-1])(t.Z[:, -1], t.p)[section, :]
         last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
         product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], changed)
         function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])

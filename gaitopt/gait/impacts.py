@@ -60,12 +60,10 @@ def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) ->
 
 def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: Array) -> Array | None:
     """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
-    system, p = dynamics.system, dynamics.p
-    if struck.is_named:
-        before = struck.with_states({name: OFF for name in of if name in system.walker.contacts})
-        after, impulse, *_ = (value.copy() for value in buffered(system.contact_impact(struck, before))(z, p))
-    else:
-        after, impulse, *_ = (value.copy() for value in buffered(system.impact(struck))(z, p))
+    off = struck.contact.with_states({name: OFF for name in of if name in struck.contacts})
+    before = Mode.of(off, {name: "locked" for name in struck.locked if name not in of})
+    function = dynamics.system.impact(struck, before, ends_step=False)
+    after, impulse = (value.copy() for value in buffered(function)(z, dynamics.p))
     return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None
 
 

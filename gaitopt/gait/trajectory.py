@@ -119,37 +119,25 @@ def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) 
     ----------
     before : mode just before it.
     """
-    system, p = dynamics.system, dynamics.p
-    if mode.is_named:
-        return _contact_record(dynamics, mode, z_minus, before)
-    z_plus, impulse, *_ = (value.copy() for value in buffered(system.impact(mode))(z_minus, p))
-    _, stick_impulse, *_ = (value.copy() for value in buffered(system.impact(Mode.STICK))(z_minus, p))
-    x, work = system.n_shape, float(system.push(z=z_minus, p=p)["work"]) if system.walker.pushes else 0.0
-    state = z_plus.copy()
-    state[x] = 0.0
-    return ImpactRecord(
-        mode=mode,
-        state=state,
-        step_length=float(z_plus[x]),
-        impulse=impulse,
-        stick_impulse=stick_impulse,
-        push_work=work,
-    )
-
-
-def _contact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) -> ImpactRecord:
     system, walker, p, x = dynamics.system, dynamics.system.walker, dynamics.p, dynamics.system.n_shape
-    impulses, stick_impulse, state = np.zeros(2 * len(walker.contacts)), np.zeros(2), z_minus.copy()
+    impulse, stick_impulse, state = np.zeros(2 * len(walker.contact_names())), np.zeros(2), z_minus.copy()
     if system.cycle_end == TOUCHDOWN:
         struck = walker.swapped(mode)
         landing = [name for name in struck.touching if name not in before.touching]
         held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
-        z_plus, impulses = (value.copy() for value in buffered(system.contact_impact(struck, before))(z_minus, p)[:2])
-        sticking = buffered(system.contact_impact(held, before))(z_minus, p)[1].reshape(-1, 2)
-        stick_impulse = sticking[[walker.contacts.index(name) for name in landing]].sum(axis=0)
-        state = buffered(system.relabelled)(z_plus, p)[0].copy()
+        state, impulse = (value.copy() for value in buffered(system.impact(struck, before))(z_minus, p))
+        sticking = buffered(system.impact(held, before))(z_minus, p)[1].reshape(-1, 2)
+        places = [(walker.contacts or landing).index(name) for name in landing]
+        stick_impulse = sticking[places].sum(axis=0)
     length, state[x] = float(state[x]), 0.0
-    return ImpactRecord(mode=mode, state=state, step_length=length, impulse=impulses, stick_impulse=stick_impulse)
+    return ImpactRecord(
+        mode=mode,
+        state=state,
+        step_length=length,
+        impulse=impulse,
+        stick_impulse=stick_impulse,
+        push_work=float(system.push(z=z_minus, p=p)["work"]) if walker.pushes else 0.0,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

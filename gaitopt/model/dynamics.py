@@ -119,7 +119,7 @@ class Dynamics(ReadOnlyArrays):
         """State just after an impact of a foot, shape (n_z,), from section coordinates with or without dx."""
         return self.system.section(Mode.SLIP_FORWARD).lift(xi, self.p)
 
-    def after_impact(self, mode: Mode, z: Array, before: Mode | None = None, *, ends_step: bool = True) -> Array:
+    def after_impact(self, mode: Mode, z: Array, before: Mode, *, ends_step: bool = True) -> Array:
         """State just after an impact, shape (n_z,); where a step ends, x starts from zero at the new base point.
 
         Parameters
@@ -133,7 +133,7 @@ class Dynamics(ReadOnlyArrays):
         margins = buffered_map(self.system.margins(mode), times.size)
         return margins(times[:, None], states, self.p, self.system.data(segment))[0].copy()
 
-    def impact_margins(self, mode: Mode, z: Array, before: Mode | None = None) -> dict[str, float]:
+    def impact_margins(self, mode: Mode, z: Array, before: Mode) -> dict[str, float]:
         """Margins by name of the impact that follows the state ``z``, shape (n_z,); see ``HybridSystem.reset``."""
         (values,) = buffered(self.system.impact_margins(mode, before))(z, self.p)
         return dict(zip(self.system.transitions.impact_margin_names(mode, before), values.tolist(), strict=True))

@@ -1,6 +1,6 @@
 """A walker, its control law and the ground in CasADi symbols; ``gaitopt.model.system`` compiles them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -48,7 +48,6 @@ class Expressions:
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[tuple[Mode, tuple[str, ...]], Impact] = {}
-        self._foot_impacts: dict[Mode, Mapping[str, SX]] = {}
         self._torques: dict[tuple[str, Mode | None], SX] = {}
 
         self.transitions = transitions(walker, friction, law, cycle_end)
@@ -195,99 +194,69 @@ class Expressions:
         margins |= {"regularity": found.regularity, "painleve": found.apparent_mass}
         for name, contact in eom.contacts.items():
             f_t, f_n = found.forces[name][0], found.forces[name][1]
-            of_contact = {
-                "normal_force": f_n,
-                "cone_forward": self._friction.static[name] * f_n + f_t,
-                "cone_backward": self._friction.static[name] * f_n - f_t,
-                "slip_velocity": mode.directions.get(name, 0) * contact.velocity[0],
-                "gap": contact.gap,
-            }
-            margins |= {self._label(what, name): value for what, value in of_contact.items()}
+            of_contact = {"gap": contact.gap, "clearance": contact.position[1]}
+            if not self.transitions.may_land(mode):
+                of_contact = dict.fromkeys(of_contact, SX(1))
+            if name in mode.touching:
+                of_contact = {
+                    "normal_force": f_n,
+                    "cone_forward": self._friction.static[name] * f_n + f_t,
+                    "cone_backward": self._friction.static[name] * f_n - f_t,
+                    "slip_velocity": mode.directions[name] * contact.velocity[0],
+                }
+            margins |= {self.transitions.name(what, name): value for what, value in of_contact.items()}
         margins |= {share_name(share.parts): share.value for share in found.shares}
-        if not self.walker.contacts:
-            lands = not (mode.touching and self.walker.flies)  # a walker that flies lands out of flight alone
-            swing_foot = eom.contacts[SWING_FOOT]
-            margins |= {
-                "touchdown": swing_foot.gap if lands else SX(1),
-                "clearance": swing_foot.position[1] if lands else SX(1),
-            }
         return vertcat(*(margins[name] for name in self.transitions.margin_names(mode)))
-
-    def _label(self, what: str, contact: str) -> str:
-        """Name of a margin of a contact; the foot has no name where there is one."""
-        return f"{what}.{contact}" if self.walker.contacts or contact != FOOT else what
 
     # ---- impacts
 
-    def impact(self, mode: Mode, before: Mode) -> Impact:
+    def impact(self, mode: Mode, before: Mode, slip: SX | None = None) -> Impact:
         """The impact after which the walker is in a mode, with the contacts as they are called before it.
 
-        A massless contact that lands takes its place. Under the frictionless law contacts that land and slip have no
-        tangential impulse.
+        A massless contact that lands takes its place; a massless foot lands without an impulse. Under the frictionless
+        law contacts that land and slip have no tangential impulse.
 
         Parameters
         ----------
         mode : just after it, with the stops that are locked then; without stops at the end of a step.
         before : mode just before it.
+        slip : an unknown sign of the slip of the swing foot between -1 and 1, by Coulomb's law.
         """
         walker, landing = self.walker, tuple(name for name in mode.touching if name not in before.touching)
         if walker.stops and not mode.stops:
             mode = walker.held_in_impact(mode, before)
+        if slip is not None:
+            return impact(self.eom, mode, self._friction, before=self._pushed(landing), slips={SWING_FOOT: slip})
         if (mode, landing) not in self._impacts:
-            friction, massless = self._friction, [name for name in landing if name in walker.massless_contacts]
-            if self._law is ImpactLaw.FRICTIONLESS:
-                friction = replace(friction, kinetic=dict(friction.kinetic) | dict.fromkeys(landing, SX(0)))
-            result = impact(self.eom, mode, friction, before=self._pushed(landing), places=massless)
-            self._impacts[mode, landing] = BUILT.watch(result)
+            self._impacts[mode, landing] = BUILT.watch(self._impact(mode, landing))
         return self._impacts[mode, landing]
 
-    def foot_impact(self, mode: Mode, slip: SX | None = None) -> Mapping[str, SX]:
-        """The impact after which a walker on one foot is in a mode: of the foot, or of the stops that are locked in it.
+    def _impact(self, mode: Mode, landing: tuple[str, ...]) -> Impact:
+        eom, friction = self.eom, self._friction
+        if landing and self.walker.massless_feet:
+            none = dict.fromkeys(eom.contacts, SX.zeros(2))
+            return Impact(q=eom.q, dq=eom.dq, impulses=none, velocities=none, regularity=SX(1), apparent_mass=SX(1),
+                          shares=())  # fmt: skip
+        if self._law is ImpactLaw.FRICTIONLESS:
+            friction = replace(friction, kinetic=dict(friction.kinetic) | dict.fromkeys(landing, SX(0)))
+        places = [name for name in landing if name in self.walker.massless_contacts]
+        return impact(eom, mode, friction, before=self._pushed(landing), places=places)
 
-        Parameters
-        ----------
-        slip : an unknown sign of the slip between -1 and 1, by Coulomb's law.
+    def impulse(self, mode: Mode, before: Mode, slip: SX | None = None) -> SX:
+        """(F_t, F_n) of all contacts as they are called before an impact [N s]; of a foot that stands alone, its own.
 
-        Returns
-        -------
-        z_plus : SX, shape (n_z,) - state just after it; after the impact of a foot, the feet have swapped roles.
-        impulse : SX, shape (2,) - (F_t, F_n) of the ground [N s].
-        slip_velocity : SX - tangential velocity of the foot on the ground [m/s].
-        lift_velocity : SX - normal velocity of the foot that leaves the ground [m/s]; NaN if none does.
-        painleve : SX - apparent mass of the slipping foot [kg], which must be positive; NaN without an impulse.
+        Arguments as for ``impact``.
         """
-        if slip is not None:
-            return self._foot_impact(mode, slip)
-        if mode not in self._foot_impacts:
-            self._foot_impacts[mode] = BUILT.watch(self._foot_impact(mode, None))
-        return self._foot_impacts[mode]
+        impulses, (foot, *_) = self.impact(mode, before, slip).impulses, (*mode.touching, FOOT)
+        return vertcat(*(impulses[name] for name in self.walker.contacts or (foot,)))
 
-    def _foot_impact(self, mode: Mode, slip: SX | None) -> dict[str, SX]:
-        eom, n = self.eom, len(self.walker.shape)
-        if mode.locked or not mode.touching:
-            result = self.impact(mode, mode)
-            v = result.velocities[FOOT][0] if mode.touching else SX(0)
-            lift = SX.nan() if mode.touching else result.velocities[FOOT][1]
-            z_plus = vertcat(self.z[: self.z.numel() // 2], ordered(eom, result.dq))
-            return _outputs(z_plus, result.impulses[FOOT], v, lift, result.apparent_mass)
-        if self.walker.massless_feet:
-            shape, rates = massless_landing(eom)
-            z_plus = vertcat(eom.state(shape, eom.mechanism.swing_foot[0]), eom.state(rates, SX(0)))
-            return _outputs(z_plus, SX.zeros(2), SX(0), SX.nan(), SX.nan())
-        landed, stance = self.walker.struck(mode), Mode.FLIGHT
-        if slip is None:
-            result = self.impact(landed, Mode.of(stance, dict.fromkeys(self.walker.stops, "locked")))
-        else:
-            result = impact(eom, landed, self._friction, before=self.push[1], slips={SWING_FOOT: slip})
-        v = result.velocities[SWING_FOOT][0]
-        rates = jtimes(eom.mechanism.relabel, eom.q[:n], result.dq[:n])
-        return _outputs(
-            vertcat(eom.state(eom.mechanism.relabel, eom.mechanism.swing_foot[0]), eom.state(rates, v)),
-            result.impulses[SWING_FOOT],
-            v,
-            SX.nan() if self.walker.flies else result.velocities[FOOT][1],
-            result.apparent_mass,
-        )
+    def foot_velocities(self, mode: Mode, before: Mode, slip: SX | None = None) -> tuple[SX, SX]:
+        """Just after an impact, of a walker on one foot: v_t of the foot on the ground, v_n of the former stance foot.
+
+        Arguments as for ``impact``.
+        """
+        velocities, (foot, *_) = self.impact(mode, before, slip).velocities, (*mode.touching, FOOT)
+        return velocities[foot][0], velocities[FOOT][1]
 
     def _pushed(self, landing: tuple[str, ...]) -> SX | None:
         """Rates just before a contact lands, where the walker pushes off before it; None for those of the state."""
@@ -309,87 +278,63 @@ class Expressions:
         """Normal velocity with which the swing foot lands."""
         return (self.eom.W_swing @ self.push[1])[1]
 
-    def impact_margins(self, mode: Mode, before: Mode | None = None) -> dict[str, SX]:
+    def impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
         """Margins of an impact by name.
 
         Parameters
         ----------
-        mode : just after it; of named contacts, as they are called before it.
-        before : mode just before it; needed where the contacts have names.
+        mode : just after it, with the contacts as they are called before it.
+        before : mode just before it.
         """
-        if not self.walker.contacts:
-            return self._foot_impact_margins(mode)
-        assert before is not None
-        names = self.transitions.impact_margin_names(mode, before)
+        table, static, (push, *_) = self.transitions, self._friction.static, self.push
+        names = table.impact_margin_names(mode, before)
         if not names:
             return {}
-        result, static = self.impact(mode, before), self._friction.static
-        margins: dict[str, SX] = {"impact_regularity": result.regularity}
+        result = self.impact(mode, before)
+        margins: dict[str, SX] = {
+            "impact_regularity": result.regularity,
+            "impact_painleve": result.apparent_mass,
+            "push_landing": -self.approach,
+            "push_cone_forward": static[self.walker.landing_points()[0]] * push[1] + push[0],
+            "push_cone_backward": static[self.walker.landing_points()[0]] * push[1] - push[0],
+        }
         for name, contact in self.eom.contacts.items():
             impulse_t, impulse_n = result.impulses[name][0], result.impulses[name][1]
-            of_contact = {
-                "impulse": impulse_n,
-                "impulse_cone_forward": static[name] * impulse_n + impulse_t,
-                "impulse_cone_backward": static[name] * impulse_n - impulse_t,
-                "impact_slip_velocity": mode.directions[name] * result.velocities[name][0],
-                "lift_velocity": result.velocities[name][1],
-                "touchdown_rate": -self._rate_of(contact.gap),
-            }
-            if self._label("impact_onset", name) in names:
+            of_contact = {"lift_velocity": result.velocities[name][1]}
+            if name in mode.touching:
+                of_contact = {
+                    "impulse": impulse_n,
+                    "impulse_cone_forward": static[name] * impulse_n + impulse_t,
+                    "impulse_cone_backward": static[name] * impulse_n - impulse_t,
+                    "impact_slip_velocity": mode.directions[name] * result.velocities[name][0],
+                    "touchdown_rate": -self._rate_of(contact.gap),
+                }
+            if name in mode.touching and table.name("impact_onset", name) in names:
                 stick = self.impact(mode.with_states({name: Mode.STICK}), before).impulses[name]
                 of_contact["impact_onset"] = -static[name] * stick[1] - mode.directions[name] * stick[0]
-            margins |= {self._label(what, name): value for what, value in of_contact.items()}
+            margins |= {table.name(what, name): value for what, value in of_contact.items()}
         margins |= {impulse_name(share_name(share.parts)): share.value for share in result.shares}
         return {name: margins[name] for name in names}
-
-    def _foot_impact_margins(self, mode: Mode) -> dict[str, SX]:
-        result, stick = self.foot_impact(mode), self.foot_impact(mode.with_contact(Mode.STICK))
-        mu, push = self._friction.static[FOOT], self.push[0]
-        f_t, f_n = result["impulse"][0], result["impulse"][1]
-        return {
-            "impulse": f_n,
-            "lift_velocity": result["lift_velocity"],
-            "touchdown_rate": -self._rate_of(self.eom.contacts[SWING_FOOT].gap),
-            "push_cone_forward": mu * push[1] + push[0],
-            "push_cone_backward": mu * push[1] - push[0],
-            "push_landing": -self.approach,
-            "impulse_cone_forward": mu * f_n + f_t,
-            "impulse_cone_backward": mu * f_n - f_t,
-            "impact_slip_velocity": mode.direction * result["slip_velocity"],
-            "impact_painleve": result["painleve"],
-            "impact_onset": -mu * stick["impulse"][1] - mode.direction * stick["impulse"][0],
-        }
 
     def _rate_of(self, expression: SX) -> SX:
         """Derivative of a function of the coordinates by the time."""
         n = len(self.walker.coordinates())
         return jtimes(SX(expression), self.z[:n], self.z[n:])
 
-    def reset(self, mode: Mode, before: Mode | None, *, ends_step: bool) -> SX:
+    def reset(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
         """The state after a step or an impact has ended a phase, as a function of that before it, shape (n_z,).
 
         Parameters
         ----------
-        mode, before : of the impact, with named contacts as they are called before it; it has none if none lands.
+        mode, before : of the impact, with the contacts as they are called before it; it has none if none lands.
         ends_step : relabels the shape, and counts x from the new base point. Deviations from the section are removed
             where the motion would keep them: of heights of contacts that never leave the ground, and of the energy.
         """
-        x = len(self.walker.coordinates()) - 1
-        if not self.walker.contacts:
-            z = SX(self.foot_impact(mode)["z_plus"])
-            if ends_step:
-                z[x] = 0
-            return z
-        assert before is not None
-        lands = any(name not in before.touching for name in mode.touching)
-        z = self.state_after(mode, before) if lands or (not ends_step and mode.locked != before.locked) else SX(self.z)
+        z, end = self.after(mode, before, ends_step=ends_step), self.transitions.cycle_end
         if not ends_step:
             return z
-        end = self.transitions.cycle_end
-        if end == TOUCHDOWN:
-            z = substitute(self.relabelled, self.z, z)
-        z[x] = 0
-        if end != TOUCHDOWN or "energy" in self.walker.model_fields:
+        z[len(self.walker.coordinates()) - 1] = 0
+        if self.walker.contacts and (end != TOUCHDOWN or "energy" in self.walker.model_fields):
             after = self.walker.swapped(mode) if end == TOUCHDOWN else mode
             section = section_of(self.walker, before, after, end)
             z = section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
@@ -408,6 +353,25 @@ class Expressions:
             time = -velocity / jtimes(velocity, self.z, rate)
             z = substitute(self.z + time * (rate - self.rate(following)), self.z, z)
         return z
+
+    def after(self, mode: Mode, before: Mode, *, ends_step: bool, slip: SX | None = None) -> SX:
+        """As ``reset``, with the base point where it is and without a projection; see also ``impact``."""
+        lands = any(name not in before.touching for name in mode.touching)
+        if ends_step and lands and self.walker.stands_on_one():
+            return self._on_other_foot(mode, before, slip)
+        strikes = lands or (not ends_step and mode.locked != before.locked)
+        z = self.state_after(mode, before) if strikes else SX(self.z)
+        relabels = ends_step and self.transitions.cycle_end == TOUCHDOWN
+        return substitute(self.relabelled, self.z, z) if relabels else z
+
+    def _on_other_foot(self, mode: Mode, before: Mode, slip: SX | None) -> SX:
+        """The state after the impact of a walker on one foot: the base point is the foot that has landed."""
+        eom, n = self.eom, len(self.walker.shape)
+        base, shape, result = eom.mechanism.swing_foot[0], eom.mechanism.relabel, self.impact(mode, before, slip)
+        rates = jtimes(shape, eom.q[:n], result.dq[:n])
+        if self.walker.massless_feet:
+            shape, rates = massless_landing(eom)
+        return vertcat(eom.state(shape, base), eom.state(rates, result.velocities[SWING_FOOT][0]))
 
     def state_after(self, mode: Mode, before: Mode) -> SX:
         """The state just after an impact, before any relabelling, shape (n_z,); arguments as for ``impact``."""
@@ -456,13 +420,3 @@ class Expressions:
         springs = len(self.eom.mechanism.potential_while)
         shapes = ((n, n), (n,), (n, len(self.walker.actuators)), (n, springs), (k, n), (k,))
         return dict(zip(("M", "force", "E", "springs", "J", "convective"), shapes, strict=True))
-
-
-def _outputs(z_plus: SX, impulse: SX, slip_velocity: SX, lift_velocity: SX, painleve: SX) -> dict[str, SX]:
-    return {
-        "z_plus": z_plus,
-        "impulse": impulse,
-        "slip_velocity": slip_velocity,
-        "lift_velocity": lift_velocity,
-        "painleve": painleve,
-    }

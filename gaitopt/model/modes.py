@@ -6,8 +6,9 @@ A contact on the ground obeys the friction complementarity, v_forward - v_backwa
 
 A mode states which factor of each pair is zero. A contact that is off has no force. Gamus & Or (2013), eqs (4), (5).
 
-A walker that stands on one foot at a time has one contact, ``foot``, and its modes are single words. A walker with
-several contacts has modes that name each of them.
+A walker that stands on one foot at a time has two contacts, ``foot`` and ``swing_foot``, which swap places where the
+swing foot lands. Its modes have a short form: ``stick`` is ``{foot: stick, swing_foot: off}``, ``flight`` has both off.
+All other modes name each contact.
 """
 
 import re
@@ -18,17 +19,18 @@ from typing import Any, ClassVar
 from pydantic_core import PydanticKnownError, core_schema
 
 FOOT = "foot"
-"""Name of the one contact of a walker that stands on one foot at a time."""
+"""The contact of a walker that stands on one foot at a time; the base point (x, y)."""
 SWING_FOOT = "swing_foot"
-"""Name of the point of such a walker that lands; it then becomes the ``foot``."""
+"""The contact of such a walker that lands; it then becomes the ``foot``."""
 OFF = "off"
-"""State of a named contact without a force."""
+"""State of a contact without a force."""
 STOP_STATES, SWITCH_STATES = ("free", "locked"), ("off", "on")
 STATES = (*STOP_STATES, *SWITCH_STATES)
 NEXT_STATE = dict((STOP_STATES, SWITCH_STATES))
-_DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1, "flight": 0}
+_FLIGHT = "flight"
+_DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1, _FLIGHT: 0}
 NAMED = {"stick": 0, "slip_forward": 1, "slip_backward": -1, OFF: 0}
-"""States of a named contact."""
+"""States of a contact."""
 LEAVES = "leaves"
 """What a contact that touched the ground does in an impact after which it is off, in problem files."""
 IMPACT = "impact"
@@ -46,13 +48,13 @@ class Mode(str):
     Attributes
     ----------
     contact : the states of the contacts, as a mode without stops.
-    contacts : state of every contact by name, in order: the one contact is ``foot``. Read-only.
+    contacts : state of every contact by name, in order. Read-only.
     touching : names of the contacts that touch the ground, in order.
     directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip. Not
         to be written to.
     sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
-    fixes_x : whether the one foot sticks, so that dx is zero.
-    direction : sign of the slip velocity of the foot; 0 where there are several contacts.
+    fixes_x : whether the foot at the base point sticks, so that dx is zero.
+    direction : sign of the slip velocity of the foot at the base point; 0 if the base point is not a foot.
     stops : state of every stop and switch by name, in order; read-only.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
@@ -90,17 +92,17 @@ class Mode(str):
             first, *others = parts = text.split(", ")
             named = [part.partition(": ") for part in parts if ": " in part]
             stops = parts[len(named) :] if named else others
-            contacts = {name: word for name, _, word in named} or {FOOT: first}
+            contacts = {name: word for name, _, word in named}
             words, states = NAMED if named else _DIRECTIONS, dict(stop.rpartition(" ")[::2] for stop in stops)
-            strange = any(word not in words for word in contacts.values())
+            strange = any(word not in words for word in contacts.values() or [first])
             if strange or any(state not in STATES for state in states.values()) or len(contacts) < len(named):
                 what = f"a contact can {', '.join(words)}" if named else f"a foot can {', '.join(words)}"
                 raise ValueError(f"{text!r} is not a mode: {what}")
             mode = super().__new__(cls, text)
             mode.contact = Mode(", ".join(parts[: len(parts) - len(stops)])) if stops else mode
-            mode.contacts = contacts
-            mode.touching = tuple(name for name, word in contacts.items() if word not in (OFF, "flight"))
-            mode.directions = {name: words[word] for name, word in contacts.items()}
+            mode.contacts = contacts or {FOOT: OFF if first == _FLIGHT else first, SWING_FOOT: OFF}
+            mode.touching = tuple(name for name, word in mode.contacts.items() if word != OFF)
+            mode.directions = {name: NAMED[word] for name, word in mode.contacts.items()}
             mode.direction = 0 if named else mode.directions[FOOT]
             mode.slips = any(mode.directions.values())
             mode.sticks = bool(mode.touching) and not mode.slips
@@ -126,16 +128,23 @@ class Mode(str):
         """The mode with a state of every named contact."""
         return cls(", ".join(f"{name}: {word}" for name, word in contacts.items()))
 
+    @classmethod
+    def of_feet(cls, contacts: Mapping[str, str]) -> "Mode":
+        """The mode with these states of ``foot`` and ``swing_foot``, in the short form where it has one."""
+        word = str(contacts[FOOT])
+        if contacts[SWING_FOOT] == OFF:
+            return cls(_FLIGHT if word == OFF else word)
+        return cls.of_contacts({FOOT: word, SWING_FOOT: contacts[SWING_FOOT]})
+
     @property
     def is_named(self) -> bool:
-        """Whether the contacts have names."""
+        """Whether the contacts are named; otherwise the mode has the short form."""
         return ": " in self
 
     def with_states(self, changed: Mapping[str, str]) -> "Mode":
         """Other states of some contacts, with the same stops and switches."""
-        if not self.is_named:
-            return self.with_contact(Mode(changed.get(FOOT, self.contact)))
-        return self.with_contact(Mode.of_contacts({**self.contacts, **changed}))
+        contacts = {**self.contacts, **changed}
+        return self.with_contact(Mode.of_contacts(contacts) if self.is_named else Mode.of_feet(contacts))
 
     @staticmethod
     def slip(direction: float) -> "Mode":

@@ -221,51 +221,65 @@ class HybridSystem:
         """
         return self._symbols.momentum(mode)
 
-    @compiled("zp")
-    def impact(self, mode: Mode) -> dict[str, SX]:
-        """(z, p) -> z_plus, impulse (2), slip velocity, lift velocity, painleve; see ``Expressions.foot_impact``."""
-        return dict(self._symbols.foot_impact(mode))
+    def impact(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
+        """(z, p) -> z_plus as of ``reset``, but with x as the position of the base point; impulse.
+
+        The impulse is (F_t, F_n) of all contacts as they are called before it; of a foot that stands alone, its own.
+        """
+        return self._impact(mode, _before_impact(before), ends_step)
 
     @compiled("zp")
-    def impacts(self, *modes: Mode) -> dict[str, SX]:
-        """(z, p) -> outputs of ``impact`` in one column per mode; normal velocity of the swing foot before it [m/s]."""
-        columns = [vertcat(*self.impact(mode).call([self._symbols.z, self._symbols.p])) for mode in modes]
-        return {"impacts": horzcat(*columns), "approach": self._symbols.approach}
+    def _impact(self, mode: Mode, before: Mode, ends_step: bool) -> dict[str, SX]:
+        z_plus = self._symbols.after(mode, before, ends_step=ends_step)
+        return {"z_plus": z_plus, "impulse": self._symbols.impulse(mode, before)}
+
+    def impacts(self, before: Mode, *modes: Mode) -> Function:
+        """(z, p) -> z_plus, impulse and ``foot_velocities`` of each mode in a column; velocity of the landing [m/s].
+
+        For a walker on one foot; see ``Expressions``. The velocity is the normal one of the swing foot before it.
+        """
+        return self._impacts(_before_impact(before), *modes)
+
+    @compiled("zp")
+    def _impacts(self, before: Mode, *modes: Mode) -> dict[str, SX]:
+        columns, symbols = list[SX](), self._symbols
+        for mode in modes:
+            ends_step = any(name not in before.touching for name in mode.touching)
+            z_plus = symbols.after(mode, before, ends_step=ends_step)
+            columns.append(vertcat(z_plus, symbols.impulse(mode, before), *symbols.foot_velocities(mode, before)))
+        return {"impacts": horzcat(*columns), "approach": symbols.approach}
 
     @compiled("zp")
     def approach(self) -> dict[str, SX]:
         """(z, p) -> normal velocity with which the swing foot lands [m/s]."""
         return {"approach": self._symbols.approach}
 
-    @compiled("zp")
-    def impact_jacobian(self, mode: Mode) -> dict[str, SX]:
-        """(z, p) -> d z_plus / dz, shape (n_z, n_z)."""
-        return {"z_plus_by_z": jacobian(self._symbols.foot_impact(mode)["z_plus"], self._eom.z)}
-
-    def impact_margins(self, mode: Mode, before: Mode | None = None) -> Function:
+    def impact_margins(self, mode: Mode, before: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode, before)``."""
-        return self._impact_margins(mode, before if self.walker.contacts else None)
+        return self._impact_margins(mode, _before_impact(before))
 
     @compiled("zp")
-    def _impact_margins(self, mode: Mode, before: Mode | None) -> dict[str, SX]:
-        margins, names = self._symbols.impact_margins(mode, before), self.transitions.impact_margin_names(mode, before)
-        return {"margins": vertcat(SX(0, 1), *(margins[name] for name in names))}
+    def _impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
+        return {"margins": vertcat(SX(0, 1), *self._symbols.impact_margins(mode, before).values())}
 
-    def reset(self, mode: Mode, before: Mode | None = None, *, ends_step: bool = True) -> Function:
+    def reset(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
         """(z, p) -> z_plus: the state after the event that ends a phase; x is counted from the new base point.
 
         Parameters
         ----------
         mode : just after the impact, with the contacts as they are called before it; see ``Transitions.struck``.
-        before, ends_step : mode just before it, and whether the step ends; needed where the contacts have names.
+        before : mode just before it.
+        ends_step : whether the step ends.
         """
-        return self._reset(mode, before, ends_step) if mode.is_named else self._reset(mode, None, not mode.locked)
+        return self._reset(mode, self._before_reset(before), ends_step)
 
-    def reset_jacobian(self, mode: Mode, before: Mode | None = None, *, ends_step: bool = True) -> Function:
+    def reset_jacobian(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
         """(z, p) -> d z_plus / dz of ``reset``, shape (n_z, n_z)."""
-        if mode.is_named:
-            return self._reset_jacobian(mode, before, ends_step)
-        return self._reset_jacobian(mode, None, not mode.locked)
+        return self._reset_jacobian(mode, self._before_reset(before), ends_step)
+
+    def _before_reset(self, before: Mode) -> Mode:
+        """The mode before a reset as far as it matters; the section at the end of a cycle may depend on all of it."""
+        return _before_impact(before) if self.cycle_end == TOUCHDOWN else before
 
     @compiled("tzpr")
     def stopped_together(self, mode: Mode, after: Mode) -> dict[str, SX]:
@@ -278,11 +292,11 @@ class HybridSystem:
         return {"z_plus_by_z": jacobian(self._symbols.stopped_together(mode, after), self._eom.z)}
 
     @compiled("zp")
-    def _reset(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
+    def _reset(self, mode: Mode, before: Mode, ends_step: bool) -> dict[str, SX]:
         return {"z_plus": self._symbols.reset(mode, before, ends_step=ends_step)}
 
     @compiled("zp")
-    def _reset_jacobian(self, mode: Mode, before: Mode | None, ends_step: bool) -> dict[str, SX]:
+    def _reset_jacobian(self, mode: Mode, before: Mode, ends_step: bool) -> dict[str, SX]:
         (z_plus,) = self._reset(mode, before, ends_step).call([self._symbols.z, self._symbols.p])
         return {"z_plus_by_z": jacobian(z_plus, self._eom.z)}
 
@@ -332,18 +346,6 @@ class HybridSystem:
         rate = jtimes(torque, arguments, rates) + jacobian(torque, self._symbols.t)
         return {"h": held, "a": actual, "d": rates, "rate": rate}
 
-    @compiled("zp")
-    def contact_impact(self, mode: Mode, before: Mode) -> dict[str, SX]:
-        """(z, p) -> z_plus and impulses (F_t, F_n) of all contacts, without relabelling; see ``Expressions.impact``."""
-        impulses = self._symbols.impact(mode, before).impulses
-        return {"z_plus": self._symbols.state_after(mode, before), "impulses": vertcat(*impulses.values())}
-
-    @property
-    @compiled("zp")
-    def relabelled(self) -> dict[str, SX]:
-        """(z, p) -> z_plus: the state after the feet have swapped roles, x being the position of the new base point."""
-        return {"z_plus": self._symbols.relabelled}
-
     @property
     @compiled("zp")
     def contact_points(self) -> dict[str, SX]:
@@ -366,9 +368,16 @@ class HybridSystem:
     @compiled("zsp")
     def open_impact(self) -> dict[str, SX]:
         """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
-        s = SX.sym("s")
-        result = self._symbols.foot_impact(Mode.SLIP_FORWARD, s)
-        return {"s": s} | {name: result[name] for name in ("z_plus", "impulse", "slip_velocity", "lift_velocity")}
+        s, symbols = SX.sym("s"), self._symbols
+        mode, before = self.walker.swapped(Mode.SLIP_FORWARD), self.walker.released(Mode.STICK)
+        slip_velocity, lift_velocity = symbols.foot_velocities(mode, before, s)
+        return {
+            "s": s,
+            "z_plus": symbols.after(mode, before, ends_step=True, slip=s),
+            "impulse": symbols.impulse(mode, before, s),
+            "slip_velocity": slip_velocity,
+            "lift_velocity": lift_velocity,
+        }
 
     @property
     @compiled("zp")
@@ -450,6 +459,12 @@ class HybridSystem:
     def contact_coefficients(self, p: Any) -> dict[str, tuple[Any, Any, Any]]:
         """The three coefficients of every contact by name."""
         return self.friction.of(p[self._friction_entries])
+
+
+def _before_impact(before: Mode) -> Mode:
+    """The mode before an impact as far as it matters: what touches and what is locked, not what slips."""
+    contact = before.contact.with_states(dict.fromkeys(before.touching, Mode.STICK))
+    return Mode.of(contact, dict.fromkeys(before.locked, "locked"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ A step ends where the swing foot or a contact of ``Walker.landing_contacts`` lan
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -37,7 +37,7 @@ from itertools import pairwise, product
 from gaitopt.model.contacts import TANGENTIAL, constraint_structure, shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
-from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, SWING_FOOT, Mode
+from gaitopt.model.modes import FOOT, NEXT_STATE, OFF, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.units import UNITS, Scales
 from gaitopt.model.walker import Walker
@@ -231,18 +231,6 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
         lost="the swing foot no longer comes down",
         ending=Ending.IMPACT_INCONSISTENT,
     ),
-    "push_cone_forward": Margin(
-        unit="impulse", violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending=Ending.PUSH_SLIPS
-    ),
-    "push_cone_backward": Margin(
-        unit="impulse", violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending=Ending.PUSH_SLIPS
-    ),
-    "push_landing": Margin(
-        unit="speed",
-        violated="the push lifts the swing foot: it leaves the ground at {value:.4g} m/s instead of landing",
-        lost="the push lifts the swing foot before it lands",
-        ending=Ending.IMPACT_INCONSISTENT,
-    ),
     "impulse_cone_forward": Margin(unit="impulse", lost="the impact can no longer stick, the foot slips forward"),
     "impulse_cone_backward": Margin(unit="impulse", lost="the impact can no longer stick, the foot slips backward"),
     "impact_slip_velocity": Margin(
@@ -266,6 +254,18 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
         unit="impulse",
         violated="the impact sticks: its impulse misses the edge of the static cone by {value:.4g} N s",
         lost="static friction holds the impact: it can no longer slip",
+    ),
+    "push_cone_forward": Margin(
+        unit="impulse", violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending=Ending.PUSH_SLIPS
+    ),
+    "push_cone_backward": Margin(
+        unit="impulse", violated=PUSH_SLIPS, lost="the foot that pushes off slips", ending=Ending.PUSH_SLIPS
+    ),
+    "push_landing": Margin(
+        unit="speed",
+        violated="the push lifts the swing foot: it leaves the ground at {value:.4g} m/s instead of landing",
+        lost="the push lifts the swing foot before it lands",
+        ending=Ending.IMPACT_INCONSISTENT,
     ),
 }
 """Margins of impacts, with impulses in place of forces."""
@@ -294,6 +294,8 @@ CONE: Mapping[Mode, str] = {Mode.SLIP_FORWARD: "cone_forward", Mode.SLIP_BACKWAR
 """The margin of a sticking foot that falls to zero where each slip begins; for impacts ``impulse_`` precedes it."""
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
 """Margins from the force of the ground; for a massless foot all are zero where it lands and where it takes off."""
+LANDINGS = ("touchdown", "clearance")
+"""Margins of the swing foot: the first in the order of a table."""
 AT_REST = (str(Mode.STICK), str(Mode.SLIP_FORWARD), str(Mode.SLIP_BACKWARD), OFF)
 """What a contact at rest on the ground may do; sticking comes first."""
 PRIORITY = ("gap", "slip_velocity", "normal_force", "cone_forward", "cone_backward")
@@ -376,18 +378,19 @@ class Transitions:
     cycle_end : as given.
     landed : modes with all stops free and all switches off in which the walker touches the ground.
     unloaded : margins that are zero where a foot lands and where it takes off: ``GROUND_FORCES`` of massless feet.
+    unique : the margin of a unique slip: ``painleve``, the apparent mass of a foot alone, or ``regularity``.
     """
 
     def __init__(
         self, walker: type[Walker], friction: Friction | ContactFriction, law: ImpactLaw, cycle_end: str = TOUCHDOWN
     ) -> None:
         self.walker, self._friction, self._law, self.cycle_end = walker, friction, law, cycle_end
-        self._alone = not walker.contacts
-        self.modes = walker.modes()
+        self.modes, self._states = walker.modes(), {*walker.foot_modes()}
+        self.unique = "painleve" if walker.stands_on_one() else "regularity"
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
-        self._impacts: dict[tuple[Mode, Mode | None], Mapping[str, Transition]] = {}
+        self._impacts: dict[tuple[Mode, Mode], Mapping[str, Transition]] = {}
         self._landings: dict[tuple[str, Mode], Mapping[Mode, Mode]] = {}
         self._breakpoints: dict[Mode, Transition] = {}
         self._checked: set[Cycle] = set()
@@ -398,19 +401,23 @@ class Transitions:
             self._phases[mode] = {row.guard: row for row in self._of_phase(mode)}
         return self._phases[mode]
 
-    def of_impact(self, mode: Mode, before: Mode | None = None) -> Mapping[str, Transition]:
+    def of_impact(self, mode: Mode, before: Mode) -> Mapping[str, Transition]:
         """Transitions to what replaces an impact, by its margins in the order of ``HybridSystem.impact_margins``.
 
         Parameters
         ----------
-        mode : just after the impact, with named contacts as they are called before it.
-        before : just before it; needed where the contacts have names.
+        mode : just after the impact, with the contacts as they are called before it; see ``struck``.
+        before : just before it.
         """
-        before = None if self._alone else before
         if (mode, before) not in self._impacts:
-            rows = self._of_foot_impact(mode) if self._alone else self._of_impact(mode, before)
-            self._impacts[mode, before] = {row.guard: row for row in rows}
+            self._impacts[mode, before] = {row.guard: row for row in self._of_impact(mode, before)}
         return self._impacts[mode, before]
+
+    def name(self, what: str, contact: str) -> str:
+        """The written name of a margin of a contact; a foot that stands alone has no name, and its landing another."""
+        if self.walker.stands_on_one():
+            return "touchdown" if what == "gap" else what
+        return f"{what}.{contact}"
 
     @property
     def most_margins(self) -> int:
@@ -422,12 +429,12 @@ class Transitions:
         """Names of the margins of a mode, in the order of ``HybridSystem.margins``."""
         return tuple(self.of(mode))
 
-    def impact_margin_names(self, mode: Mode, before: Mode | None = None) -> tuple[str, ...]:
+    def impact_margin_names(self, mode: Mode, before: Mode) -> tuple[str, ...]:
         """Names of the margins of an impact, in the order of ``HybridSystem.impact_margins``."""
         return tuple(self.of_impact(mode, before))
 
     def struck(self, cycle: Cycle, phase: int) -> Mode | None:
-        """The impact that ends a phase, with named contacts as they are called before it; None without an impact."""
+        """The impact that ends a phase, with the contacts as they are called before it; None without an impact."""
         impact = cycle.reset_after(phase)
         relabelled = impact is not None and cycle.after(phase) is None and self.cycle_end == TOUCHDOWN
         return self.walker.swapped(impact) if impact is not None and relabelled else impact
@@ -438,9 +445,8 @@ class Transitions:
         In the impact the contacts are called as before it, and the stops are locked that it holds.
         """
         if (row.guard, mode) not in self._landings:
-            walker, contacts = self.walker, [candidate.contact for candidate in row.candidates]
-            landed = contacts if self._alone else map(walker.swapped, contacts)
-            known = {walker.held_in_impact(walker.struck(contact), mode): contact for contact in landed}
+            walker, landed = self.walker, [candidate.contact for candidate in row.candidates]
+            known = {walker.held_in_impact(walker.swapped(contact), mode): contact for contact in landed}
             self._landings[row.guard, mode] = known
         return self._landings[row.guard, mode]
 
@@ -449,7 +455,7 @@ class Transitions:
 
         Parameters
         ----------
-        struck : see ``struck``; needed where the contacts have names.
+        struck : see ``struck``; needed where several contacts may land.
 
         Raises
         ------
@@ -459,7 +465,7 @@ class Transitions:
         rows = self.of(mode)
         if after is None and self.cycle_end == CLOCK:
             return self._row(CLOCK, reset=Reset(of=CLOCK, ends_step=True), candidates=(mode,))
-        if after is None and (self._alone or self.cycle_end != TOUCHDOWN):
+        if after is None and (struck is None or self.cycle_end != TOUCHDOWN):
             found = [row for row in rows.values() if row.ends_step]
         else:
             found = self._leading(mode, after, struck)
@@ -475,7 +481,7 @@ class Transitions:
             if state != mode.stops[name]:
                 return [rows[name]] if name in rows and after in rows[name].candidates else []
         landed = [name for m in reached for name in m.touching if name not in mode.touching]
-        gaps = (rows.get(f"gap.{name}") for name in landed)
+        gaps = (rows.get(self.name("gap", name)) for name in landed)
         if lands := [row for row in gaps if row is not None and row.ends_step is (after is None)]:
             return lands
         parts = set[tuple[str, str]]()
@@ -559,17 +565,15 @@ class Transitions:
         The forces of massless contacts that have just landed; of a foot that stands alone, its velocity where it begins
         to slip.
         """
-        following = self.of(cycle.phases[(phase + 1) % len(cycle.phases)])
-        if self._alone:
-            return tuple(name for name in self.ending(cycle, phase).zeros_after if name in following)
+        following, partner = self.of(cycle.phases[(phase + 1) % len(cycle.phases)]), dict[str, str]()
         struck = self.struck(cycle, phase)
         landed = [] if struck is None else [n for n in struck.touching if n not in cycle.phases[phase].touching]
-        landed = [name for name in landed if name in self.walker.massless_contacts]
         if cycle.after(phase) is None and self.cycle_end == TOUCHDOWN:
             partner = self.walker.partners()
-            landed = [partner.get(name, name) for name in landed]
-        forces = (f"{force}.{name}" for name in landed for force in GROUND_FORCES)
-        return tuple(name for name in forces if name in following)
+        landed = [partner.get(name, name) for name in landed if name in self.walker.massless_points()]
+        forces = [self.name(force, name) for name in landed for force in GROUND_FORCES]
+        names = dict.fromkeys([*forces, *self.ending(cycle, phase).zeros_after])
+        return tuple(name for name in names if name in following)
 
     def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
         """The mode in which a contact that slips sticks instead, and its margin beyond which it slips so.
@@ -586,7 +590,7 @@ class Transitions:
     def onset(self, mode: Mode, contact: str = FOOT) -> Transition:
         """The transition where static friction holds a contact at the start of a slip from rest."""
         rests = tuple(name for name in mode.touching if not mode.directions[name] or name == contact)
-        return self._row(self._name("onset", contact), at_rest=rests, candidates=self._candidates(mode, rests))
+        return self._row(self.name("onset", contact), at_rest=rests, candidates=self._candidates(mode, rests))
 
     def pull(self, mode: Mode) -> Transition:
         """The transition where a jump of the torques no longer lifts the foot out of a mode."""
@@ -613,9 +617,9 @@ class Transitions:
                 changed = [name for name in start if after.stops[name] != mode.stops[name]]
                 if len(changed) > 1 or any(after.stops[name] == start[name] for name in changed):
                     raise ValueError(ONE_AT_A_TIME)
-            if self._alone and self.walker.flies and step.phases[-1].touching:
+            if not self.may_land(step.phases[-1]):
                 raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
-            if self._alone and not any(row.ends_step for row in self.of(step.phases[-1]).values()):
+            if "clearance" in self.of(step.phases[-1]):
                 raise ValueError("all stops must lock before the foot comes down")
         for phase, mode in enumerate(cycle.phases):
             self.between(mode, cycle.after(phase), self.struck(cycle, phase))
@@ -623,31 +627,32 @@ class Transitions:
             following = cycle.phases[(phase + 1) % len(cycle.phases)]
             touching = mode.touching if reset is None else reset.touching
             foreign = [name for name in following.touching if name not in touching]
-            if foreign and not self._alone:
+            if foreign:
                 words = "in the impact before it" if reset is not None else f"in {mode.brief}"
                 raise ValueError(f"{foreign[0]} touches the ground in {following.brief}, but not {words}")
         self._checked.add(cycle)  # a problem is read again at every ``replace``
 
+    def may_land(self, mode: Mode) -> bool:
+        """Whether contacts that are off can land in a mode; a foot that flies lands out of flight alone."""
+        return not (self.walker.stands_on_one() and self.walker.flies and mode.touching)
+
     def _check_modes(self, step: ModeSequence, start: Mapping[str, str]) -> None:
         """Check that the walker has the modes of a step; ``start`` are the states of stops and switches there."""
-        model, contacts = self.walker.model, {*self.walker.foot_modes()}
+        model, alone, massless = self.walker.model, self.walker.stands_on_one(), self.walker.massless_contacts
         for mode in (*step.phases, step.impact, *(mode for _, mode in step.landings)):
-            if mode.contact not in contacts and self._alone:
-                names = ", ".join(self.walker.foot_modes())
-                raise ValueError(f"the {model} has no {mode.contact}; its foot can {names}")
-            if mode.contact not in contacts:
-                massless = self.walker.massless_contacts
+            if mode.contact not in self._states:
                 words = f"{', '.join(massless)} cannot slip" if massless else "it is not a state of its contacts"
-                raise ValueError(f"the {model} has no mode {mode.brief}: {words}")
+                words = f"mode {mode.brief}: {words}"
+                words = f"{mode.contact}; its foot can {', '.join(self.walker.foot_modes())}" if alone else words
+                raise ValueError(f"the {model} has no {words}")
         for mode in step.phases:
             if [*mode.stops] != [*start] or any(mode.stops[k] not in (v, NEXT_STATE[v]) for k, v in start.items()):
-                stated = str(mode.contact)
-                if not self._alone:
-                    stated = "{" + ", ".join(f"{name}: {mode.contacts[name]}" for name in mode.touching) + "}"
+                stated = "{" + ", ".join(f"{name}: {mode.contacts[name]}" for name in mode.touching) + "}"
+                stated = stated if mode.is_named else str(mode.contact)
                 form = "{" + ", ".join([f"mode: {stated}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
                 words = form if start else stated
                 raise ValueError(f"{mode.brief} does not fit the stops of the {model}: write {words}")
-        if self._alone and not step.impact.touching:
+        if alone and not step.impact.touching:
             raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
         if step.impact.stops:
             raise ValueError(f"write the impact {step.impact.contact}: the impact of the foot frees all stops")
@@ -658,149 +663,138 @@ class Transitions:
         Parameters
         ----------
         at_rest : the contacts at rest.
-        landing : the contact that lands; its impact may change the motion of all that touch.
+        landing : the contact that lands; its impact may change the motion of all that touch. A walker that stands on
+            one contact at a time then stands on this one.
         """
-        rests, massless = {*at_rest}, {*self.walker.massless_contacts}
-        if self._alone:
-            if not rests and landing is None:
-                flies = self.walker.flies and mode.slips
-                return (mode, *((mode.with_contact(Mode.FLIGHT),) if flies else ()))
-            return tuple(mode.with_contact(contact) for contact in self.walker.foot_modes())
-        states = dict[str, tuple[str, ...]]()
+        walker, rests, massless = self.walker, {*at_rest}, self.walker.massless_points()
+        if landing is not None and walker.stands_on_one():
+            return tuple(mode.with_contact(walker.swapped(landed.contact)) for landed in self.landed)
+        choices = list[tuple[str, ...]]()
         for name, word in mode.contacts.items():
+            touches = name in mode.touching
             if name in massless:
-                states[name] = (AT_REST[0], OFF) if name in mode.touching or name == landing else (OFF,)
-            elif (landing is not None and (name in mode.touching or name == landing)) or name in rests:
-                states[name] = AT_REST
+                choices.append((AT_REST[0], OFF) if touches or name == landing else (OFF,))
+            elif (landing is not None and (touches or name == landing)) or name in rests:
+                choices.append(AT_REST)
             else:
-                states[name] = (word, OFF) if name in mode.touching else (OFF,)
-        return tuple(
-            mode.with_contact(Mode.of_contacts(dict(zip(states, words, strict=True))))
-            for words in product(*states.values())
-        )
+                choices.append((word, OFF) if touches else (OFF,))
+        modes = (mode.with_states(dict(zip(mode.contacts, words, strict=True))) for words in product(*choices))
+        return tuple(candidate for candidate in modes if candidate.contact in self._states)
 
     def _of_phase(self, mode: Mode) -> list[Transition]:
-        rests, rows = _at_rest(mode), list[Transition]()
-        again = self._candidates(mode, rests)
-        if self._alone:
-            lands = Reset(of=SWING_FOOT, ends_step=True)
-            touchdown = self._row("touchdown", reset=lands, candidates=self.landed, zeros_after=self.unloaded)
-            rows.append(self._row("clearance") if mode.touching and mode.free else touchdown)
-        rows.append(self._row("upright"))
+        rests, rows = _at_rest(mode), [self._row("upright")]
         if self.cycle_end not in (TOUCHDOWN, CLOCK):
             ends = Reset(of=self.cycle_end, ends_step=True)
             rows.append(self._row(self.cycle_end, reset=ends, candidates=(mode,)))
         shares = shares_of(self.walker, mode)
         shared = {contact for share in shares for _, contact in share}
-        for name in mode.contacts:
+        for name in self.walker.landing_points():
             if name in mode.touching:
-                rows += self._of_contact(mode, name, rests, again, is_shared=name in shared)
-            elif not self._alone:
-                ends_step = name in self.walker.landing_contacts and self.cycle_end == TOUCHDOWN
-                landed = self._candidates(mode, rests, landing=name)
-                rows.append(self._row(f"gap.{name}", reset=Reset(of=name, ends_step=ends_step), candidates=landed))
+                rows += self._of_contact(mode, name, is_shared=name in shared)
+            elif name != FOOT or not self.walker.stands_on_one():  # a foot that has left lands as the swing foot
+                rows.append(self._of_landing(mode, name))
+        again = self._candidates(mode, rests)
         rows += [self._row(share_name(share), at_rest=rests, candidates=again) for share in shares]
         if mode.slips:
-            rows.append(self._row("painleve" if self._alone else "regularity"))
+            rows.append(self._row(self.unique))
         for stop in mode.free:  # all contacts may stick, slip or leave the ground after the impact of the stop
             locked = mode.with_next(stop)
             struck = self._candidates(locked, mode.touching) if mode.touching else (locked,)
             rows.append(self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=struck))
         for switch in mode.off:  # forces may jump, so that a contact at rest may change its mode
             on = mode.with_next(switch)
-            decided = self._candidates(on, rests) if rests or not self._alone else (on,)
+            decided = self._candidates(on, rests) if rests or not self.walker.stands_on_one() else (on,)
             rows.append(self._row(switch, at_rest=rests, candidates=decided))
-        return rows
+        return sorted(rows, key=lambda row: kind(row.guard) not in LANDINGS)
 
-    def _of_contact(
-        self, mode: Mode, name: str, rests: tuple[str, ...], again: tuple[Mode, ...], *, is_shared: bool
-    ) -> list[Transition]:
+    def _of_landing(self, mode: Mode, name: str) -> Transition:
+        """The row of a contact that is off: it lands, or may not land in this mode."""
+        if self.walker.stands_on_one() and mode.touching and mode.free:
+            return self._row("clearance")
+        ends_step = name in self.walker.ending_contacts() and self.cycle_end == TOUCHDOWN
+        landed = self._candidates(mode, _at_rest(mode), landing=name)
+        if ends_step:
+            landed = tuple(self.walker.released(self.walker.swapped(after.contact)) for after in landed)
+        reset = Reset(of=name, ends_step=ends_step)
+        return self._row(self.name("gap", name), reset=reset, candidates=landed, zeros_after=self.unloaded)
+
+    def _of_contact(self, mode: Mode, name: str, *, is_shared: bool) -> list[Transition]:
         """Rows of a contact on the ground; those of its forces are in the rows of its group if it shares them."""
-        rows = list[Transition]()
+        rows, forces = list[Transition](), [self.name(force, name) for force in GROUND_FORCES]
         if not is_shared:  # the forces of a massless contact vanish together
-            massless = self.walker.massless_feet or name in self.walker.massless_contacts
-            zeros = tuple(self._name(force, name) for force in GROUND_FORCES) if massless else ()
-            leaves = (mode.with_contact(Mode.FLIGHT),) if self.walker.flies else ()
-            resting, lifted = ((), leaves) if self._alone else (rests, again)
-            rows.append(self._row(self._name("normal_force", name), at_rest=resting, candidates=lifted, zeros=zeros))
+            zeros = tuple(forces) if name in self.walker.massless_points() else ()
+            rows.append(self._of_force(forces[0], mode, mode.with_states({name: OFF}), zeros=zeros))
         if not mode.directions[name] and not is_shared:
             for slip, cone in CONE.items():
-                guard = self._name(cone, name)
-                begins = self._slips(guard, mode.with_contact(slip)) if self._alone else None
-                rows.append(begins or self._row(guard, at_rest=rests, candidates=again))
+                slips = self._of_force(self.name(cone, name), mode, mode.with_states({name: slip}), slips=True)
+                rows.append(slips)
         if mode.directions[name]:
-            resting = (*rests, name)
+            resting = (*_at_rest(mode), name)
             stopped = self._candidates(mode, resting)
-            rows.append(self._row(self._name("slip_velocity", name), at_rest=resting, candidates=stopped))
+            rows.append(self._row(self.name("slip_velocity", name), at_rest=resting, candidates=stopped))
         return rows
 
-    def _of_foot_impact(self, mode: Mode) -> list[Transition]:
-        """Margins of the impact of a foot that stands alone, or of a stop that is locked in ``mode``."""
-        walker, of_stop, stick = self.walker, bool(mode.locked), mode.with_contact(Mode.STICK)
-        if not mode.touching:
-            return [self._row("lift_velocity")]
-        rows = []
-        if not walker.massless_feet:
-            rows.append(self._row("impulse"))
-        if not (of_stop or walker.flies or walker.massless_feet):
-            rows.append(self._row("lift_velocity"))
-        if not of_stop:
-            rows.append(self._row("touchdown_rate"))
-        if mode.sticks and not walker.massless_feet:
-            rows += [self._slips(f"impulse_{name}", mode.with_contact(slip)) for slip, name in CONE.items()]
-        if mode.slips:
-            rows += [
-                self._row("impact_slip_velocity", at_rest=(FOOT,), candidates=(stick,)),
-                self._row("impact_painleve"),
-            ]
-        # with one coefficient and one law for both, this margin has the sign of the slip velocity
-        if mode.slips and (self._friction.may_drop or (self._law is ImpactLaw.FRICTIONLESS and not of_stop)):
-            rows.append(self._row("impact_onset", at_rest=(FOOT,), candidates=(stick,)))
-        if walker.pushes and not of_stop:
-            rows += map(self._row, PUSH)
-        return rows
+    def _of_force(
+        self, guard: str, mode: Mode, after: Mode, *, zeros: tuple[str, ...] = (), slips: bool = False
+    ) -> Transition:
+        """The row of a force of a contact that reaches the edge of what the ground can exert.
 
-    def _of_impact(self, mode: Mode, before: Mode | None) -> list[Transition]:
-        """Margins of an impact of named contacts, or of a stop; None where the state is continuous."""
-        assert before is not None
+        Parameters
+        ----------
+        after : the mode in which this contact, and no other, gives way: a foot that stands alone does so.
+        slips : whether it then slips.
+        """
+        if not self.walker.stands_on_one():
+            rests = _at_rest(mode)
+            return self._row(guard, at_rest=rests, candidates=self._candidates(mode, rests), zeros=zeros)
+        if after.contact in self._states:
+            return self._row(guard, candidates=(after,), zeros=zeros, zeros_after=("slip_velocity",) if slips else ())
+        if slips:
+            return self._row(guard, ending=Ending.PAINLEVE, reason=CANNOT_SLIP)
+        return self._row(guard, zeros=zeros)
+
+    def _of_impact(self, mode: Mode, before: Mode) -> list[Transition]:
+        """Margins of an impact of contacts, or of a stop; none where the state is continuous."""
         landing = [name for name in mode.touching if name not in before.touching]
         if not landing and (not mode.stops or mode.locked == before.locked):
             return []
         struck = self.walker.held_in_impact(mode, before) if self.walker.stops and not mode.stops else mode
-        shares, massless = shares_of(self.walker, struck), {*self.walker.massless_contacts}
+        shares, massless = shares_of(self.walker, struck), self.walker.massless_points()
         shared = {contact for share in shares for _, contact in share}
-        rows = [self._row(f"touchdown_rate.{name}") for name in landing]
+        rows = [self._row(self.name("touchdown_rate", name)) for name in landing]
 
         def other(name: str, *words: str) -> tuple[Mode, ...]:
-            return tuple(mode.with_states({name: word}) for word in words)
+            """What may replace the impact: other states of a contact in which the walker can stand."""
+            modes = (mode.with_states({name: word}) for word in words)
+            return tuple(m for m in modes if len(m.touching) == 1 or not self.walker.stands_on_one())
 
         for name in (name for name in mode.contacts if name not in massless):
             if name in mode.touching and name not in shared:
-                rows.append(self._row(f"impulse.{name}", candidates=other(name, OFF)))
+                rows.append(self._row(self.name("impulse", name), candidates=other(name, OFF)))
             if name in mode.touching and mode.directions[name]:
-                stops = other(name, AT_REST[0])
-                rows.append(self._row(f"impact_slip_velocity.{name}", at_rest=(name,), candidates=stops))
-                if self._law is ImpactLaw.FRICTIONLESS and name in landing:
-                    rows.append(self._row(f"impact_onset.{name}", at_rest=(name,), candidates=stops))
+                sticks, guards = other(name, AT_REST[0]), [self.name("impact_slip_velocity", name)]
+                guards += [self.name("impact_onset", name)] if self._may_stick_too(mode, name, landing) else []
+                rows += [self._row(guard, at_rest=(name,), candidates=sticks) for guard in guards]
             elif name in mode.touching and name not in shared:
-                rows += [
-                    self._row(f"impulse_{cone}.{name}", candidates=other(name, slip)) for slip, cone in CONE.items()
-                ]
+                edges = ((self.name(f"impulse_{cone}", name), slip) for slip, cone in CONE.items())
+                rows += [self._row(guard, candidates=other(name, slip)) for guard, slip in edges]
             elif name in before.touching and name not in mode.touching:
-                rows.append(self._row(f"lift_velocity.{name}", candidates=other(name, *AT_REST[:-1])))
+                rows.append(self._row(self.name("lift_velocity", name), candidates=other(name, *AT_REST[:-1])))
         rows += [self._row(impulse_name(share_name(share)), candidates=(mode,)) for share in shares]
         if mode.slips:
-            rows.append(self._row("impact_regularity"))
-        return rows
+            rows.append(self._row(f"impact_{self.unique}"))
+        if self.walker.pushes and landing:
+            rows += map(self._row, PUSH)
+        order = [*IMPACT_MARGINS]
+        return sorted(rows, key=lambda row: order.index(row.guard) if row.guard in order else -1)
 
-    def _name(self, what: str, contact: str) -> str:
-        """Name of a margin of a contact; that of a foot that stands alone has no contact."""
-        return what if self._alone else f"{what}.{contact}"
+    def _may_stick_too(self, mode: Mode, name: str, landing: Sequence[str]) -> bool:
+        """Whether an impact after which a contact slips may stick instead although both are consistent.
 
-    def _slips(self, name: str, slip: Mode) -> Transition:
-        if self.walker.massless_feet:
-            return self._row(name, ending=Ending.PAINLEVE, reason=CANNOT_SLIP)
-        return self._row(name, candidates=(slip,), zeros_after=("slip_velocity",))
+        With one coefficient and one law for both, the margin of this has the sign of the slip velocity.
+        """
+        drops = self._friction.may_drop and len(mode.touching) == 1
+        return drops or (self._law is ImpactLaw.FRICTIONLESS and name in landing)
 
     def _row(
         self,

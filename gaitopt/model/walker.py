@@ -237,6 +237,16 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return cls.contacts or (FOOT, SWING_FOOT)
 
     @classmethod
+    def ending_contacts(cls) -> tuple[str, ...]:
+        """The contacts whose landing ends a step: ``landing_contacts``, or ``swing_foot``."""
+        return cls.landing_contacts if cls.contacts else (SWING_FOOT,)
+
+    @classmethod
+    def massless_points(cls) -> tuple[str, ...]:
+        """The points that may touch the ground and have no mass: ``massless_contacts``, or both feet."""
+        return cls.landing_points() if cls.massless_feet else cls.massless_contacts
+
+    @classmethod
     def foot_modes(cls) -> tuple[Mode, ...]:
         """States of the foot, or of the contacts, as modes without stops."""
         return _foot_modes(cls)
@@ -255,18 +265,10 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def swapped(cls, mode: Mode) -> Mode:
-        """A mode after the feet have swapped roles."""
-        if not cls.contacts:
-            return mode
+        """A mode with the contacts as they are called after the feet have swapped roles, or before they do."""
         partner = cls.partners()
-        return mode.with_states({name: mode.contacts[partner.get(name, name)] for name in cls.contacts})
-
-    @classmethod
-    def struck(cls, landed: Mode) -> Mode:
-        """What contacts do just after the impact that ends a step, as they are called before it: before they swap."""
-        if not cls.contacts:
-            return Mode.of_contacts({FOOT: OFF, SWING_FOOT: landed.contacts[FOOT]})
-        return cls.swapped(landed.contact)
+        contacts = {name: mode.contacts[partner.get(name, name)] for name in cls.landing_points()}
+        return mode.with_contact(Mode.of_contacts(contacts) if cls.contacts else Mode.of_feet(contacts))
 
     @classmethod
     def held_in_impact(cls, contacts: Mode, before: Mode) -> Mode:
@@ -277,7 +279,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     @classmethod
     def partners(cls) -> dict[str, str]:
         """Of every contact that swaps places with another one, that other one."""
-        return {**cls.exchanged_contacts, **{theirs: ours for ours, theirs in cls.exchanged_contacts.items()}}
+        exchanged = cls.exchanged_contacts if cls.contacts else {FOOT: SWING_FOOT}
+        return {**exchanged, **{theirs: ours for ours, theirs in exchanged.items()}}
 
     @classmethod
     def steps_per_cycle(cls) -> int:

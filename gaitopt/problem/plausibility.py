@@ -189,7 +189,7 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
     names = law.outputs if isinstance(law, VirtualConstraints) else table.names
     system, mode, n = _controlled_system(problem), problem.cycle.phases[0], len(walker.shape)
     p, after = system.values(problem.parameters), np.array([*problem.start.state.values()])
-    relabelled = system.impact(Mode.STICK)
+    relabelled = system.impact(walker.swapped(Mode.STICK), Mode.STICK)
     before = np.asarray(relabelled(after, p)[0]).ravel()
     again = np.asarray(relabelled(before, p)[0]).ravel()
     ends = [("first", "just after the impact", after, 0.0)]

@@ -342,7 +342,9 @@ def _impact(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> tuple[str, ar
 
 def _impact_margins(orbit: Orbit, mode: Mode, j: int, y: Sequence[arb]) -> dict[str, arb]:
     """The margins that have to be positive for an impact to be consistent."""
-    return dict(zip(orbit.system.transitions.impact_margin_names(mode), orbit.impact(mode, j)(y)[0], strict=True))
+    struck, table = orbit.system.walker.swapped(mode), orbit.system.transitions
+    names = table.impact_margin_names(struck, orbit.arcs[j].mode)
+    return dict(zip(names, orbit.impact(mode, j)(y)[0], strict=True))
 
 
 def _all_positive(needed: Mapping[str, arb]) -> arb:

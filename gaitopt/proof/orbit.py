@@ -287,7 +287,8 @@ class Orbit:
             after[n_z - 1] = 0
         if arc.event == "touchdown":
             impact = self.sequence.impacts[self.sequence.step_of(arc.phase)]
-            xi = system.impact(impact)(y[:n_z], values)[0][self.section(impact)]
+            landing = system.impact(system.walker.swapped(impact), arc.mode)
+            xi = landing(y[:n_z], values)[0][self.section(impact)]
             full = vertcat(xi, SX.zeros(system.lift.size1_in(0) - xi.numel()))
             after = vertcat(system.lift(full, self._spaces[following].parameters(y, p)), 0)
         outputs = cse([event, after, jacobian(event, y), jacobian(after, y)])
@@ -310,8 +311,9 @@ class Orbit:
     @building
     def impact(self, mode: Mode, j: int) -> BallFunction:
         """y at the end of arc ``j`` -> margins of an impact, and the state after it."""
-        (y, p, values), n_z = self._spaces[j].symbols(), self.system.n_z
-        outputs = [self.system.impact_margins(mode)(y[:n_z], values), self.system.impact(mode)(y[:n_z], values)[0]]
+        (y, p, values), system, before = self._spaces[j].symbols(), self.system, self.arcs[j].mode
+        struck, z = system.walker.swapped(mode), y[: system.n_z]
+        outputs = [system.impact_margins(struck, before)(z, values), system.impact(struck, before)(z, values)[0]]
         return BallFunction(Function(f"impact_{mode.key}", [y, p], cse(outputs)), [self.p])
 
 

@@ -593,8 +593,9 @@ def expressions_digest(system: HybridSystem, cycle: Cycle) -> str:
     for mode in dict.fromkeys(cycle.phases):
         functions += [system.flow(mode), system.margins(mode)]
     functions += [system.lift]
-    for mode in dict.fromkeys(cycle.impacts):
-        functions += [system.reset(mode), system.impact_margins(mode)]
+    for step in {step.impact: step for step in cycle.steps}.values():
+        struck, before = system.walker.swapped(step.impact), step.phases[-1]
+        functions += [system.reset(struck, before), system.impact_margins(struck, before)]
     digest = hashlib.sha256()
     for function in functions:
         for k in range(function.n_instructions()):

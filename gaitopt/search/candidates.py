@@ -236,7 +236,8 @@ def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     (lifted,) = RowMap(system.lift)(xi, p)
     before = np.zeros_like(lifted)
     before[:, :n] = shapes_before(dynamics, lifted[:, :n])
-    step_lengths = RowMap(system.impact(Mode.STICK))(before, p)[0][:, n]
+    landing = system.impact(system.walker.swapped(Mode.STICK), Mode.STICK)
+    step_lengths = RowMap(landing)(before, p)[0][:, n]
     xi[step_lengths < 0, :n_section] *= -1
 
 

@@ -210,7 +210,7 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     for row, (motion, name) in enumerate(rows):
         for began, step in with_start_times(motion.steps):
             for arc in step.arcs:
-                word = arc.mode.contacts.get(name, arc.mode.contact)
+                word = arc.mode.contacts[name] if arc.mode.is_named else arc.mode.contact
                 if word != OFF:
                     colour = MODE_COLOURS[Mode(word)]
                     begin, above = began + arc.start, 2 if Mode(word).slips else 1

@@ -271,17 +271,18 @@ def evaluation_record(gait: Gait) -> dict[str, Any]:
         return {"definitions": [list(each) for each in definitions], **columns}
 
     ends: dict[Mode, list[str]] = {}
-    resets: dict[str, Mode] = {}
+    resets = dict[str, SX]()
     arcs, number = list[dict[str, Any]](), 0
     for step in gait.steps:
         for k, arc in enumerate(step.arcs):
             is_last = k == len(step.arcs) - 1 or step.arc_phases[k + 1] != step.arc_phases[k]
-            guard, reset = table.ending(cycle, number).guard if is_last else None, table.struck(cycle, number)
+            guard, reset = table.ending(cycle, number).guard if is_last else None, cycle.reset_after(number)
             guards = ends.setdefault(arc.mode, [])
             if guard is not None and guard not in guards:
                 guards.append(guard)
-            if is_last and reset is not None:
-                resets[str(reset)] = reset
+            struck = table.struck(cycle, number)
+            if is_last and struck is not None:
+                resets[str(reset)] = expressions.reset(struck, arc.mode, ends_step=arc is step.arcs[-1])
             arcs.append(
                 {
                     "mode": str(arc.mode), "start": arc.start, "end": arc.end, "r": system.data(arc.segment).tolist(),
@@ -298,10 +299,7 @@ def evaluation_record(gait: Gait) -> dict[str, Any]:
         modes[str(mode)] = {**solved, "margins": dict(zip(guards, solved["margins"], strict=True))}
     return {
         "modes": modes,
-        "resets": {
-            name: block({"state": system.reset(mode).call([expressions.eom.z, expressions.p])[0]})
-            for name, mode in resets.items()
-        },
+        "resets": {name: block({"state": state}) for name, state in resets.items()},
         "arcs": arcs,
     }
 

@@ -37,7 +37,7 @@ class ClearCases:
         table, walker = dynamics.system.transitions, dynamics.system.walker
         self._friction, self._stick_first = dynamics.static_friction, dynamics.stick_comes_first
         self._speed, self._has_mass = dynamics.scales.speed, not walker.massless_feet
-        self._lifts = "lift_velocity" in table.of_impact(Mode.STICK)
+        self._lifts = self._has_mass and not walker.flies
         stuck, slips = table.margin_names(table.landed[0]), table.margin_names(table.landed[-1])
         self._normal_force, self._cone = stuck.index("normal_force"), [stuck.index(name) for name in CONE.values()]
         self._painleve = slips.index("painleve") if self._has_mass else 0
@@ -68,7 +68,7 @@ class ClearCases:
         ----------
         modes : just after the impact; stick first, and flight last, if it is possible.
         values : for each mode F_t, F_n, v_t and the velocity with which the other foot lifts, see
-            ``HybridSystem.impact``.
+            ``HybridSystem.impacts``.
         approach : normal velocity with which the foot lands; of no meaning where a stop locks.
         """
         lands = not modes[0].locked

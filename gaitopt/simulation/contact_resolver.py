@@ -34,7 +34,7 @@ from gaitopt.gait.trajectory import ImpactRecord, impact_record
 from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.modes import FOOT, OFF, Mode
+from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import AT_REST, CANNOT_SLIP, CONE, Ending, Transition, grounded
 from gaitopt.simulation.clear_cases import ClearCases, is_within_cone
@@ -152,7 +152,7 @@ class ContactResolver:
         self._natural = NaturalDynamics(dynamics)
         self.clear = ClearCases(dynamics) if self._alone else None
         self._push = Buffers(dynamics.system.push) if walker.pushes else None
-        self._impacts: dict[tuple[Mode, ...], Buffers] = {}
+        self._impacts: dict[tuple[Mode, tuple[Mode, ...]], Buffers] = {}
 
     def below_ground(self, z: Array) -> str | None:
         """Message about a contact that counts and is below the ground in a given state; None if there is none."""
@@ -202,7 +202,7 @@ class ContactResolver:
             return Termination(Ending.SCUFFING, reason)
         walker, table = self.system.walker, self.system.transitions
         words, landing = self._words(z, anywhere=anywhere)
-        contact = Mode(words[FOOT]) if self._alone else Mode.of_contacts(words)
+        contact = Mode.of_feet({**words, SWING_FOOT: OFF}) if self._alone else Mode.of_contacts(words)
         if contact not in walker.foot_modes():
             return Termination(Ending.PAINLEVE, CANNOT_SLIP)
         mode = walker.released(contact)
@@ -212,7 +212,7 @@ class ContactResolver:
                 mode = mode.with_next(stop)
         if not landing:
             return mode, None
-        row = table.of(mode)["touchdown" if self._alone else f"gap.{landing[0]}"]
+        row = table.of(mode)[table.name("gap", landing[0])]
         if row.ends_step:
             reason = f"{landing[0]} is on the ground and comes down where the step starts, which its landing ends"
             return Termination(Ending.IMPACT_INCONSISTENT, reason)
@@ -221,8 +221,8 @@ class ContactResolver:
     def _words(self, z: Array, *, anywhere: bool) -> tuple[dict[str, str], list[str]]:
         """What every contact does in a given state, and the names of those on the ground that come down."""
         heights, velocities, counts = (values.copy() for values in self._points(z, self._dynamics.p))
-        length, off = self._dynamics.scales.length, str(Mode.FLIGHT) if self._alone else OFF
-        words, landing, still = dict[str, str](), list[str](), 0.0 if self._alone else TOUCHING
+        length, still = self._dynamics.scales.length, 0.0 if self._alone else TOUCHING
+        words, landing = dict[str, str](), list[str]()
         for k, name in enumerate(self.system.walker.contact_names()):
             v_t, v_n = velocities[2 * k : 2 * k + 2] / self._speed
             on_ground = abs(heights[k]) <= TOUCHING * length
@@ -230,12 +230,12 @@ class ContactResolver:
             if on_ground and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
                 landing.append(name)
             if not on_ground or abs(v_n) > TOUCHING:
-                words[name] = off
+                words[name] = OFF
         if self._alone and self.system.walker.massless_feet and anywhere:  # on the ground the force would pull
             value, rate = margin_and_rate(self._dynamics, "normal_force", self.system.transitions.landed[0], z)
             size = TOUCHING * self._dynamics.scales.force
             if value < -size or (value <= size and rate < 0):
-                words[FOOT] = off
+                words[FOOT] = OFF
         return words, landing
 
     def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
@@ -348,7 +348,7 @@ class ContactResolver:
         """
         assert transition.reset is not None
         of, candidates = transition.reset.of, transition.candidates
-        chosen = self._clear_impact(candidates, z_minus) or self._impact(
+        chosen = self._clear_impact(mode, candidates, z_minus) or self._impact(
             mode, self._with_leaving(candidates), {of} & {*self._names}, z_minus
         )
         if isinstance(chosen, Mode):
@@ -368,7 +368,7 @@ class ContactResolver:
             if not is_within_cone(p_t, p_n, friction):
                 words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
                 return Termination(Ending.PUSH_SLIPS, f"{words}, has {friction:g}")
-        landed = self._clear_impact(transition.candidates, z_minus)
+        landed = self._clear_impact(mode, transition.candidates, z_minus)
         if landed is None:
             landings = self.system.transitions.landings(transition, mode)
             chosen = self._impact(mode, tuple(landings), {transition.reset.of}, z_minus)
@@ -377,13 +377,16 @@ class ContactResolver:
             landed = landings.get(chosen) or self.system.walker.swapped(chosen)  # where others landed with it
         return impact_record(self._dynamics, landed.contact, z_minus, mode)
 
-    def _clear_impact(self, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
+    def _clear_impact(self, mode: Mode, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
         """The mode after an impact of a lone foot if no rounding can change it; None where all must be examined."""
         if self.clear is None or not grounded(candidates):
             return None
-        if candidates not in self._impacts:
-            self._impacts[candidates] = Buffers(self.system.impacts(*candidates))
-        impacts, approach = self._impacts[candidates](z_minus, self._dynamics.p)
+        if (mode, candidates) not in self._impacts:
+            struck = candidates
+            if not candidates[0].locked:  # no stop has locked: the swing foot has landed
+                struck = tuple(self.system.walker.swapped(after.contact) for after in candidates)
+            self._impacts[mode, candidates] = Buffers(self.system.impacts(mode, *struck))
+        impacts, approach = self._impacts[mode, candidates](z_minus, self._dynamics.p)
         rows = impacts.reshape(len(candidates), -1)[:, self.system.n_z :].tolist()
         consistent, clear = self.clear.impact(candidates, rows, approach.item())
         return candidates[consistent.index(True)] if clear else None

@@ -246,14 +246,13 @@ class BatchResolver:
         self._one_by_one = ContactResolver(dynamics)
         self._clear, self._slowest = self._one_by_one.clear, AT_REST * dynamics.scales.speed
         system, p = dynamics.system, dynamics.p
+        self._p = p
         self._modes, self._data = system.walker.modes(), _segment_data(dynamics)
         self._after_impact = system.walker.foot_modes()
         self._ground = tuple(mode.contact for mode in system.transitions.landed)
         self._friction = dynamics.static_friction
         self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
-        self._impacts: HeyokaRowMap | None = None
-        if self._clear is not None and system.cycle_end == TOUCHDOWN:
-            self._impacts = HeyokaRowMap(system.impacts(*self._ground), {1: p})
+        self._impacts: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
 
     def start(self, states: Array) -> tuple[Array, Codes, Codes, dict[tuple[Mode, str], list[int]]]:
@@ -347,7 +346,7 @@ class BatchResolver:
 
     def land(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array, Array]:
         """Impacts at touchdown, endings where there is none, states after them and step lengths [m]."""
-        impacts, clear, after, step_lengths = self._clear_impacts(states)
+        impacts, clear, after, step_lengths = self._clear_impacts(mode, states)
         endings = np.zeros_like(impacts)
         for k in np.flatnonzero(~clear):
             decision = self._one_by_one.impact(mode, transition, states[k])
@@ -359,12 +358,15 @@ class BatchResolver:
                 after[k], step_lengths[k] = states[k], np.nan
         return impacts, endings, after, step_lengths
 
-    def _clear_impacts(self, states: Array) -> tuple[Codes, Flags, Array, Array]:
+    def _clear_impacts(self, mode: Mode, states: Array) -> tuple[Codes, Flags, Array, Array]:
         """Impacts of a lone foot, where they are clear, states after them and step lengths [m]; see ``land``."""
-        n, n_z = states.shape
-        if self._clear is None or self._impacts is None:
+        (n, n_z), before = states.shape, (mode.touching, mode.locked)
+        if self._clear is None or self._system.cycle_end != TOUCHDOWN:
             return np.full(n, NONE), np.zeros(n, dtype=np.bool_), states.copy(), np.full(n, np.nan)
-        columns, approach = self._impacts(states)
+        if before not in self._impacts:
+            function = self._system.impacts(mode, *map(self._system.walker.swapped, self._ground))
+            self._impacts[before] = HeyokaRowMap(function, {1: self._p})
+        columns, approach = self._impacts[before](states)
         candidates = columns.reshape(n, len(self._ground), -1)
         values = candidates[:, :, n_z:].transpose(1, 2, 0)
         consistent, clear = self._clear.impact(self._ground, values, approach[:, 0])

@@ -199,8 +199,9 @@ def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array
     if first is not None and first.postures:
         shapes = np.array([[posture[name] for name in system.walker.shape] for posture in first.postures])
     else:
-        mapped = dynamics.after_impact(cycle.impact, state)[:n]
-        A = np.asarray(system.impact_jacobian(cycle.impact)(state, dynamics.p))[:n, :n]
+        struck, last = system.walker.swapped(cycle.impact), cycle.phases[-1]
+        mapped = dynamics.after_impact(struck, state, last)[:n]
+        A = np.asarray(system.reset_jacobian(struck, last)(state, dynamics.p))[:n, :n]
         shapes = np.array([state[:n], state[:n] + np.linalg.solve(A, state[:n] - mapped)])
     grid = np.linspace(0.0, period, len(shapes))
 
@@ -646,14 +647,17 @@ class Collocation:
         self._combined(rows, own, [self.phase_starts[after]], np.ones(1))
         rows.at = Label(name="", mode=impact)
         own += rows.new(2, "unused", -np.inf, np.inf) if impact.locked else [lengths[0], lengths[2]]
-        for name in system.transitions.impact_margin_names(impact):
+        struck, before = system.transitions.struck(self.cycle, phase), self.cycle.phases[phase]
+        assert struck is not None
+        for name in system.transitions.impact_margin_names(struck, before):
             own += rows.new(1, name, 0.0, np.inf)
         columns = [*self._state_columns(self.phase_ends[phase]), *self.columns("freed").tolist()]
         if ratio:
             own += rows.new(2, "impulse_ratio", 0.0, np.inf)
             columns.append(self.slices["extrema"].start + self.goals.extrema.index("impulse_ratio"))
         rows.at = Label(name="")
-        function = _impact(system, impact, tuple(self.free), ratio)
+        ends_step = self.cycle.after(phase) is None
+        function = _impact(system, (struck, before), ends_step, tuple(self.free), ratio)
         return Elements(
             function=function, columns=np.array([columns]), rows=np.array([own]), constants=np.zeros((1, 0))
         )
@@ -1059,18 +1063,26 @@ class Collocation:
 
 
 @built_once(maxsize=32)
-def _impact(system: HybridSystem, mode: Mode, free: tuple[str, ...], ratio: bool) -> Function:
-    """(y, c, p) -> (0, (-z_plus, -step length, -work of the push, margins)) of y = (z, freed, impulse ratio)."""
+def _impact(
+    system: HybridSystem, modes: tuple[Mode, Mode], ends_step: bool, free: tuple[str, ...], ratio: bool
+) -> Function:
+    """(y, c, p) -> (0, (-z_plus, -step length, -work of the push, margins)) of y = (z, freed, impulse ratio).
+
+    Parameters
+    ----------
+    modes : of the impact, and before it; see ``HybridSystem.reset``.
+    """
     z, v, e = SX.sym("z", system.n_z), SX.sym("v", len(free)), SX.sym("e", int(ratio))
     p = SX.sym("p", len(system.parameters))
     full = vertcat(*(v[free.index(name)] if name in free else p[k] for k, name in enumerate(system.parameters)))
-    z_plus = system.impact(mode)(z=z, p=full)["z_plus"]
+    z_plus = system.impact(*modes, ends_step=ends_step)(z=z, p=full)["z_plus"]
     distance, x = z_plus[system.n_shape], system.n_shape
-    moved = vertcat(z_plus[:x], z_plus[x] if mode.locked else 0, z_plus[x + 1 :])
+    moved = vertcat(z_plus[:x], 0 if ends_step else z_plus[x], z_plus[x + 1 :])
     push = system.push(z=z, p=full)["work"]
-    rows = [-moved, -distance, -push, system.impact_margins(mode)(z, full)]
+    rows = [-moved, -distance, -push, system.impact_margins(*modes)(z, full)]
     if ratio:
-        impulse = system.impact(mode.with_contact(Mode.STICK))(z=z, p=full)["impulse"]
+        sticks = modes[0].with_states(dict.fromkeys(modes[0].touching, Mode.STICK))
+        impulse = system.impact(sticks, modes[1], ends_step=ends_step)(z=z, p=full)["impulse"]
         rows += [e * impulse[1] - impulse[0], e * impulse[1] + impulse[0]]
     return Function("impact", [vertcat(z, v, e), SX(0, 1), p], cse([SX(0), vertcat(*rows)]))
 

@@ -88,8 +88,9 @@ def swing(dynamics: Dynamics, shapes: Array, period: float) -> tuple[Array, Arra
 def shapes_before(dynamics: Dynamics, shapes: Array) -> Array:
     """The shapes just before an impact that it relabels to ``shapes``, shape (m, n_shape), as relabelling is affine."""
     n, zero = dynamics.system.n_shape, np.zeros(dynamics.system.n_z)
-    b = dynamics.after_impact(Mode.STICK, zero)[:n]
-    A = np.asarray(dynamics.system.impact_jacobian(Mode.STICK)(zero, dynamics.p))[:n, :n]
+    struck = dynamics.system.walker.swapped(Mode.STICK)
+    b = dynamics.after_impact(struck, zero, Mode.STICK)[:n]
+    A = np.asarray(dynamics.system.reset_jacobian(struck, Mode.STICK)(zero, dynamics.p))[:n, :n]
     return np.asarray(np.linalg.solve(A, (shapes - b).T).T)
 
 

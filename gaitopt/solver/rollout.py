@@ -316,8 +316,9 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     if system.walker.massless_feet or system.walker.contacts:
         return time
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
-    mapped = dynamics.after_impact(cycle.impact, state)[:n]
-    A = np.asarray(system.impact_jacobian(cycle.impact)(state, p))[:n, :n]
+    struck, last = system.walker.swapped(cycle.impact), cycle.phases[-1]
+    mapped = dynamics.after_impact(struck, state, last)[:n]
+    A = np.asarray(system.reset_jacobian(struck, last)(state, p))[:n, :n]
     travel, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
     if not np.isfinite(travel).all():
         return LONGEST_STEP * time

@@ -170,7 +170,7 @@ def _integrated(
         if arcs and struck is not None:
             z = dynamics.after_impact(struck, z, arcs[-1].mode, ends_step=False)
         elif arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
-            z = dynamics.after_impact(mode, z)
+            z = dynamics.after_impact(mode, z, arcs[-1].mode, ends_step=False)
         if mode.fixes_x:
             z[-1] = 0.0
         end = time + phase["duration"]

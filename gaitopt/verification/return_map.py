@@ -162,10 +162,7 @@ class ReturnMap:
                 if after is None or after.segment == arc.segment or _switches_at_breakpoint(arc, after):
                     deviations = _event_matrix(arc, after, step.final_impact.mode) @ deviations
             last = step.arcs[-1]
-            if last.mode.is_named:
-                impact = system.reset_jacobian(_struck(system, step.final_impact.mode), last.mode)
-            else:
-                impact = system.impact_jacobian(step.final_impact.mode)
+            impact = system.reset_jacobian(_struck(system, step.final_impact.mode), last.mode)
             deviations = _matrix(impact, last.states[-1], simulator.dynamics.p) @ deviations
             deviations[system.n_shape] = 0.0  # x is counted from the new stance foot
         return deviations
@@ -401,7 +398,7 @@ def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
     elif transition.reset is not None:  # a stop locks
         slides = after.states[0][-1] or not after.mode.touching
         struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
-        reset = _matrix(system.impact_jacobian(struck), z, p).copy()
+        reset = _matrix(system.reset_jacobian(struck, arc.mode, ends_step=False), z, p).copy()
     return saltation(flow, flow_after, gradient, rate, reset)
 
 

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from foot_impacts import foot_impact
 from oracles import numbers
 from scipy.integrate import solve_ivp, trapezoid
 
@@ -40,7 +41,7 @@ def arc(system: HybridSystem, p: Array, mode: Mode, start: Array, duration: floa
 
 
 def impact_of(system: HybridSystem, p: Array, z: Array) -> ImpactRecord:
-    z_plus, impulse, *_ = numbers(system.impact(Mode.STICK)(z, p))
+    z_plus, impulse, *_ = numbers(foot_impact(system, Mode.STICK)(z, p))
     length, z_plus[system.n_shape] = z_plus[system.n_shape], 0.0
     return ImpactRecord(mode=Mode.STICK, state=z_plus, step_length=length, impulse=impulse, stick_impulse=impulse)
 

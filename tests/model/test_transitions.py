@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from foot_impacts import around
 
 from gaitopt import Cycle, Mode
 from gaitopt.model.control import NoControl
@@ -63,7 +64,8 @@ def test_the_compiled_margins_are_those_of_the_table(walker):
     for mode in table.modes:
         assert system.margins(mode).numel_out(0) == len(table.of(mode))
     for impact in {mode.contact for mode in table.landed}:
-        assert system.impact_margins(impact).numel_out(0) == len(table.of_impact(impact))
+        struck, before = around(system, impact)
+        assert system.impact_margins(struck, before).numel_out(0) == len(table.of_impact(struck, before))
 
 
 def test_a_slip_begins_where_its_own_edge_of_the_cone_is_reached():

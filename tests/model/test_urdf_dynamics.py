@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from casadi import Function
+from foot_impacts import foot_impact
 from numpy.typing import NDArray
 from robots import feet, tree, urdf
 from scipy.spatial.transform import Rotation
@@ -229,7 +230,7 @@ def test_the_impact_is_the_one_of_the_other_programs_matrices(which: str | int, 
         impulse = np.linalg.solve(W @ np.linalg.solve(M, W.T), -W @ ds)
         after = ds + np.linalg.solve(M, W.T @ impulse)
         np.testing.assert_allclose(W @ after, 0.0, atol=1e-12 * np.abs(after).max())
-        outputs = system.impact(Mode.STICK)([*s, 0.0, *ds[:-1]], p)
+        outputs = foot_impact(system, Mode.STICK)([*s, 0.0, *ds[:-1]], p)
         found, stated = (np.asarray(outputs[k]).ravel() for k in (0, 1))
         swapped = np.asarray(relabel([*after[:n], *np.zeros(n + 2)])).ravel()  # a permutation, of rates as of angles
         np.testing.assert_allclose(found[n + 1 : 2 * n + 1], swapped, atol=1e-12 * np.abs(swapped).max())

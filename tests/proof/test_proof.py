@@ -291,7 +291,8 @@ def reversed_impact(impact, name):
     """Impacts one of whose margins has the other sign."""
 
     def margins(self, mode, j):
-        names, graph = self.system.transitions.impact_margin_names(mode), impact(self, mode, j)
+        struck, graph = self.system.walker.swapped(mode), impact(self, mode, j)
+        names = self.system.transitions.impact_margin_names(struck, self.arcs[j].mode)
 
         def spoiled_graph(y):
             values, after = graph(y)

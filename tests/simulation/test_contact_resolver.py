@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from contact_problems import sled
+from foot_impacts import foot_impact
 from numpy.typing import NDArray
 
 from gaitopt import ImpactLaw, Mode
@@ -188,7 +189,7 @@ def test_no_impact_slips_in_the_paradox_of_painleve() -> None:
         z = np.array([np.pi / 8, 0, rng.uniform(0.1, 2), rng.normal()])
         record = landed(Dynamics(wheel(), p), z)
         for mode in (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD):
-            _, impulse, slip, _, painleve = (np.asarray(output).ravel() for output in wheel().impact(mode)(z, p))
+            _, impulse, slip, _, painleve = (np.asarray(output).ravel() for output in foot_impact(wheel(), mode)(z, p))
             assert np.sign(impulse[1]) == np.sign(painleve[0])
             if isinstance(record, ImpactRecord) and record.mode is mode:
                 assert painleve[0] > 0
@@ -202,7 +203,9 @@ def test_an_impact_at_the_very_edge_of_the_cone_sticks() -> None:
     rng = np.random.default_rng(12)
     for _ in range(100):
         z = touchdown(rng.uniform(0.05, 0.3), rng.uniform(0.3, 1.5), rng.uniform(-1, 0.2), rng.normal() * 0.1)
-        _, (f_t, f_n), *_ = (np.asarray(output).ravel() for output in compass().impact(Mode.STICK)(z, [*COMPASS, 1]))
+        _, (f_t, f_n), *_ = (
+            np.asarray(output).ravel() for output in foot_impact(compass(), Mode.STICK)(z, [*COMPASS, 1])
+        )
         for rounding in (-2e-16, 0.0, 2e-16):
             record = landed(Dynamics(compass(), compass_parameters(abs(f_t / f_n) * (1 + rounding))), z)
             if isinstance(record, Termination):

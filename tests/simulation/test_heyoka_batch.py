@@ -177,7 +177,7 @@ def test_foot_that_comes_from_below_has_no_impact_in_a_batch():
         p = np.array([1.6, 4, 0.8, 2, 9.8, 0.02, friction])
         theta, rates = rng.uniform(-0.6, 0.6, (n, 1)), rng.uniform(-1, 1, (n, 2))
         states = np.hstack([theta, theta, np.zeros((n, 1)), rates, rng.normal(size=(n, 1))])
-        _, velocities = RowMap(system.impacts(Mode.STICK))(states, p)
+        _, velocities = RowMap(system.impacts(Mode.STICK, system.walker.swapped(Mode.STICK)))(states, p)
         touchdown = system.transitions.of(Mode.STICK)["touchdown"]
         _, endings, _, _ = BatchResolver(Dynamics(system, p)).land(Mode.STICK, touchdown, states)
         refused = ENDINGS.index(Ending.IMPACT_INCONSISTENT)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from foot_impacts import foot_impact
 
 from gaitopt import Mode, Status, load_problem, solve
 from gaitopt.model.dynamics import Dynamics
@@ -82,7 +83,7 @@ def test_a_swing_ends_in_the_shape_that_the_impact_relabels_to_its_start():
     system = build_system(problem)
     p = system.values(problem.parameters)
     (start,), (end,) = swing(Dynamics(system, p), np.array([[-0.2]]), 0.7)
-    after = np.asarray(system.impact(STICK)(end, p)[0]).ravel()
+    after = np.asarray(foot_impact(system, STICK)(end, p)[0]).ravel()
     n = system.n_shape
     np.testing.assert_allclose(after[:n], start[:n], atol=1e-14)
     np.testing.assert_allclose(end[:n] - start[:n], 0.7 * start[n + 1 : 2 * n + 1], atol=1e-14)
@@ -122,5 +123,5 @@ def test_at_full_friction_the_open_impact_is_that_of_a_slip(mode):
     problem = load_problem("compass-passive-b")
     system = build_system(problem)
     p, z = system.values(problem.parameters), np.array([0.1, 0.1, 0.0, 0.9, 0.2, 0.0])
-    for ours, theirs in zip(system.open_impact(z, mode.direction, p), system.impact(mode)(z, p), strict=False):
+    for ours, theirs in zip(system.open_impact(z, mode.direction, p), foot_impact(system, mode)(z, p), strict=False):
         np.testing.assert_allclose(np.asarray(ours), np.asarray(theirs), rtol=1e-13, atol=1e-15)
