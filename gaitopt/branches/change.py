@@ -112,12 +112,12 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
 
 
 def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
-    """The named contact, or the group of contacts, of which a monitor vanishes; empty where contacts have no names.
+    """The contact, or the group of contacts, of which a monitor vanishes; empty for a foot that stands alone.
 
     In the impact that ends a step it has its name after the feet have swapped places, as in ``impact``. Of a phase that
     vanishes it is the contact that does something of its own there.
     """
-    if not walker.contacts:
+    if walker.stands_on_one():
         return ""
     if "." in key.kind:
         partner = walker.partners()
@@ -148,47 +148,72 @@ def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:
 def _edits(
     table: Transitions, cycle: Cycle, key: MonitorKey, where: float
 ) -> Iterator[tuple[list[Phases], list[Mode]]]:
-    """Phases and impacts of all steps after each edit for a monitor that vanishes at ``where`` in its phase."""
-    transition, impacts = transition_at(table, cycle, key), [*cycle.impacts]
+    """Phases and impacts of all steps after each edit for a monitor that vanishes at ``where`` in its phase.
+
+    Only the contacts of the event change; walks propose changes of several at once.
+    """
+    transition = transition_at(table, cycle, key)
     phases = [tuple((mode, dict(step.landings).get(k)) for k, mode in enumerate(step.phases)) for step in cycle.steps]
-    if cycle.phases[0].is_named:
-        yield from _contact_edits(table, cycle, key, where, phases)
-        return
-    if key.phase is None:
+    if key.phase is None or (transition is not None and kind(transition.guard) in IMPACT_MARGINS):
         assert transition is not None
-        following = (key.step + 1) % len(phases)
-        (first, _), *rest = old = phases[following]
-        for impact in transition.candidates:
-            if transition.at_rest:  # the slip after the impact fades: it is gone, goes on from rest, or turns round
-                opposite = Mode.slip(-impacts[key.step].direction)
-                edited = [(*rest,), old, ((first.with_contact(opposite), None), *rest)]
-            else:
-                edited = [old if first.contact is impact else ((first.with_contact(impact), None), *old)]
-            for new in edited:
-                yield _replaced(phases, following, new), _replaced(impacts, key.step, impact)
+        yield from _impact_edits(table, cycle, key, transition, phases)
         return
-    step = cycle.step_of(key.phase)
+    step, impacts = cycle.step_of(key.phase), [*cycle.impacts]
     place = key.phase - cycle.first_phases[step]
-    before, mode, after = phases[step][:place], phases[step][place], phases[step][place + 1 :]
-    edited = []
-    if transition is None:  # the phase has no duration left
-        edited = [(*before, *after)]
-    elif transition.guard in IMPACT_MARGINS:  # of the stop's impact that ends the phase
-        if transition.at_rest:
-            remaining = [after[1:]] if len(after) > 1 and after[1][0].locked == after[0][0].locked else []
-            remaining.append(((after[0][0].with_contact(Mode.STICK), None), *after[1:]))
-        else:
-            remaining = [after if after[0][0] is slip else ((slip, None), *after) for slip in transition.candidates]
-        edited = [(*before, mode, *new) for new in remaining]
-    elif transition.reset is None and not transition.margin.rises:
+    before, ((mode, landed), *after) = phases[step][:place], phases[step][place:]
+
+    def ended(new: Phases) -> tuple[list[Phases], list[Mode]]:
+        """With other phases of this step; one that ends without an impact has the contacts of its last phase there."""
+        ends_so = table.cycle_end == TOUCHDOWN
+        return _replaced(phases, step, new), impacts if ends_so else _replaced(impacts, step, new[-1][0].contact)
+
+    if transition is not None and transition.reset is None and not transition.margin.rises:
+        contacts = {*contact_of(key.kind).split("+")}
         for candidate in transition.candidates:
-            edited += [(*before, *middle, *after) for middle in _inserted(mode, candidate, where)]
-        if transition.at_rest:  # the foot may also stay in the mode of its neighbours
-            edited.append((*before, *after))
-    for new in edited:
-        yield _replaced(phases, step, new), impacts
-    if transition is None and place == 0 and impacts[step - 1].slips:  # no slip is left after the impact: it sticks
-        yield _replaced(phases, step, after), _replaced(impacts, step - 1, Mode.STICK)
+            if _changed(candidate, mode).keys() <= contacts:
+                yield from (ended((*before, *new, *after)) for new in _inserted((mode, landed), candidate, where))
+    if transition is None or transition.at_rest:  # the phase is gone, or its contact does what its neighbours do
+        without = (*before, (after[0][0], after[0][1] or landed), *after[1:]) if after else before
+        if without:
+            yield ended(without)
+        struck = impacts[step - 1] if place == 0 else landed
+        if after and struck is not None:  # no slip is left after the impact: it sticks
+            goes_on = after[0][0].directions
+            new = struck.with_states({n: Mode.STICK for n, d in struck.directions.items() if d and goes_on[n] != d})
+            if place == 0:
+                yield _replaced(phases, step, (*after,)), _replaced(impacts, step - 1, new)
+            else:
+                yield _replaced(phases, step, (*before, (after[0][0], new), *after[1:])), impacts
+
+
+def _impact_edits(
+    table: Transitions, cycle: Cycle, key: MonitorKey, transition: Transition, phases: list[Phases]
+) -> Iterator[tuple[list[Phases], list[Mode]]]:
+    """As ``_edits``, for a margin of an impact: that of the end of a step, of a landing within it, or of a stop."""
+    ends_step, impacts = key.phase is None, [*cycle.impacts]
+    step = key.step if key.phase is None else cycle.step_of(key.phase)
+    following = (step + 1) % len(phases) if ends_step else step
+    place = 0 if key.phase is None else key.phase + 1 - cycle.first_phases[step]
+    before, ((first, landed), *rest) = phases[following][:place], phases[following][place:]
+    impact = impacts[step] if ends_step else landed or first
+    for candidate in transition.candidates:
+        new = table.walker.swapped(candidate) if ends_step and table.cycle_end == TOUCHDOWN else candidate
+        changed, struck = _changed(new, impact), new if landed is not None and not ends_step else None
+        mode = first.with_states(changed)
+        ways = [((mode, struck), (first, None), *rest), ((mode, struck), *rest), ((first, struck), *rest)]
+        if transition.at_rest:  # the slip after the impact fades: it is gone, goes on from rest, or turns round
+            turned = {name: str(Mode.slip(-impact.directions[name])) for name in changed}
+            ways = [ways[2], ((first.with_states(turned), struck), *rest), ways[1], ways[0]]
+            if rest and rest[0][0].locked == first.locked:
+                ways.insert(0, ((rest[0][0], struck), *rest[1:]))
+        for way in ways:
+            edited = _replaced(phases, following, (*before, *way))
+            yield edited, _replaced(impacts, step, new) if ends_step else impacts
+
+
+def _changed(after: Mode, before: Mode) -> dict[str, str]:
+    """The states of the contacts that differ between two modes, as in the first."""
+    return {name: word for name, word in after.contacts.items() if word != before.contacts[name]}
 
 
 def _inserted(phase: Phase, mode: Mode, where: float) -> tuple[Phases, ...]:
@@ -214,61 +239,8 @@ def _merged(phases: Phases, impact: Mode) -> ModeSequence:
     return ModeSequence(tuple(modes), impact, landings=tuple(landings.items()))
 
 
-def _contact_edits(
-    table: Transitions, cycle: Cycle, key: MonitorKey, where: float, phases: list[Phases]
-) -> Iterator[tuple[list[Phases], list[Mode]]]:
-    """As ``_edits``, for named contacts: only those of the event change. Walks propose changes of several at once."""
-    transition, impacts = transition_at(table, cycle, key), [*cycle.impacts]
-    contacts = {*contact_of(key.kind).split("+")}
-    if key.phase is None or (transition is not None and kind(transition.guard) in IMPACT_MARGINS):
-        assert transition is not None
-        ends_step = key.phase is None
-        step = key.step if key.phase is None else cycle.step_of(key.phase)
-        following = (step + 1) % len(phases) if ends_step else step
-        place = 0 if key.phase is None else key.phase + 1 - cycle.first_phases[step]
-        before, ((first, landed), *rest) = phases[following][:place], phases[following][place:]
-        impact = impacts[step] if ends_step or landed is None else landed
-        for candidate in transition.candidates:
-            new = table.walker.swapped(candidate) if ends_step and table.cycle_end == TOUCHDOWN else candidate
-            changed = {name: word for name, word in new.contacts.items() if word != impact.contacts[name]}
-            struck, mode = None if ends_step else new, first.with_states(changed)
-            ways = [((mode, struck), *rest), ((mode, struck), (first, None), *rest), ((first, struck), *rest)]
-            if transition.at_rest and rest:  # the slip after the impact fades: it is gone, or turns round
-                turned = {name: str(Mode.slip(-impact.directions[name])) for name in changed}
-                ways = [((rest[0][0], struck), *rest[1:]), *ways, ((first.with_states(turned), struck), *rest)]
-            for way in ways:
-                edited = _replaced(phases, following, (*before, *way))
-                yield edited, _replaced(impacts, step, new) if ends_step else impacts
-        return
-    step = cycle.step_of(key.phase)
-    place = key.phase - cycle.first_phases[step]
-    before, ((mode, landed), *after) = phases[step][:place], phases[step][place:]
-
-    def ended(new: Phases) -> list[Mode]:
-        """The impacts; a step that ends without one has the contacts of its last phase there."""
-        return impacts if table.cycle_end == TOUCHDOWN else _replaced(impacts, step, new[-1][0].contact)
-
-    if transition is None or transition.at_rest:  # the phase is gone, or its contact does what its neighbours do
-        without = (*before, (after[0][0], after[0][1] or landed), *after[1:]) if after else before
-        if without:
-            yield _replaced(phases, step, without), ended(without)
-        struck = impacts[step - 1] if place == 0 else landed
-        if after and struck is not None:  # no slip is left after the impact: it sticks
-            goes_on = after[0][0].directions
-            new = struck.with_states({n: "stick" for n, d in struck.directions.items() if d and goes_on[n] != d})
-            if place == 0:
-                yield _replaced(phases, step, (*after,)), _replaced(impacts, step - 1, new)
-            else:
-                yield _replaced(phases, step, (*before, (after[0][0], new), *after[1:])), impacts
-    if transition is not None and transition.reset is None and not transition.margin.rises:
-        for candidate in transition.candidates:
-            if {name for name, word in candidate.contacts.items() if word != mode.contacts[name]} <= contacts:
-                for middle in _inserted((mode, landed), candidate, where):
-                    yield _replaced(phases, step, (*before, *middle, *after)), ended((*before, *middle, *after))
-
-
 def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]:
-    """Cycles of a walker with several contacts that the simulator walks past an event; it may change many at once.
+    """Cycles that the simulator walks past an event; many contacts may change at once.
 
     The walk starts from the gait as it is predicted there. A change of the impact, or of what slips across the section,
     shows in its second cycle. With each cycle are the states at the starts of its steps, shape (k, n_z).
@@ -315,7 +287,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
     tried = dict.fromkeys(candidates)
     for side in (ahead, -ahead):
         walked = list[tuple[Cycle, float, Array | None]]()
-        for distance in DISTANCES[:2] if point.gait.system.walker.contacts else ():
+        for distance in DISTANCES[:2]:
             walks = walked_cycles(point, side * distance * curve.metric.span)
             walked += [(cycle, distance, states) for cycle, states in walks if cycle != curve.cycle]
         cycles = dict.fromkeys((*(cycle for cycle, _, _ in walked), *candidates))

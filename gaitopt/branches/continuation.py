@@ -333,9 +333,8 @@ class Continuation:
             return
         key = vanishing_force(event.point, key)
         transition = transition_at(event.point.gait.system.transitions, event.point.curve.cycle, key)
-        several = bool(event.point.gait.system.walker.contacts)
         contact = named_contact(event.point.curve.cycle, key, event.point.gait.system.walker)
-        ending = None if transition is None else transition.ending if several else transition.margin.ending
+        ending = None if transition is None else transition.ending
         if transition is not None and (ending or transition.ends_step):
             kind = ending if ending in TERMINAL else "end"
             special = self._special(kind, event.point, event.status, transition.margin.lost)
