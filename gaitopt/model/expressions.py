@@ -334,10 +334,10 @@ class Expressions:
         if not ends_step:
             return z
         z[len(self.walker.coordinates()) - 1] = 0
-        if self.walker.contacts and (end != TOUCHDOWN or "energy" in self.walker.model_fields):
+        if end != TOUCHDOWN or "energy" in self.walker.model_fields:
             after = self.walker.swapped(mode) if end == TOUCHDOWN else mode
             section = section_of(self.walker, before, after, end)
-            z = section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
+            z = z if section.stated else section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
         return z
 
     def stopped_together(self, mode: Mode, after: Mode) -> SX:

@@ -515,7 +515,7 @@ class Transitions:
         rests = (*_at_rest(mode), *stopped)
         if len(stopped) < 2 or after not in self._candidates(mode, rests):
             return []
-        guards = [self._name("slip_velocity", name) for name in stopped]
+        guards = [self.name("slip_velocity", name) for name in stopped]
         return [self._row(guards[0], at_rest=rests, candidates=(after,), zeros=tuple(guards))]
 
     def stops_in_turn(self, mode: Mode, after: Mode) -> tuple[tuple[str, Mode, Mode], ...]:
