@@ -50,7 +50,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.modes import Mode
-from gaitopt.model.transitions import CONE, contact_of, kind, margin_unit, named
+from gaitopt.model.transitions import contact_of, kind, margin_unit, named
 from gaitopt.solver.rollout import JUMP
 
 OPEN = 1.0
@@ -283,8 +283,6 @@ def _time_to_jump(arc: Arc, after: Mode) -> float:
 def _force_beyond_cone(arc: Arc, contact: str) -> float:
     """By how much the force that would hold a contact at the start of a slip exceeds static friction [N]."""
     table = arc.dynamics.system.transitions
-    stick, cone = arc.mode.with_contact(Mode.STICK), CONE.get(arc.mode.contact, "")
-    if arc.mode.is_named:
-        stick, cone = table.held(arc.mode, contact)
+    stick, cone = table.held(arc.mode, contact)
     margins = arc.dynamics.margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]
     return -float(margins[table.margin_names(stick).index(cone)])

@@ -87,7 +87,7 @@ class Cycle:
             raise ValueError("a cycle needs at least one step")
         for phase, first in enumerate(self.phases):
             impact = self.impact_before(phase)
-            if impact is None or (phase not in self.first_phases and not impact.is_named):
+            if impact is None:
                 continue
             for name, word in impact.contacts.items():
                 goes_on = (word, OFF) if impact.is_named else (word,)
@@ -184,9 +184,9 @@ class Cycle:
         return self.reset_after((phase - 1) % len(self.phases))
 
     def stop_together(self, phase: int) -> tuple[str, ...]:
-        """The named contacts whose slips all end where a phase ends, if they are several and nothing lands there."""
+        """The contacts whose slips all end where a phase ends, if they are several and nothing lands there."""
         mode, after = self.phases[phase], self.after(phase)
-        if after is None or not mode.is_named or self.reset_after(phase) is not None:
+        if after is None or self.reset_after(phase) is not None:
             return ()
         ended = (name for name, d in mode.directions.items() if d and name in after.touching)
         stopped = tuple(name for name in ended if after.directions[name] != mode.directions[name])
@@ -226,7 +226,7 @@ class Cycle:
         if impact is not None:
             return int(contact in impact.touching and not impact.directions[contact])
         before, mode = self.phases[phase - 1], self.phases[phase]
-        if before.is_named and before.directions[contact] == mode.directions[contact]:
+        if mode.directions[contact] and before.directions[contact] == mode.directions[contact]:
             return 0
         others = (n for n, s in before.directions.items() if s and n != contact and mode.directions[n] != s)
         gentle = (

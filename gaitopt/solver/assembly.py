@@ -107,8 +107,8 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
         # where an event makes the slip velocity zero, the sign of its rounding would decide a mode
         if arc.mode.fixes_x:
             states[:, -1] = 0.0
-        elif not arc.mode.is_named and arc.start is None and cycle.onset_order(arc.phase) > 0:
-            states[0, -1] = 0.0
+        elif arc.start is None and (arc.mode.direction or cycle.phases[arc.phase - 1].fixes_x):
+            states[0, -1] *= cycle.onset_order(arc.phase) == 0
         if arc.end is None and "slip_velocity" in table.ending(cycle, arc.phase).zeros:
             states[-1, -1] = 0.0
         step = cycle.step_of(arc.phase)

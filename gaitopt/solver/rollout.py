@@ -25,6 +25,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import LANDINGS
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import INTERVALS
 from gaitopt.solver.interval import ORDER, shooting_step
@@ -332,13 +333,13 @@ class _ModeFlow:
     def __init__(self, dynamics: Dynamics, cycle: Cycle, phase: int) -> None:
         system, self._p, self._scales = dynamics.system, dynamics.p, dynamics.scales
         mode, after = cycle.phases[phase], cycle.after(phase)
-        table, self._slips, self._several = system.transitions, mode.slips, mode.is_named
+        table, self._mode = system.transitions, mode
         names, self._units = table.margin_names(mode), dynamics.margin_units(mode)
         guard = table.between(mode, after, table.struck(cycle, phase)).guard
         self._until = system.control.period if guard == CLOCK else None
         self._upright = names.index("upright")
         # or the clearance, while a stop is free; several contacts have none that must come last
-        self._touchdown = None if mode.is_named else 0
+        self._touchdown = next((row for row, name in enumerate(names) if name in LANDINGS), None)
         self._ending = None if guard == CLOCK else names.index(guard)
         self._may_jump = after is not mode and after in table.at_breakpoint(mode).candidates
         self._breakpoints = system.control.breakpoints
@@ -423,7 +424,8 @@ class _ModeFlow:
         segment = bisect_right(self._breakpoints, time)
         bound = min([end, *self._breakpoints[segment : segment + 1]])
         self._step.load(self._p, self._data[segment])
-        from_rest = self._slips and (self._several or abs(z[-1]) <= ARMED * self._scales.speed)
+        slides = self._mode.direction and abs(z[-1]) > ARMED * self._scales.speed
+        from_rest = self._mode.slips and not slides
         first_step = FIRST_STEP_FROM_REST if from_rest else FIRST_STEP
         rate = self._point(time, z, self._p, self._data[segment])[0].copy()
         return Integration(self._step, time, z, rate, bound, min(first_step * self._scales.time, bound - time))
