@@ -43,7 +43,7 @@ def impact_records(motion: Trajectory) -> Iterator[dict[str, Any]]:
         last = step.arcs[-1]
         if step.impact is not None and last.dynamics.system.cycle_end == TOUCHDOWN:
             walker, after = last.dynamics.system.walker, step.impact.mode
-            of = [name for name in walker.struck(after).touching if name not in last.mode.touching]
+            of = [name for name in walker.swapped(after).touching if name not in last.mode.touching]
             yield _impact_entry(last.dynamics, began + last.end, number, of, walker.swapped(after), step.impact.impulse)
         began, z = began + step.period, z if step.impact is None else step.impact.state
 
@@ -83,4 +83,5 @@ def _impact_entry(
         impulses = {name: pair for name, pair in of_contacts.items() if name in mode.touching}
     elif impulse is not None:
         impulses = of_contacts[FOOT]
-    return {"time": time, "step": step, "of": of, "impact": mode.words, "impulse": impulses}
+    written = mode if walker.labels() or not mode.is_named else walker.swapped(mode)
+    return {"time": time, "step": step, "of": of, "impact": written.words, "impulse": impulses}

@@ -414,10 +414,8 @@ class Transitions:
         return self._impacts[mode, before]
 
     def name(self, what: str, contact: str) -> str:
-        """The written name of a margin of a contact; a foot that stands alone has no name, and its landing another."""
-        if self.walker.stands_on_one():
-            return "touchdown" if what == "gap" else what
-        return f"{what}.{contact}"
+        """The written name of a margin of a contact; a foot without a label does not close its gap, it touches down."""
+        return "touchdown" if what == "gap" and not self.walker.label(contact) else self.walker.quantity(what, contact)
 
     @property
     def most_margins(self) -> int:
