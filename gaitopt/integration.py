@@ -131,7 +131,7 @@ D = _INSIDE
 SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
 """Factors of the step size control, as in scipy."""
 EXPONENT = -1 / 8
-SHORTEST_STEP = 10
+SHORTEST_STEP_IN_ULPS = 10
 """Smallest step in units of the rounding of the time."""
 
 
@@ -217,7 +217,7 @@ class Integration:
         StepSizeError
             If no step does.
         """
-        shortest = SHORTEST_STEP * (nextafter(self.t, inf) - self.t)
+        shortest = SHORTEST_STEP_IN_ULPS * (nextafter(self.t, inf) - self.t)
         h, largest = max(self._next, shortest), LARGEST_FACTOR
         while h >= shortest:
             end = min(self.t + h, self._bound)

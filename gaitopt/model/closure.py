@@ -40,7 +40,7 @@ from gaitopt.model.mechanism import Mechanism
 
 NEWTON_STEPS = 12
 """Steps of Newton's method; from a typical posture it needs five."""
-LONGEST_STEP = 0.3
+LONGEST_CLOSING_STEP = 0.3
 """Longest step [rad, or units of a length]: from there the method does not cross over to a leg bent the other way."""
 CLOSED = 1e-10
 """Size of the last step below which the posture is closed; otherwise all coordinates are nan."""
@@ -100,7 +100,7 @@ def closed_posture(walker: type[Closing], free: SimpleNamespace, p: SimpleNamesp
         c, J = equations(posture(unknown), parameters), slopes(posture(unknown), parameters)[:, columns]
         step = solve(J, c)
         size = mmax(fabs(step))
-        unknown = unknown - fmax(fmin(step, LONGEST_STEP), -LONGEST_STEP)
+        unknown = unknown - fmax(fmin(step, LONGEST_CLOSING_STEP), -LONGEST_CLOSING_STEP)
     s = posture(unknown)
     return tuple(if_else(size < CLOSED, s[k], np.nan) for k in range(s.numel()))
 

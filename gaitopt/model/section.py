@@ -61,7 +61,7 @@ SMALL = 0.1
 """Least entry of an equation, relative to its largest, for which it is solved if there is a choice."""
 NEWTON_STEPS = 50
 """Newton's method converges in about five; a distant state needs some damped steps before."""
-LONGEST = 0.3
+LONGEST_CLOSING_STEP = 0.3
 """Longest step, in rad and SI units; from there the method does not cross over to another posture."""
 CLOSED, ROUNDING = 1e-9, 1e-13
 """Size of the last step below which the equations are solved, and of a step that is left out."""
@@ -131,7 +131,7 @@ class Section:
                 break
             if size < ROUNDING:  # a state of the section stays what it is
                 return z
-            z[self._solved] -= change * min(1.0, LONGEST / size)
+            z[self._solved] -= change * min(1.0, LONGEST_CLOSING_STEP / size)
             if size < CLOSED:  # one more step would be rounding: convergence is quadratic
                 return z
         return np.full(z.size, np.nan)
@@ -366,7 +366,7 @@ def _solved_coordinates(
             if not (np.all(np.isfinite(J)) and np.all(np.isfinite(values))) or np.abs(values).max() < 1e-12:
                 break
             step = np.linalg.pinv(J) @ values.ravel()
-            z = z - step * min(1.0, LONGEST / max(np.abs(step).max(), 1e-300))
+            z = z - step * min(1.0, LONGEST_CLOSING_STEP / max(np.abs(step).max(), 1e-300))
         if np.all(np.isfinite(J)) and np.abs(values).max() < 1e-10:
             break
     else:

@@ -21,6 +21,7 @@ from pydantic_core import ErrorDetails
 
 from gaitopt.errors import ProblemError, printable
 from gaitopt.model.units import LARGEST, SMALLEST
+from gaitopt.requests import LONGEST_SHOWN
 
 HINTS: Mapping[str, str] = {
     "knee": "a knee is a joint stop: kneed_walker has one, and its phases state it, {mode: stick, knee: free}",

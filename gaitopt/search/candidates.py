@@ -52,7 +52,7 @@ MARGIN, SMALLEST_MARGIN = 0.5, 5e-3
 units."""
 WALL = 0.1
 """Distance from the wall of a box, relative to its width, below which a state lies near the wall."""
-SHORTEST_STEP = 0.05
+SHORTEST_STEP_PERIOD = 0.05
 """Minimum period of a step in natural units; two feet that rest side by side solve the equations with period 0."""
 PERIODS = (0.7, 3.0)
 """Range of the guessed periods in natural units."""
@@ -191,7 +191,7 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
         if not walking.size:
             break
     simulator, candidates = Simulator(dynamics, stepper_class(step.engine)), list[CandidateRecord]()
-    shortest, least = SHORTEST_STEP * dynamics.scales.time, walker.steps_per_cycle()
+    shortest, least = SHORTEST_STEP_PERIOD * dynamics.scales.time, walker.steps_per_cycle()
     for n_returns in range(1, job.n_steps // least + 1):
         maps = {mode: ReturnMap(simulator, mode, n_returns * least) for mode in (Mode.STICK, Mode.SLIP_FORWARD)}
         distances = np.abs((history[n_returns:] - history[:-n_returns]) / box.sizes).max(axis=2)

@@ -27,7 +27,7 @@ from gaitopt.threads import cached_property
 
 LAST_STEP = 1e-7
 """A step in natural units below which the next one, by quadratic convergence, would be rounding."""
-SHORTEST_PERIOD = 0.5
+SHORTEST_NEARBY_PERIOD = 0.5
 """Shortest period relative to the guess: feet that stay together solve all equations in no time at all."""
 NEWTON_TOLERANCE = 3e-15
 """Rounding of the equalities in natural units; a polish that does not reach it ends when it stops improving."""
@@ -233,7 +233,7 @@ def solve_nearby(
     ``interrupted``.
     """
     equations, at, last = start.equations, start, np.inf
-    shortest = SHORTEST_PERIOD * start.durations.sum()
+    shortest = SHORTEST_NEARBY_PERIOD * start.durations.sum()
     lost = replace(start, status=Status.NOT_CONVERGED, words="Newton's method finds no solution next to the guess")
     for number in range(most_steps + 1):
         if progress is not None:

@@ -57,7 +57,7 @@ FIRST_STEP_FROM_REST = 2.5e-7
 """The same where the foot begins to slip: the first slip of a light foot may end after 1e-6."""
 ROOT = 1e-12
 """Tolerance of the end of a phase in natural units of time."""
-LONGEST_STEP = 50.0
+MAX_STEP_TIME = 50.0
 """In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
 MOST_STEPS = 20_000
 """Integrator steps in one phase: the longest phase takes some hundreds, one under a stiff control some thousands."""
@@ -68,7 +68,7 @@ NEAR_BREAKPOINT = 0.05
 """Part of a cycle within which a phase of a given duration may end at a breakpoint instead."""
 ROUNDING = 1e-12
 """Of times, relative."""
-SHORTEST_PHASE = 0.05
+CUT_OFF_PHASE = 0.05
 """Part of a step that a phase without a known end gets if no time is left for it."""
 
 
@@ -247,10 +247,10 @@ def roll_out(
         durations, errors of one step would grow in the next ones.
     durations : of the phases [s], None where a phase ends at its event; a phase that is timed in ``cycle`` ends at the
         nearest breakpoint.
-    longest : time after the impact by which phases end at the latest [s]; ``LONGEST_STEP`` by default.
+    longest : time after the impact by which phases end at the latest [s]; ``MAX_STEP_TIME`` by default.
     """
     scales, per_phase, table = dynamics.scales, cycle.per_phase(dynamics.steps), dynamics.system.transitions
-    longest, first_step = longest or LONGEST_STEP * scales.time, FIRST_STEP * scales.time
+    longest, first_step = longest or MAX_STEP_TIME * scales.time, FIRST_STEP * scales.time
     starts, breakpoints = np.atleast_2d(state), dynamics.system.control.breakpoints
     time, z = 0.0, starts[0].copy()
     known = [None] * len(cycle.phases) if durations is None else durations
@@ -322,9 +322,9 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     A = np.asarray(system.reset_jacobian(struck, last)(state, p))[:n, :n]
     travel, rates = np.abs(np.linalg.solve(A, state[:n] - mapped)), rates[:n]
     if not np.isfinite(travel).all():
-        return LONGEST_STEP * time
+        return MAX_STEP_TIME * time
     moving = (travel > 0) & (rates > 0)
-    return float(np.min(travel[moving] / rates[moving], initial=LONGEST_STEP * time)) if moving.any() else time
+    return float(np.min(travel[moving] / rates[moving], initial=MAX_STEP_TIME * time)) if moving.any() else time
 
 
 class _ModeFlow:
@@ -417,7 +417,7 @@ class _ModeFlow:
             times, margins = self._along(motion)
             within = times <= start + transit
             lost = float(times[within][np.argmin(np.abs(margins[within, self._ending]))])
-        return max(lost, start + SHORTEST_PHASE * transit)
+        return max(lost, start + CUT_OFF_PHASE * transit)
 
     def _begin(self, time: float, z: Array, end: float) -> Integration:
         """An integration to ``end`` or to the next breakpoint of the control, whichever comes first."""
