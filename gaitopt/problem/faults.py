@@ -47,7 +47,6 @@ SYNONYMS = {"mu": "friction", "mu_s": "static", "mu_k": "kinetic", "g": "gravity
 Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
 
-LONGEST_SHOWN = 60
 LOOKS_ALIKE = 0.3
 """Ratio of difflib above which a dotted key is suggested; it is low, as the first parts of such keys often differ."""
 

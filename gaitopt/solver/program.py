@@ -32,7 +32,7 @@ from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
-SHORTEST_SEARCHED_PERIOD = 0.1
+SHORTEST_PERIOD_FOUND = 0.1
 """Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
 LARGEST_RESIDUAL = 1e-5
 """Largest violation of the equalities, in natural units, of a point that Newton's method may refine to a gait: with a
@@ -301,7 +301,8 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
             labels=equations.equality_labels,
         ),
         Block(
-            name="period", expression=sum1(equations.durations), lower=SHORTEST_SEARCHED_PERIOD * float(start.durations.sum()),
+            name="period", expression=sum1(equations.durations),
+            lower=SHORTEST_PERIOD_FOUND * float(start.durations.sum()),
             size=units.unknowns[-1], labels=(Label(name="period", unit="s"),),
         ),
     ]  # fmt: skip
