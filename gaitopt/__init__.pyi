@@ -22,6 +22,7 @@ from gaitopt.api.verbs import replay as replay
 from gaitopt.api.verbs import run_parallel as run_parallel
 from gaitopt.api.verbs import simulate as simulate
 from gaitopt.api.verbs import solve as solve
+from gaitopt.api.verbs import stabilise as stabilise
 from gaitopt.api.verbs import sweep as sweep
 from gaitopt.api.verbs import verify as verify
 from gaitopt.display import Page as Page

@@ -42,7 +42,14 @@ class Engine(StrEnum):
     HEYOKA = "heyoka"
 
 
-NOUNS: Mapping[type[StrEnum], str] = {Method: "method of solution", Engine: "engine"}
+class FeedbackLaw(StrEnum):
+    """A law that walks a known gait: curves over a phase of the posture, or tracking by PD control."""
+
+    CONSTRAINTS = "virtual_constraints"
+    PD = "pd"
+
+
+NOUNS: Mapping[type[StrEnum], str] = {Method: "method of solution", Engine: "engine", FeedbackLaw: "feedback law"}
 """What the members of a choice are, for messages."""
 MOST_STARTS = 1_000_000
 """Maximum number of start states; more would take days, and fill the memory with candidates."""
@@ -409,6 +416,26 @@ class BasinRequest(Request):
 
     steps: Annotated[int, About("Maximum number of steps of each walk.", least=1)] = 100
     engine: Annotated[Engine, ENGINE] = Engine.AUTO
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabiliseRequest(Request):
+    """See ``gaitopt.stabilise``."""
+
+    law: Annotated[
+        FeedbackLaw | None,
+        About(
+            "Kind of law. Default: virtual_constraints where there is one motor less than shape coordinates, else pd."
+        ),
+    ] = None
+    phase: Annotated[
+        str | None,
+        About("Phase of the curves: clock, or a phase variable. Default: one that is monotone; clock for pd."),
+    ] = None
+    degree: Annotated[
+        int | None, About("Degree of the curves. Default: the least one that fits.", least=4, most=20)
+    ] = None
+    radius: Annotated[float, About("Upper bound of the spectral radius.", least=0.0, most=1.0)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

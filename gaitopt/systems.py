@@ -21,7 +21,7 @@ from gaitopt.model.control import Control
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continued, control_points
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
-from gaitopt.model.reference import FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference
+from gaitopt.model.reference import FreeCurves, GaitCurves, GaitMotion, Reference
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
@@ -257,10 +257,8 @@ def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
             words = f"the phase variable {phase} is not monotone along {gait.problem.name}: it turns back"
             raise SolveError(f"{problem.name}: control.reference: {words} {time:.4f} s after the impact")
         span = float(along[0]), float(along[-1])
-        if isinstance(law, VirtualConstraints):
-            span = law.span[0], law.span[1]
-        elif isinstance(reference, GaitMotion | FreeMotion):
-            span = reference.span or span
+        stated = law.span if isinstance(law, VirtualConstraints) else getattr(reference, "span", None)
+        span = span if stated is None else (stated[0], stated[1])
     degree = (reference.degree or 1) if isinstance(reference, GaitCurves) else reference.curve.degree
     rows, errors = control_points((along - span[0]) / (span[1] - span[0]), angles, degree)
     fitted = {name: tuple(map(float, row)) for name, row in zip(followed, rows, strict=True)}

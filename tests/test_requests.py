@@ -25,6 +25,7 @@ from gaitopt.requests import (
     ReplayRequest,
     SimulateRequest,
     SolveRequest,
+    StabiliseRequest,
     StartsRequest,
     SweepRequest,
     UntilRequest,
@@ -55,6 +56,7 @@ VERBS = {
     "basin": (BasinRequest, "basin"),
     "prove": (ProveRequest, "prove"),
     "replay": (ReplayRequest, "replay"),
+    "stabilise": (StabiliseRequest, "stabilise"),
 }
 """The request of every function of the library, and the command with its options."""
 FOLDER = Path("nowhere")

@@ -22,6 +22,8 @@ SOLVED = 1e-10
 """Violation at which the bar is full."""
 FEW = 10
 """The first part predicts the time left only if there are at most this many."""
+LINES = 10
+"""Iterations that have a line each where there is no terminal."""
 LINE_EVERY = 5.0
 """Seconds between two lines of progress where there is no terminal."""
 
@@ -61,13 +63,23 @@ def _is_live(console: Console) -> bool:
 
 @contextmanager
 def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, float], None]]:
-    """Yield a callback that shows iteration and violation: a bar on a terminal, one line per iteration elsewhere.
+    """Yield a callback that shows iteration and violation: a bar on a terminal, some twenty lines elsewhere.
 
-    The bar shows the negative decimal logarithm of the violation.
+    The bar shows the negative decimal logarithm of the violation. Elsewhere the first iterations have a line each; from
+    there on one follows whenever their number has doubled.
     """
     if not _is_live(console):
         console.print(what)
-        yield lambda iteration, violation: console.print(f"  iteration {iteration}, violation {violation:.1e}")
+        calls = 0
+
+        def tell(iteration: int, violation: float) -> None:
+            nonlocal calls
+            calls += 1
+            doublings = calls // LINES
+            if doublings == 0 or (calls % LINES == 0 and doublings & (doublings - 1) == 0):
+                console.print(f"  iteration {iteration}, violation {violation:.1e}")
+
+        yield tell
         return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:

@@ -10,6 +10,9 @@ from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Controls, Problem, Walkers, passing
+from gaitopt.problem.source import SUFFIXES
+from gaitopt.problem.writing import problem_yaml
+from gaitopt.store.files import check_file, make_folder, write_whole
 from gaitopt.store.formats import json_file
 from gaitopt.store.run import GAIT_FILE, GAIT_FILES, PROBLEM_FILES, Run
 from gaitopt.verification.walk import Walk, states_after_impacts
@@ -48,6 +51,41 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
         error.result = result  # it took time to compute, and can still be printed
         raise
     return run.folder
+
+
+def check_problem_file(path: str | Path) -> Path:
+    """The path of a new problem file, before anything is computed for it.
+
+    Raises
+    ------
+    StorageError
+        If it does not end in ``.yaml``, exists already, or cannot be written.
+    """
+    file = Path(path)
+    if file.suffix not in SUFFIXES:
+        raise StorageError(f"cannot write {file}: a problem file ends in .yaml").concerning("output")
+    if file.exists():
+        raise StorageError(f"cannot write {file}: it exists; choose another name").concerning("output")
+    check_file(file)
+    return file
+
+
+def write_problem_file(problem: Problem, file: Path) -> None:
+    """Write a problem as a new file, with the robots and tables that it names beside it.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written, or one with other content has the name of a robot or a table.
+    """
+    text, files = problem_yaml(problem)
+    make_folder(file.parent)
+    for name, content in files.items():
+        beside = file.parent / name
+        if beside.exists() and beside.read_text(encoding="utf-8") != content:
+            raise StorageError(f"cannot write {beside}: it exists with other content").concerning("output")
+        write_whole(beside, content)
+    write_whole(file, text)
 
 
 def save_replays(replays: "Sequence[Replay]", gait: Gait, folder: Path) -> Path:

@@ -45,12 +45,14 @@ from gaitopt.requests import (
     BasinRequest,
     Engine,
     ExplainRequest,
+    FeedbackLaw,
     FindRequest,
     Method,
     ProveRequest,
     ReplayRequest,
     SearchLimits,
     SimulateRequest,
+    StabiliseRequest,
     choice,
 )
 from gaitopt.search import solve as single
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
     from gaitopt.runs.multistart import Optimum
     from gaitopt.runs.sweep import Sweep
     from gaitopt.search.explain import Explanation
+    from gaitopt.search.stabilise import Stabilised
 
 Output = str | Path | bool
 """Where a result is kept: True for the default folder in ``results``, False for nowhere."""
@@ -312,6 +315,71 @@ def neighbourhood(gait: Gait, *, progress: CountProgress = True) -> "Neighbourho
     require_gait(gait, "neighbourhood")
     with shown(progress, job_progress, "directions") as show:
         return search_neighbourhood(gait, progress=show)
+
+
+def stabilise(
+    start: Gait | Problem | str | Path,
+    *,
+    law: str | None = None,
+    phase: str | None = None,
+    degree: int | None = None,
+    radius: float = 1.0,
+    output: str | Path | None = None,
+    progress: bool | Callable[[str], None] = True,
+    should_stop: Stop = None,
+) -> "Stabilised":
+    """Find a feedback law that walks a gait stably: virtual constraints or PD control.
+
+    Virtual constraints: the joints with motors follow Bezier curves over a phase variable. Their end points make them
+    invariant under the impact of the gait; the others are those that need the least additional torque, within the
+    friction cone and the motors' limits. PD control: the joints track curves over the clock, or over a phase variable;
+    of some gains the least ones that suffice are taken. The gait under the law is solved and verified.
+
+    Parameters
+    ----------
+    start : a gait with one step in a cycle and one contact on the ground, or a problem that is solved for it.
+    law : ``virtual_constraints`` or ``pd``; virtual constraints by default where the walker has one motor less than
+        shape coordinates.
+    phase : phase variable of the curves, or ``clock``; by default the first one that is monotone along the gait,
+        beginning with those that the walker names; ``clock`` for PD control.
+    degree : degree of the curves; by default the least one that fits.
+    radius : upper bound of the spectral radius.
+    output : a file, ``NAME.yaml``, for the problem with the law.
+    progress : whether to show it, or a function that is called with a line about each law that does not do.
+    should_stop : polled while gaits are solved.
+
+    Returns
+    -------
+    stabilised : ``problem`` and ``gait`` under the law, and how far they are from the given gait. Its ``objections``
+        are empty if it is what was asked for; otherwise it is the best law that was found.
+
+    Raises
+    ------
+    ProblemError
+        If the walker has no motors, or other than one less than shape coordinates for virtual constraints, if the gait
+        has several steps or contacts, or no phase is monotone along it.
+    SolveError
+        If the gait is a failed solve, or there is no gait near it under the laws that were tried.
+    StorageError
+        If the file cannot be written.
+
+    References
+    ----------
+    Westervelt, Grizzle & Koditschek (2003), IEEE TAC 48(1), section IV: invariance under the impact.
+    """
+    from gaitopt.api.stored import check_problem_file, write_problem_file
+    from gaitopt.search.stabilise import stabilise as find_law
+
+    request = StabiliseRequest(
+        law=None if law is None else choice(FeedbackLaw, law), phase=phase, degree=degree, radius=radius
+    )
+    file = None if output is None else check_problem_file(output)
+    gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
+    with shown(progress, word_progress, f"stabilising {gait.problem.name}") as show:
+        made = find_law(gait, request, say=show, should_stop=should_stop)
+    if file is not None:
+        write_problem_file(made.problem, file)
+    return made
 
 
 def find(

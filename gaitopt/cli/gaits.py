@@ -1,4 +1,4 @@
-"""Commands about the gaits of one problem: ``solve``, ``simulate``, ``verify``, ``find``, ``explain``, ``prove``."""
+"""Commands about the gaits of one problem: ``solve``, ``simulate``, ``verify``, ``stabilise``, ``find``, ..."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -30,6 +30,7 @@ from gaitopt.requests import (
     INTERVALS,
     IPOPT_ITERATIONS,
     NEWTON_STEPS,
+    FeedbackLaw,
     FindRequest,
     Method,
     ProveRequest,
@@ -37,6 +38,7 @@ from gaitopt.requests import (
     SearchLimits,
     SimulateRequest,
     SolveRequest,
+    StabiliseRequest,
     StartsRequest,
     UntilRequest,
     VerifyRequest,
@@ -237,6 +239,48 @@ def verify(
     if not terminal.json:
         terminal.results.print(searched.words)
     return code if searched.optimal else NOT_VERIFIED
+
+
+def stabilise(
+    terminal: Terminal,
+    run: RunArgument,
+    law: Annotated[str | None, options.option(StabiliseRequest, "law")] = None,
+    phase: Annotated[str | None, options.option(StabiliseRequest, "phase")] = None,
+    degree: Annotated[int | None, options.option(StabiliseRequest, "degree")] = None,
+    radius: Annotated[float, options.option(StabiliseRequest, "radius")] = 1.0,
+    changes: SetOption = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.yaml", help="Write the problem with the law.")
+    ] = None,
+) -> int:
+    """Find a feedback law that walks a gait stably.
+
+    Virtual constraints: the joints follow curves over a phase variable, which are invariant under the impact. PD
+    control: the joints track curves over the clock or a phase variable. -o writes the problem; `gaitopt solve` and all
+    other commands take it.
+    """
+    from gaitopt.api import stored, verbs
+    from gaitopt.show.tables import print_stabilised
+
+    if law is not None:
+        choice(FeedbackLaw, law)
+    if output is not None:
+        stored.check_problem_file(output)
+    gait, _, _ = gait_of(run, changes, None, terminal)
+    if not gait.converged:
+        return report(gait, None, terminal)
+    with interruptible() as interrupted:
+        made = verbs.stabilise(
+            gait, law=law, phase=phase, degree=degree, radius=radius, output=output, progress=terminal.say,
+            should_stop=interrupted,
+        )  # fmt: skip
+    file = None if output is None else str(output)
+    terminal.show(
+        {**made.to_record(), "file": file},
+        lambda console, record: print_stabilised(console, record, made.problem),
+        *([] if file is None else ["file"]),
+    )
+    return NOT_A_GAIT if made.objections else 0
 
 
 def find(

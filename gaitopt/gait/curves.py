@@ -52,8 +52,11 @@ def _slope(count: int) -> Array:
 
 
 @lru_cache(maxsize=32)
-def _weights(count: int) -> Array:
-    """Clenshaw-Curtis weights: the integral of T_k over [-1, 1] is 2 / (1 - k^2) for even k, 0 for odd k."""
+def weights(count: int) -> Array:
+    """Clenshaw-Curtis weights of ``points(count)``, shape (count,).
+
+    They follow from the integral of T_k over [-1, 1], which is 2 / (1 - k^2) for even k, 0 for odd k.
+    """
     k = np.arange(count)
     moments = np.divide(2.0, 1.0 - k**2, out=np.zeros(count), where=k % 2 == 0)
     return np.asarray(moments @ _analysis(count))
@@ -92,7 +95,7 @@ def evaluate(c: Array, s: Array) -> Array:
 
 def integral(values: Array, duration: float) -> float:
     """Integral of the curve over an interval of the given duration."""
-    return float(_weights(values.shape[0]) @ values) * duration / 2
+    return float(weights(values.shape[0]) @ values) * duration / 2
 
 
 def primitive(values: Array, duration: float) -> Array:
@@ -119,7 +122,7 @@ def absolute_integral(values: Array, duration: float) -> float:
 
 def integrals(columns: Array, duration: float) -> Array:
     """Integrals of many curves, shape (m, n), over an interval of the given duration; shape (n,)."""
-    return np.asarray(_weights(columns.shape[0]) @ columns) * duration / 2
+    return np.asarray(weights(columns.shape[0]) @ columns) * duration / 2
 
 
 def roots(values: Array) -> Array:
@@ -187,7 +190,7 @@ def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
 
 def derivative(c: Array) -> Array:
     """Chebyshev coefficients of the derivative, one fewer than those ``c`` of the curve."""
-    return np.asarray(_differentiation(c.size) @ c)
+    return np.asarray(_differentiation(c.shape[0]) @ c)
 
 
 def lowest_after_rise(

@@ -259,9 +259,17 @@ def control_points(phases: Array, angles: Array, degree: int) -> tuple[Array, Ar
 
     Also their largest errors at these phases, shape (n,).
     """
-    basis = np.column_stack(_bernstein(degree, phases))
+    basis = bernstein_matrix(degree, phases)
     points = np.linalg.lstsq(basis, angles.T, rcond=None)[0]
     return np.asarray(points.T, dtype=float), np.abs(basis @ points - angles.T).max(axis=0)
+
+
+def bernstein_matrix(degree: int, s: Array, order: int = 0) -> Array:
+    """Derivatives of B_0, ..., B_degree at ``s`` (N,), of this order; shape (N, degree + 1)."""
+    if order == 0:
+        return np.column_stack(_bernstein(degree, s))
+    differences = degree * (np.eye(degree, degree + 1, 1) - np.eye(degree, degree + 1))
+    return bernstein_matrix(degree - 1, s, order - 1) @ differences
 
 
 def _width(pieces: Sequence[Piece]) -> int:

@@ -75,13 +75,14 @@ class VirtualConstraints(Control):
     ]
     phase: Annotated[Name, Field(description="phase variable: a shape coordinate, or one that the walker names")]
     span: Annotated[
-        tuple[Angle, ...],
+        tuple[Angle, ...] | None,
         Field(
             min_length=2,
             max_length=2,
-            description="values of the phase variable at the start and the end of the curves [rad, or m]",
+            description="values of the phase variable at the start and the end of the curves [rad, or m]; by default "
+            "those of the gait that the reference names",
         ),
-    ]
+    ] = None
     reference: Annotated[OverPhase, Field(description="curves of the outputs as functions of the phase variable")]
     clamp: Annotated[
         float | None,
@@ -151,12 +152,14 @@ class VirtualConstraints(Control):
     @property
     def curve(self) -> Curve:
         """The curves of the outputs over the phase variable."""
-        return self.reference.motion(self.phase, (self.span[0], self.span[1]))
+        return self.reference.motion(self.phase, (0.0, 1.0) if self.span is None else (self.span[0], self.span[1]))
 
     def data(self, segment: int) -> Array:
         """The span and the width of the clamp if there is one, and the data of the curves."""
-        clamp = () if self.clamp is None else (*self.span, self.clamp)
-        return np.array([*clamp, *self.curve.data(segment)])
+        curve = self.curve
+        start, end = self.span or (curve.pieces[0].start, curve.pieces[0].end)
+        clamp = () if self.clamp is None else (start, end, self.clamp)
+        return np.array([*clamp, *curve.data(segment)])
 
     def driven_by(self, walker: WalkerType) -> tuple[str, ...]:
         """The motor for each output; empty if ``motors`` has to say it."""
@@ -181,7 +184,9 @@ class VirtualConstraints(Control):
                 yield ("outputs", k), f"{name} is the phase variable, of which an output cannot be a function"
         if self.phase not in angles:
             yield ("phase",), f"{walker.model} has no phase variable {self.phase!r}; it has {', '.join(angles)}"
-        if self.span[0] == self.span[1]:
+        if self.span is None and not self.reference.source[0]:
+            yield ("span",), "is missing: give the phase just after and just before the impact, span: [START, END]"
+        elif self.span is not None and self.span[0] == self.span[1]:
             yield ("span",), f"is empty: both ends are {self.span[0]:g}; give the phase after and before the impact"
         names = self.targets["reference"].names
         if {*names} != {*self.outputs} and (

@@ -9,7 +9,10 @@ import re
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass, field
+from io import StringIO
 from typing import Any
+
+from ruamel.yaml import YAML
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.units import ANGLE_UNITS
@@ -19,6 +22,8 @@ from gaitopt.problem.source import parse_source
 from gaitopt.problem.statement import POINTS, changed_values, override, problem_data, reference_keys
 
 DECIMAL = r"[+-]?([0-9]{1,4000}\.?[0-9]{0,4000}|\.[0-9]{1,4000})([eE][+-]?[0-9]{1,3})?"
+YAML_WIDTH = 110
+"""Longest line of a problem file that is written [characters]."""
 EXACT_VALUE = rf"{DECIMAL}( (deg|rad))?"
 """A decimal number, or one with ``deg`` or ``rad``."""
 
@@ -119,6 +124,24 @@ def write_problem(problem: Problem) -> ProblemText:
         except ProblemError:  # of a text that no longer belongs to the problem
             continue
     raise ProblemError(f"{problem.name}: no text gives this problem")
+
+
+def problem_yaml(problem: Problem) -> tuple[str, dict[str, str]]:
+    """The text of a problem file with all data of a problem in SI units, and the files that it names, by name.
+
+    Raises
+    ------
+    ProblemError
+        If the control law follows a gait: its problem has a file of its own.
+    """
+    if problem.reference is not None:
+        raise ProblemError(f"{problem.name}: its control law follows {problem.reference.name}, which has its own file")
+    source = _as_data(problem)
+    data, stream, yaml = json.loads(source.text), StringIO(), YAML()
+    yaml.default_flow_style = None  # one line for each innermost mapping or list
+    yaml.width = YAML_WIDTH
+    yaml.dump(data, stream)
+    return stream.getvalue(), dict(source.files)
 
 
 def passed_types(problem: Problem) -> tuple[list[Any], list[Any]]:

@@ -80,7 +80,7 @@ def exact_law(control: Control, exact: Exact, duration: float | None = None) -> 
         law = _law_of_pieces(pieces, control.curve)
         if control.clamp is not None:
             keys = ("control.span.0", "control.span.1", "control.clamp")
-            numbers = zip(keys, (*control.span, control.clamp), strict=True)
+            numbers = zip(keys, (*(control.span or ()), control.clamp), strict=True)
             clamp = [ball(exact(key, value)) for key, value in numbers]
             law = ExactLaw((), None, ((*clamp, *law.data[0]),))
     _compare(law, control)

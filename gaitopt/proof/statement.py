@@ -296,7 +296,7 @@ def _completed_reference(
         zeros = {name: (0.0,) * len(row) for name, row in reference.free_points(walker).items()}
         phase, duration = law.phase_variable, reference.curve.duration
         if phase:
-            span = reference.span if isinstance(reference, FreeMotion) else tuple(getattr(law, "span", ()))
+            span = reference.span if isinstance(reference, FreeMotion) else getattr(law, "span", None)
             if span is None:
                 raise NotProved(
                     f"the curves over {phase} take their span from another gait; state it: span: [START, END]"

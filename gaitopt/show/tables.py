@@ -240,6 +240,34 @@ def print_gait(console: Console, record: Record, problem: Problem) -> None:
         console.print(remark, soft_wrap=True)
 
 
+def print_stabilised(console: Console, record: Record, problem: Problem) -> None:
+    """A gait under a law that was made for it, and how far it is from the given gait; the gait's table comes last."""
+    made, given = record["stabilised"], record["stabilised"]["given"]
+    over = "the clock" if made["phase"] == "clock" else f"the phase {made['phase']}"
+    console.print(f"{given['problem']} with {made['law'].replace('_', ' ')} over {over}", style="bold")
+    console.print(
+        f"curves of degree {made['degree']}, {made['torque_deviation']:.1%} additional torque", soft_wrap=True
+    )
+    if made["invariance"] is not None:
+        console.print(f"outputs and their rates are below {made['invariance']:.1e} just after the impact")
+    if made["phase"] != "clock":
+        console.print(f"the phase advances at {made['least_phase_rate']:.0%} of its mean rate or faster")
+    for attempt in made["attempts"]:
+        console.print(f"tried: {attempt}", soft_wrap=True)
+    for objection in made["objections"]:
+        console.print(f"NOT as asked for: {objection}", style="bold", soft_wrap=True)
+    compared = {key: (given[key], record[key]) for key in given if key != "problem"}
+    rows = [(key.replace("_", " "), *map(number, values), unit_of(key, problem)) for key, values in compared.items()]
+    rows.append(("largest difference of a coordinate", "", number(made["distance"]), "rad"))
+    section(console, "compared", ("", "given gait", "under the law", "unit"), rows, numbers=(1, 2))
+    limits = [
+        (name, number(each["needed"]), "none" if each["available"] is None else number(each["available"]))
+        for name, each in made["torques"].items()
+    ]
+    section(console, "largest torques [N m]", ("motor", "needed", "available"), limits, numbers=(1, 2))
+    print_gait(console, record, problem)
+
+
 def print_walk(console: Console, record: Record, problem: Problem) -> None:
     """A simulated walk of a problem from its JSON object."""
     console.print(f"{record['problem']}: {counted(record['steps'], 'step')}, {record['status']}", style="bold")

@@ -1,0 +1,307 @@
+"""Curves that make a feedback law repeat the motion of a gait: a quadratic program for their control points.
+
+The joints of a gait follow h(t); its phase is x(t), the time itself or a variable of the posture. Bezier curves h_d(x)
+of a degree n are sought for one of two laws.
+
+**Virtual constraints** apply the torques that keep h = h_d(x). With x'' = a0 + a u and h'' = b0 + b u along the gait,
+
+    u = D^-1 (h_d'' x'^2 + h_d' a0 - b0),      D = b - h_d' a      the decoupling matrix
+
+so that curves beside the gait, h_d = h + e, need torques that differ by du = D^-1 (e'' x'^2 + e' x''). The first two
+and the last two control points make the outputs invariant under the impact (Westervelt et al. 2003): the curves pass
+through the postures just after and just before it, with the rates there,
+
+    h_d = h,      h_d' = h' / x'      at both ends
+
+**PD control** applies u = -kp (h - h_d) - kd (h' - h_d'), which differs from the torques of the gait by du; its curves
+need not meet h, because the torques of the gait are the errors that they leave.
+
+In both cases du is linear in the control points c, and so are the contact forces f = f_gait + F du. The program is
+
+    minimise    mean |du|^2 / mean |u|^2  +  mean |h_d - h|^2        in natural units
+    subject to  mu f_n - |f_t| >= margin while the foot sticks,   f_n >= margin,   |u| <= largest torque
+
+It is always feasible: a slack with a large weight relaxes the constraints, and is part of the answer.
+
+References
+----------
+Westervelt, Grizzle & Koditschek (2003), Hybrid zero dynamics of planar biped walkers, IEEE TAC 48(1), section IV.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from casadi import Sparsity, conic
+
+from gaitopt.arrays import Array
+from gaitopt.building import building
+from gaitopt.gait import curves
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Arc
+from gaitopt.model.buffered import buffered_map
+from gaitopt.model.control import ConstantTorque
+from gaitopt.model.curve import bernstein_matrix
+from gaitopt.model.system import HybridSystem
+
+CLOCK = "clock"
+"""The phase of curves over the time since the impact."""
+MARGIN = 0.02
+"""Least distance of the contact force from its cone, and of the normal force from zero, as a part of the weight: the
+motion under the law differs a little from that of the gait."""
+SLACK = 1e4
+"""Weight of the violation of the constraints, beside an objective of order one."""
+ANGLES = {"constraints": 1.0, "pd": 1e-2}
+"""Weight of the distance of the curves from the joints: under PD it only excludes curves that run away."""
+ENDS = (0, 1, -2, -1)
+"""Control points that invariance fixes."""
+LEAST_DEGREE = 4
+"""Least degree of an invariant curve with a point of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Joints:
+    """Joints and their motors along a gait, at N samples of time with quadrature weights.
+
+    Attributes
+    ----------
+    names, motors : the m joints, and the motor of each.
+    t, weights : ndarray, shape (N,) - time since the impact [s], and weights that integrate over it.
+    phase : ndarray, shape (N, 3) - the phase x, x' and x''.
+    angles : ndarray, shape (3, N, m) - h, h' and h'' [rad, or m].
+    torques : ndarray, shape (N, m) - of the gait [N m].
+    response : ndarray, shape (N, m, m) - b: h'' per torque.
+    phase_response : ndarray, shape (N, m) - a: x'' per torque.
+    force, force_response : ndarrays, shape (N, 2), (N, 2, m) - (f_t, f_n) of the gait [N], and per torque.
+    sticks : boolean ndarray, shape (N,) - whether the foot sticks.
+    friction, weight : static coefficient, and a typical normal force [N].
+    """
+
+    names: tuple[str, ...]
+    motors: tuple[str, ...]
+    t: Array
+    weights: Array
+    phase: Array
+    angles: Array
+    torques: Array
+    response: Array
+    phase_response: Array
+    force: Array
+    force_response: Array
+    sticks: Array
+    friction: float
+    weight: float
+
+    @classmethod
+    def of(cls, gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str) -> "Joints":
+        """Those of a gait of one step with one foot on the ground.
+
+        Parameters
+        ----------
+        names, motors : the joints, and the motor of each; see ``HybridSystem.angle_names``.
+        phase : ``CLOCK`` or the name of an angle.
+        """
+        system, walker = gait.system, gait.system.walker
+        idle = ConstantTorque.model_validate(dict.fromkeys(walker.actuators, 0.0))
+        driven = HybridSystem(walker, idle, system.law, system.friction, system.cycle_end)
+        known = {key: value for key, value in gait.dynamics.parameters.items() if not key.startswith("control.")}
+        columns = [system.angle_names.index(name) for name in names]
+        used = [walker.actuators.index(name) for name in motors]
+        n_q, samples = len(walker.coordinates()), list[tuple[Array, ...]]()
+
+        def under(arc: Arc, torques: Mapping[str, float]) -> tuple[Array, Array]:
+            """Accelerations (N, n_q) and contact forces (N, 2) at the states of an arc under constant torques."""
+            p = driven.values({**known, **{f"control.{name}": value for name, value in torques.items()}})
+            inputs = (arc.times[:, None], arc.states, p, driven.data(0))
+            rate = buffered_map(driven.flow(arc.mode), arc.times.size)(*inputs)[0][:, n_q:].copy()
+            return rate, buffered_map(driven.observation(arc.mode), arc.times.size)(*inputs)[0][:, :2].copy()
+
+        for arc in gait.arcs:
+            n = arc.times.size
+            evaluated = buffered_map(system.angles, n)
+            angles, rates = (values.copy() for values in evaluated(arc.states, gait.p))
+            by_rate = list[Array]()  # rates of the angles are linear in those of the coordinates
+            for one in np.eye(n_q):
+                states = np.concatenate([arc.states[:, :n_q], np.tile(one, (n, 1))], axis=1)
+                by_rate.append(evaluated(states, gait.p)[1].copy())
+            passive, force = under(arc, {})
+            unit = [under(arc, {name: 1.0}) for name in motors]
+            response = np.einsum("knj,nkm->njm", by_rate, np.stack([u[0] - passive for u in unit], axis=2))
+            observed = observe(arc)
+            accelerations = curves.slopes(rates, curves.points(n)) * 2 / arc.duration
+            clock = np.stack([arc.times, np.ones(n), np.zeros(n)], axis=1)
+            k = None if phase == CLOCK else system.angle_names.index(phase)
+            samples.append(
+                (
+                    arc.times,
+                    curves.weights(n) * arc.duration / 2,
+                    clock if k is None else np.stack([angles[:, k], rates[:, k], accelerations[:, k]], axis=1),
+                    np.stack([angles[:, columns], rates[:, columns], accelerations[:, columns]], axis=1),
+                    observed.torque[:, used],
+                    response[:, columns],
+                    np.zeros((n, len(used))) if k is None else response[:, k],
+                    observed.force[:, :2],
+                    np.stack([u[1] - force for u in unit], axis=2),
+                    np.full(n, arc.mode.sticks),
+                )
+            )
+        t, w, x, h, u, b, a, f, F, sticks = (np.concatenate(columns) for columns in zip(*samples, strict=True))
+        scales = gait.dynamics.scales
+        return cls(
+            names=tuple(names), motors=tuple(motors), t=t, weights=w / w.sum(), phase=x, angles=h.transpose(1, 0, 2),
+            torques=u, response=b, phase_response=a, force=f, force_response=F, sticks=sticks,
+            friction=gait.dynamics.static_friction, weight=scales.energy / scales.length,
+        )  # fmt: skip
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """The phase just after and just before the impact."""
+        return float(self.phase[0, 0]), float(self.phase[-1, 0])
+
+    @property
+    def least_rate(self) -> float:
+        """Least rate of the phase relative to its mean; positive where it is monotone."""
+        start, end = self.span
+        mean = (end - start) / float(self.t[-1] - self.t[0])
+        return float((self.phase[:, 1] / mean).min()) if mean else 0.0
+
+    @property
+    def slopes(self) -> Array:
+        """dh/dx along the gait, shape (N, m)."""
+        return np.asarray(self.angles[1] / self.phase[:, 1:2])
+
+    @property
+    def inverse(self) -> Array:
+        """D^-1 along the gait, shape (N, m, m).
+
+        Raises
+        ------
+        LinAlgError
+            If the motors do not determine the joints.
+        """
+        D = self.response - self.slopes[:, :, None] * self.phase_response[:, None, :]
+        return np.asarray(np.linalg.inv(D), dtype=float)
+
+    def basis(self, degree: int) -> tuple[Array, Array, Array]:
+        """B, B' and B'' by the phase at the samples, shape (N, degree + 1) each."""
+        start, end = self.span
+        s = (self.phase[:, 0] - start) / (end - start)
+        values, first, second = (bernstein_matrix(degree, s, k) / (end - start) ** k for k in range(3))
+        return values, first, second
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FittedCurves:
+    """Control points with which a law repeats a gait.
+
+    Attributes
+    ----------
+    points : ndarray, shape (m, degree + 1) [rad, or m].
+    deviation : root mean square of the additional torques, relative to those of the gait.
+    violation : by how much the cone, or the largest torques, would be exceeded, as a part of the weight; 0 if not.
+    """
+
+    points: Array
+    deviation: float
+    violation: float
+
+    @property
+    def degree(self) -> int:
+        """Of the curves."""
+        return self.points.shape[1] - 1
+
+    def rows(self, names: Sequence[str]) -> dict[str, list[float]]:
+        """The control points by joint, as in a problem file."""
+        return {name: row.tolist() for name, row in zip(names, self.points, strict=True)}
+
+
+def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) -> FittedCurves:
+    """Curves over the phase for virtual constraints, invariant under the impact.
+
+    Parameters
+    ----------
+    largest : largest torque by motor [N m], of those that have one.
+    """
+    h, _, h2 = joints.angles
+    x1, x2 = joints.phase[:, 1:2], joints.phase[:, 2:]
+    values, first, second = joints.basis(degree)
+    m, (start, end) = len(joints.names), joints.span
+    points = np.zeros((m, degree + 1))
+    step = joints.slopes[[0, -1]] * (end - start) / degree
+    points[:, ENDS] = np.stack([h[0], h[0] + step[0], h[-1] - step[1], h[-1]], axis=1)
+    acceleration = second * x1**2 + first * x2  # of a joint that moves along one control point's curve
+    du = np.einsum("nij,nk->nijk", joints.inverse, acceleration)
+    gait = -np.einsum("nij,nj->ni", joints.inverse, h2)
+    return _fitted(joints, points, [*range(2, degree - 1)], du, gait, values, largest, ANGLES["constraints"])
+
+
+def tracked_curves(
+    joints: Joints, degree: int, gains: tuple[float, float], largest: Mapping[str, float]
+) -> FittedCurves:
+    """Curves over the phase, or the clock, that joints track by PD control with gains (kp, kd)."""
+    kp, kd = gains
+    h, h1, _ = joints.angles
+    values, first, _ = joints.basis(degree)
+    m = len(joints.names)
+    du = np.einsum("ij,nk->nijk", np.eye(m), kp * values + kd * first * joints.phase[:, 1:2])
+    gait = -(kp * h + kd * h1) - joints.torques
+    points = np.zeros((m, degree + 1))
+    return _fitted(joints, points, [*range(degree + 1)], du, gait, values, largest, ANGLES["pd"])
+
+
+def _fitted(
+    joints: Joints, points: Array, free: list[int], by_point: Array, constant: Array, values: Array,
+    largest: Mapping[str, float], weight_of_angles: float,
+) -> FittedCurves:  # fmt: skip
+    """The points that solve the program, where du = by_point points + constant; those not ``free`` are given.
+
+    Parameters
+    ----------
+    by_point : ndarray, shape (N, m, m, degree + 1) - du of each motor per control point of each joint.
+    constant : ndarray, shape (N, m).
+    values : ndarray, shape (N, degree + 1) - the curve per control point.
+    """
+    N, m = constant.shape
+    w, n_x = joints.weights, m * len(free)
+    U = by_point[:, :, :, free].reshape(N, m, n_x)
+    u0 = constant + np.einsum("nijk,jk->ni", by_point, points)
+    scale = float(np.sqrt(w @ (joints.torques**2).sum(axis=1)))
+    scale = scale or float(np.sqrt(w @ (u0**2).sum(axis=1))) or 1.0  # of a gait without torques
+    H = np.einsum("n,nix,niy->xy", w, U, U) / scale**2
+    g = np.einsum("n,nix,ni->x", w, U, u0) / scale**2
+    away, E = values @ points.T - joints.angles[0], values[:, free]
+    H += weight_of_angles * np.kron(np.eye(m), (E.T * w) @ E)
+    g += weight_of_angles * ((E.T * w) @ away).T.ravel()
+    rows, bounds = _constraints(joints, U, u0, largest)
+    H = np.block([[H + 1e-12 * np.eye(n_x), np.zeros((n_x, 1))], [np.zeros((1, n_x)), np.full((1, 1), 1e-9)]])
+    A = np.hstack([rows, np.ones((len(bounds), 1))])
+    shapes = {"h": Sparsity.dense(*H.shape), "a": Sparsity.dense(*A.shape)}
+    program = building(conic)("curves", "daqp", shapes, {"error_on_fail": False})
+    unbounded = np.full(n_x, -np.inf)
+    solution = program(h=H, g=np.append(g, SLACK), a=A, lba=bounds, uba=np.inf, lbx=np.append(unbounded, 0), ubx=np.inf)
+    x = np.asarray(solution["x"]).ravel()
+    points = points.copy()
+    points[:, free] = x[:-1].reshape(m, len(free))
+    du = U @ x[:-1] + u0
+    return FittedCurves(
+        points=points, deviation=float(np.sqrt(w @ (du**2).sum(axis=1)) / scale), violation=max(float(x[-1]), 0.0)
+    )
+
+
+def _constraints(joints: Joints, U: Array, u0: Array, largest: Mapping[str, float]) -> tuple[Array, Array]:
+    """Rows A and bounds b of A x >= b: the cone where the foot sticks, the normal force, and the largest torques."""
+    f = joints.force + np.einsum("nij,nj->ni", joints.force_response, u0)
+    F = np.einsum("nij,njx->nix", joints.force_response, U)
+    rows, bounds = list[Array](), list[Array]()
+    for where, direction in ((joints.sticks, (1, joints.friction)), (joints.sticks, (-1, joints.friction))):
+        rows.append(np.einsum("nix,i->nx", F[where], direction) / joints.weight)
+        bounds.append(MARGIN * joints.friction - f[where] @ direction / joints.weight)
+    rows.append(F[:, 1] / joints.weight)
+    bounds.append(MARGIN - f[:, 1] / joints.weight)
+    for k, motor in enumerate(joints.motors):
+        if motor in largest:
+            for sign in (1, -1):
+                rows.append(sign * U[:, k] / largest[motor])
+                bounds.append(-1 - sign * (joints.torques[:, k] + u0[:, k]) / largest[motor])
+    return np.concatenate(rows), np.concatenate(bounds)

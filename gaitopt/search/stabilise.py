@@ -1,0 +1,356 @@
+"""A feedback law that walks a known gait stably, as a problem with its solved gait.
+
+    gait  --  curves of its joints  --  problem with the law  --  gait under the law, verified, and its radius
+
+The law is one of two. Under **virtual constraints** the joints with motors follow curves over a phase of the posture,
+which are invariant under the impact: what is left of the motion has one degree of freedom, and its multiplier is
+delta^2 of the zero dynamics. This asks for one motor less than shape coordinates. Under **PD control** the joints track
+curves over the clock or over a phase; the gains are raised until the spectral radius is below its bound.
+
+The curves come from a quadratic program along the motion of the gait, see ``gaitopt.search.joint_curves``. Their degree
+is the least one at which they fit, or the one that is asked for.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.callbacks import Stop
+from gaitopt.display import Tabulated, counted
+from gaitopt.errors import ProblemError, SolveError
+from gaitopt.gait import curves
+from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.measures import observe
+from gaitopt.gait.records import GaitRecord
+from gaitopt.model.buffered import buffered
+from gaitopt.model.declaration import joint_limits
+from gaitopt.model.tracking import ProportionalDerivative
+from gaitopt.model.virtual_constraints import FootModel, VirtualConstraints
+from gaitopt.model.walker import WalkerType
+from gaitopt.problem.problem import Problem
+from gaitopt.requests import FeedbackLaw, StabiliseRequest
+from gaitopt.search.joint_curves import CLOCK, LEAST_DEGREE, FittedCurves, Joints, invariant_curves, tracked_curves
+from gaitopt.systems import solve_sequence
+from gaitopt.verification.verify import verify
+
+CLOSE = 0.25
+"""Torques in addition to those of the gait, relative to them, below which curves repeat it closely."""
+VIOLATED = 1e-6
+"""Violation of the cone by less is rounding of the quadratic program, as a part of the weight."""
+MOST_DEGREE = 12
+"""Largest degree that is tried; with more control points the curves are as hard to read as a table."""
+PD_DEGREE = 14
+"""Degree of curves that a PD law tracks; their errors are multiplied by the gains."""
+NO_TORQUE = 1e-9
+"""Torque, relative to the weight times the length, of a motor that does nothing."""
+MONOTONE = 0.02
+"""Least rate of a phase, relative to its mean, for it to be called monotone."""
+SETTLING = 5.0
+"""Decay of the outputs during one step: errors shrink by exp(-5) (1 + 5) = 4 %."""
+MULTIPLES = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0)
+"""Rates of the errors under PD control, in units of the slowest rate of the walker, sqrt(g / l)."""
+MOST_FAILURES = 3
+"""Laws in a row without a gait after which the search ends: higher gains, or degrees, do not help then."""
+STALLS = 0.99
+"""Higher gains under which the spectral radius does not fall below this part of the last one do not help either."""
+COMPARED = 101
+"""Fractions of the step at which two motions are compared."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stabilised(Tabulated):
+    """A law that walks a gait, and what became of the gait.
+
+    Attributes
+    ----------
+    gait : under the law, solved and verified; ``problem`` is its problem.
+    given : the gait that the law repeats.
+    law : kind of the law.
+    phase : of the curves: ``clock`` or the name of a phase variable.
+    least_rate : least rate of the phase along the given gait, relative to its mean.
+    fitted : the curves, and how closely they repeat the gait.
+    distance : largest difference of a shape coordinate between both gaits, at equal fractions of the step [rad, or m].
+    invariance : largest output, or rate of one, just after the impact [rad, rad/s]; None under PD control.
+    bound : upper bound of the spectral radius that was asked for.
+    attempts : laws that were tried and why they did not do, in order.
+    """
+
+    gait: Gait
+    given: Gait
+    law: FeedbackLaw
+    phase: str
+    least_rate: float
+    fitted: FittedCurves
+    distance: float
+    invariance: float | None
+    bound: float
+    attempts: tuple[str, ...] = ()
+
+    @property
+    def problem(self) -> Problem:
+        """The problem with the law, and with its gait as the guess."""
+        return self.gait.problem.with_guess(self.gait)
+
+    @property
+    def objections(self) -> tuple[str, ...]:
+        """Why the gait is not what was asked for; empty if it is."""
+        gait, efforts, words = self.gait, _efforts(type(self.gait.problem.walker)), list[str]()
+        if gait.verification is None or not gait.verification["passed"]:
+            words.append("the simulation does not confirm the gait")
+        if gait.scalar("spectral_radius") >= self.bound:
+            words.append(f"spectral radius {gait.scalar('spectral_radius'):.4g}, must be below {self.bound:g}")
+        peaks = {name: peak for name, peak in _peaks(gait).items() if peak > efforts.get(name, np.inf)}
+        return (*words, *(f"{name} needs {peak:.4g} N m, has {efforts[name]:g}" for name, peak in peaks.items()))
+
+    def to_record(self) -> dict[str, Any]:
+        """The JSON object of the gait with ``stabilised``, as on the command line."""
+        record, efforts = dict(self.gait.to_record()), _efforts(type(self.gait.problem.walker))
+        given: Mapping[str, Any] = dict(self.given.to_record())
+        compared = ("spectral_radius", "speed", "peak_torque", "torque_squared", "required_friction")
+        return {
+            **record,
+            "stabilised": {
+                "law": self.law.value,
+                "phase": self.phase,
+                "least_phase_rate": self.least_rate,
+                "degree": self.fitted.degree,
+                "torque_deviation": self.fitted.deviation,
+                "distance": self.distance,
+                "invariance": self.invariance,
+                "torques": {
+                    name: {"needed": peak, "available": efforts.get(name)} for name, peak in _peaks(self.gait).items()
+                },
+                "given": {"problem": self.given.problem.name, **{key: given[key] for key in compared}},
+                "objections": list(self.objections),
+                "attempts": list(self.attempts),
+            },
+        }
+
+
+def stabilise(
+    gait: Gait, request: StabiliseRequest, *, say: Callable[[str], None] | None = None, should_stop: Stop = None
+) -> Stabilised:
+    """A law under which a gait is stable; of those that were tried, the one that comes closest if none is.
+
+    Parameters
+    ----------
+    say : called with a line about each attempt.
+    should_stop : polled while gaits are solved; True ends the search.
+
+    Raises
+    ------
+    SolveError
+        If the gait is a failed solve, or no law has a gait near it.
+    ProblemError
+        If the walker has no motors or too few of them for virtual constraints, if the gait has several steps or
+        contacts, or if no phase is monotone along it.
+    KeyboardInterrupt
+        If ``should_stop`` ends it before a law has a gait.
+    """
+    _check(gait)
+    law = request.law or (FeedbackLaw.CONSTRAINTS if _driven(gait) else FeedbackLaw.PD)
+    attempts, best, failures, last = list[str](), cast(Stabilised | None, None), 0, np.inf
+    for control, fitted, joints, phase in _laws(gait, law, request):
+        words = f"degree {fitted.degree}, {_gains(control)}"
+        try:
+            problem = _problem(gait, control)
+        except ProblemError as error:  # curves with impossible angles: the gains are too small for the torques
+            attempts.append(f"{words}: {error}")
+            continue
+        solved = solve_sequence(problem, should_stop=should_stop)
+        if solved.status is Status.INTERRUPTED:
+            if best is None:
+                raise KeyboardInterrupt
+            break
+        if not solved.converged:
+            attempts.append(f"{words}: {solved.message}")
+        else:
+            solved = solved.verified(verify(solved).to_record())
+            made = Stabilised(
+                gait=solved, given=gait, law=law, phase=phase, least_rate=joints.least_rate, fitted=fitted,
+                invariance=_invariance(solved), distance=_distance(gait, solved), bound=request.radius,
+            )  # fmt: skip
+            best = made if best is None or _rank(made) < _rank(best) else best
+            if not made.objections:
+                break
+            attempts.append(f"{words}: {'; '.join(made.objections)}")
+        if say is not None:
+            say(attempts[-1])
+        radius = solved.scalar("spectral_radius") if solved.converged else np.inf
+        failures = failures + 1 if radius > STALLS * last or not solved.converged else 0
+        last = min(radius, last)
+        if failures == MOST_FAILURES:
+            break
+    if best is None:
+        raise SolveError(f"{gait.problem.name}: no {law.value} law has a gait near it; tried {'; '.join(attempts)}")
+    return replace(best, attempts=tuple(attempts))
+
+
+def _check(gait: Gait) -> None:
+    """Raise an error for a gait that no law can repeat."""
+    name, walker = gait.problem.name, gait.system.walker
+    if not gait.converged:
+        raise SolveError(f"{name} is {gait.status}: there is no gait to stabilise")
+    if not walker.actuators:
+        raise ProblemError(f"{name}: the {walker.model} has no motors: no law acts on it")
+    if len(gait.steps) > 1:
+        raise ProblemError(f"{name} has cycles of {len(gait.steps)} steps; name a gait that repeats after every step")
+    if any(len(arc.mode.touching) != 1 for arc in gait.arcs):
+        raise ProblemError(
+            f"{name}: there is not one contact on the ground at every time; only such gaits are repeated"
+        )
+
+
+def _driven(gait: Gait) -> tuple[str, ...]:
+    """The motors of virtual constraints: one less than shape coordinates; empty if there are more or fewer.
+
+    Of a walker with as many motors as coordinates, a motor that does nothing in the gait is left out.
+    """
+    walker = gait.system.walker
+    names = walker.actuators
+    if len(names) == len(walker.shape):
+        smallest = NO_TORQUE * gait.dynamics.scales.energy
+        names = tuple(name for name, torque in _peaks(gait).items() if torque > smallest)
+    return names if len(names) == len(walker.shape) - 1 else ()
+
+
+def _peaks(gait: Gait) -> dict[str, float]:
+    """The largest torque of each motor in a gait [N m]."""
+    peaks = np.concatenate([np.abs(observe(arc).torque) for arc in gait.arcs]).max(axis=0)
+    return dict(zip(gait.system.walker.actuators, peaks.tolist(), strict=True))
+
+
+def _efforts(walker: WalkerType) -> dict[str, float]:
+    """The largest torque that a motor can give, of those motors for which the robot's file states it [N m]."""
+    limits = joint_limits(walker)
+    efforts = {name: limits[name][1] for name in walker.actuators if name in limits}
+    return {name: effort for name, effort in efforts.items() if effort is not None}
+
+
+def _along_phase(gait: Gait, names: Sequence[str], motors: Sequence[str], stated: str | None) -> tuple[Joints, str]:
+    """Joints along the stated phase, or along the first one that is monotone; those that the walker names come first.
+
+    Raises
+    ------
+    ProblemError
+        If the walker has no such phase, or if it is not monotone.
+    """
+    name, walker = gait.problem.name, gait.system.walker
+    known = [phase for phase in (*walker.phases, *walker.shape) if phase not in names]
+    if stated is not None and stated not in known:
+        words = "is an output itself" if stated in names else f"is no phase variable of the {walker.model}"
+        raise ProblemError(f"{name}: {stated!r} {words}; it has {', '.join(known) or 'none'}")
+    rates = list[str]()
+    for phase in known if stated is None else [stated]:
+        joints = Joints.of(gait, names, motors, phase)
+        if joints.least_rate > MONOTONE:
+            return joints, phase
+        rates.append(f"{phase} ({joints.least_rate:.2g})")
+    words = f"least rate relative to the mean: {', '.join(rates)}"
+    raise ProblemError(f"{name}: no phase is monotone along the gait ({words}); use a PD law over the clock")
+
+
+def _laws(
+    gait: Gait, law: FeedbackLaw, request: StabiliseRequest
+) -> Iterator[tuple[dict[str, Any], FittedCurves, Joints, str]]:
+    """Laws as in a problem file with their curves, the joints along their phase, and the phase.
+
+    The lowest degree, or the least gains, come first.
+    """
+    name, walker, efforts = gait.problem.name, gait.system.walker, _efforts(type(gait.problem.walker))
+    if law is FeedbackLaw.CONSTRAINTS:
+        motors = _driven(gait)
+        if not motors:
+            words = f"the {walker.model} has {len(walker.shape)} and {counted(len(walker.actuators), 'motor')}"
+            raise ProblemError(
+                f"{name}: virtual constraints need one motor less than shape coordinates; {words}: use a PD law, or a "
+                "gait in which one motor less is used"
+            )
+        joints, phase = _along_phase(gait, motors, motors, request.phase)
+        degrees = range(LEAST_DEGREE, MOST_DEGREE + 1) if request.degree is None else [request.degree]
+        fits = [invariant_curves(joints, degree, efforts) for degree in degrees]
+        close = [fit for fit in fits if fit.deviation < CLOSE and fit.violation <= VIOLATED]
+        rate, slips = SETTLING / gait.scalar("period"), any(arc.mode.slips for arc in gait.arcs)
+        for fitted in close or [min(fits, key=lambda fit: (fit.violation, fit.deviation))]:
+            control: dict[str, Any] = {
+                "type": VirtualConstraints.type,
+                "outputs": list(motors),
+                "phase": phase,
+                "span": list(joints.span),
+                "reference": {"bezier": fitted.rows(joints.names)},
+                "gains": {"kp": rate**2, "kd": 2 * rate},
+                "model": FootModel.ACTUAL if slips else FootModel.STICK,
+                **({} if motors == walker.actuators else {"motors": list(motors)}),
+            }
+            yield control, fitted, joints, phase
+        return
+    if len(walker.tracked) != len(walker.actuators):
+        raise ProblemError(f"{name}: the {walker.model} does not define `tracked`, the joint of each motor")
+    if request.phase in (None, CLOCK):
+        joints, phase = Joints.of(gait, walker.tracked, walker.actuators, CLOCK), CLOCK
+    else:
+        joints, phase = _along_phase(gait, walker.tracked, walker.actuators, request.phase)
+    inertia = float(np.median(np.linalg.eigvalsh(np.linalg.inv(joints.response)).max(axis=1)))
+    for multiple in MULTIPLES:
+        rate = multiple / gait.dynamics.scales.time
+        kp, kd = inertia * rate**2, 2 * inertia * rate
+        fitted, (start, end) = tracked_curves(joints, request.degree or PD_DEGREE, (kp, kd), efforts), joints.span
+        argument = (
+            {"duration": end, "beyond_end": "linear"} if phase == CLOCK else {"phase": phase, "span": [start, end]}
+        )
+        reference = {"bezier": fitted.rows(joints.names), **argument}
+        control = {"type": ProportionalDerivative.type, "kp": kp, "kd": kd, "reference": reference}
+        yield control, fitted, joints, phase
+
+
+def _problem(gait: Gait, control: Mapping[str, Any]) -> Problem:
+    """The problem of a gait with another law, and with the gait as its guess."""
+    given, record = gait.problem, cast(GaitRecord, gait.to_record())
+    plain = replace(given, free={}, objective={}, constraints={}, origin=None, file=None)
+    state = {name: record["state"][name] for name in gait.system.section(gait.cycle).names}
+    durations = [phase["duration"] for phase in record["phases"]]
+    changes: dict[str, object] = {key: v for key, v in gait.freed.items() if not key.startswith("control.")}
+    changes |= {"control": dict(control), "gait.guess": {"state": state, "durations": durations}}
+    made = plain.replace(changes).from_guess()
+    return replace(
+        made, name=f"{given.name}-stabilised", about=f"A feedback law that walks {given.name}.", text="", path=None
+    )
+
+
+def _gains(control: Mapping[str, Any]) -> str:
+    gains = control.get("gains", control)
+    return f"kp {gains['kp']:.4g}, kd {gains['kd']:.4g}"
+
+
+def _rank(made: Stabilised) -> tuple[int, float]:
+    return len(made.objections), made.gait.scalar("spectral_radius")
+
+
+def _distance(one: Gait, other: Gait) -> float:
+    """Largest difference of a shape coordinate between two gaits, at equal fractions of the step [rad, or m]."""
+    first, second = (_postures(gait) for gait in (one, other))
+    return float(np.abs(first - second).max())
+
+
+def _postures(gait: Gait) -> Array:
+    """Shape coordinates at equal fractions of the step, shape (COMPARED, n_shape)."""
+    times, n = np.linspace(0, gait.arcs[-1].end, COMPARED), len(gait.system.walker.shape)
+    index = np.searchsorted([arc.end for arc in gait.arcs[:-1]], times)
+    rows = list[Array]()
+    for k, arc in enumerate(gait.arcs):
+        s = np.clip(2 * (times[index == k] - arc.start) / arc.duration - 1, -1, 1)
+        rows.append(curves.evaluate(curves.coefficients(arc.states[:, :n]), s))
+    return np.concatenate(rows)
+
+
+def _invariance(gait: Gait) -> float | None:
+    """Largest output of virtual constraints, or rate of one, just after the impact; None under another law."""
+    arc = gait.arcs[0]
+    if not isinstance(gait.system.control, VirtualConstraints):
+        return None
+    function = buffered(gait.system.quantities(arc.mode))
+    y, rates, _ = function(0.0, gait.steps[-1].final_impact.state, gait.p, gait.system.data(arc.segment))
+    return float(max(np.abs(y).max(), np.abs(rates).max()))

@@ -1,0 +1,157 @@
+"""Feedback laws that walk known gaits: invariance, optimality of the curves, what the simulator says of the result."""
+
+import numpy as np
+import pytest
+from named import named as gait
+
+import gaitopt as go
+from gaitopt.errors import ProblemError, SolveError, StorageError
+from gaitopt.model.curve import bernstein_matrix
+from gaitopt.search.joint_curves import CLOCK, Joints, invariant_curves, tracked_curves
+
+MOTORS = ("stance_hip", "stance_knee", "swing_hip", "swing_knee")
+
+
+@pytest.fixture(scope="module")
+def optimal():
+    return gait("rabbit-optimal")
+
+
+@pytest.fixture(scope="module")
+def walked(optimal):
+    return go.stabilise(optimal, progress=False)
+
+
+@pytest.fixture(scope="module")
+def slipping():
+    return go.solve(go.load_problem("compass-torque-slip").replace({"friction": 0.1}), progress=False)
+
+
+def test_an_unstable_optimum_becomes_a_stable_gait_that_is_invariant_under_its_impact(optimal, walked):
+    assert optimal.spectral_radius > 100
+    assert walked.objections == ()
+    assert go.verify(walked.gait).passed
+    assert walked.invariance < 1e-10
+    zero = walked.gait.to_record()["zero_dynamics"]
+    assert zero["invariant"]
+    assert walked.gait.spectral_radius == pytest.approx(zero["delta_squared"], abs=1e-8)
+    assert walked.gait.spectral_radius < 1
+    assert walked.distance < 0.05
+    assert walked.gait.measures["speed"] == pytest.approx(optimal.measures["speed"], rel=0.01)
+
+
+def test_outputs_stay_zero_along_a_simulated_walk(walked):
+    walk = go.simulate(walked.gait, steps=3)
+    control, system = walked.gait.system.control, walked.gait.system
+    names = [system.angle_names.index(name) for name in (*control.outputs, control.phase)]
+    for arc in walk.trajectory.steps[0].arcs:
+        angles = np.array([np.asarray(system.angles(z, walked.gait.p)[0]).ravel() for z in arc.states])[:, names]
+        assert np.abs(angles[:, :-1].T - control.curve(angles[:, -1])[0]).max() < 1e-9
+
+
+def test_the_torques_that_the_curves_predict_are_those_of_the_gait(optimal, walked):
+    squared = walked.gait.measures["torque_squared"] / optimal.measures["torque_squared"]
+    assert squared == pytest.approx(1 + walked.fitted.deviation**2, abs=0.02)  # of an optimum, to second order
+
+
+@pytest.mark.parametrize("degree", [4, 7])
+def test_curves_pass_through_the_postures_and_rates_beside_the_impact(optimal, degree):
+    joints = Joints.of(optimal, MOTORS, MOTORS, "stance_leg")
+    curve, (start, end) = invariant_curves(joints, degree, {}), joints.span
+    at = np.array([0.0, 1.0])
+    values = bernstein_matrix(degree, at) @ curve.points.T
+    slopes = bernstein_matrix(degree, at, 1) @ curve.points.T / (end - start)
+    assert np.abs(values - joints.angles[0][[0, -1]]).max() < 1e-12
+    assert np.abs(slopes - (joints.angles[1] / joints.phase[:, 1:2])[[0, -1]]).max() < 1e-12
+
+
+def test_curves_of_more_points_deviate_less(optimal):
+    joints = Joints.of(optimal, MOTORS, MOTORS, "stance_leg")
+    deviations = [invariant_curves(joints, degree, {}).deviation for degree in (4, 6, 8, 10, 12)]
+    assert deviations == sorted(deviations, reverse=True)
+
+
+def test_a_limit_of_the_torques_is_kept_by_the_curves(optimal):
+    joints = Joints.of(optimal, MOTORS, MOTORS, "stance_leg")
+    free, limited = (invariant_curves(joints, 8, limits) for limits in ({}, dict.fromkeys(MOTORS, 26.0)))
+    assert limited.violation < 1e-6
+    assert limited.deviation > free.deviation
+    assert invariant_curves(joints, 8, dict.fromkeys(MOTORS, 5.0)).violation > 0.1
+
+
+def test_tracked_curves_reproduce_the_torques_of_a_gait(slipping):
+    joints = Joints.of(slipping, ("theta1", "theta2"), ("ankle", "hip"), CLOCK)
+    kp, kd = 117.2, 31.56
+    curve = tracked_curves(joints, 14, (kp, kd), {})
+    values, slopes, _ = joints.basis(14)
+    reference, rates = values @ curve.points.T, slopes @ curve.points.T
+    torques = -kp * (joints.angles[0] - reference) - kd * (joints.angles[1] - rates)
+    assert np.sqrt(joints.weights @ ((torques - joints.torques) ** 2).sum(axis=1)) < 0.1
+    assert np.abs(reference - joints.angles[0]).max() < 0.2
+
+
+def test_responses_to_torques_are_those_of_finite_differences(optimal):
+    """The rate of an angle after a short time under a unit torque more, from the simulated flow."""
+    joints = Joints.of(optimal, MOTORS, MOTORS, "stance_leg")
+    other = optimal.problem.control.values
+    system, arc = optimal.system, optimal.arcs[3]
+    k = sum(each.times.size for each in optimal.arcs[:3]) + 5
+    names = [system.angle_names.index(name) for name in MOTORS]
+    flows = []
+    for bump in (0.0, 1.0):
+        row = {f"control.{m}.{n}": v + bump * (m == "swing_hip") for m in MOTORS for n, v in enumerate(other[m])}
+        p = system.values({**optimal.dynamics.parameters, **row})
+        dz = np.asarray(system.flow(arc.mode)(arc.times[5], arc.states[5], p, system.data(arc.segment))).ravel()
+        rate = [np.asarray(system.angles(arc.states[5] + h * dz, p)[1]).ravel()[names] for h in (-1e-6, 1e-6)]
+        flows.append((rate[1] - rate[0]) / 2e-6)
+    assert flows[1] - flows[0] == pytest.approx(joints.response[k][:, 2], abs=1e-5)
+
+
+def test_pd_control_with_the_least_gains_stabilises_a_slipping_gait(slipping):
+    assert slipping.spectral_radius > 1
+    made = go.stabilise(slipping, progress=False)
+    assert (made.law, made.phase, made.objections) == ("pd", "clock", ())
+    assert made.gait.spectral_radius < 1
+    assert all("spectral radius" in words for words in made.attempts)
+    assert made.gait.problem.cycle == slipping.problem.cycle
+    assert made.distance < 1e-3
+
+
+def test_a_bound_of_the_radius_that_no_gains_reach_is_an_objection(slipping):
+    made = go.stabilise(slipping, radius=1e-9, degree=14, progress=False)
+    assert made.objections
+    assert "must be below 1e-09" in made.objections[0]
+
+
+@pytest.mark.parametrize(
+    ("start", "words", "options"),
+    [
+        (lambda: gait("compass-passive-two-step"), "cycles of 2 steps", {}),
+        (lambda: gait("crawler"), "not one contact on the ground", {}),
+        (lambda: gait("compass-torque-stick"), "one motor less than shape coordinates", {"law": "virtual_constraints"}),
+        (lambda: gait("rabbit-optimal"), "'hip' is no phase variable of the rabbit", {"phase": "hip"}),
+        (lambda: gait("rabbit-optimal"), r"no phase is monotone .* torso", {"phase": "torso"}),
+    ],
+)
+def test_gaits_that_no_law_repeats_are_refused_in_one_sentence(start, words, options):
+    with pytest.raises(ProblemError, match=words):
+        go.stabilise(start(), progress=False, **options)
+
+
+def test_a_failed_solve_is_no_gait_to_stabilise():
+    failed = go.solve(go.load_problem("compass-torque-stick").replace({"friction": 0.05}), progress=False)
+    with pytest.raises(SolveError, match="there is no gait to stabilise"):
+        go.stabilise(failed, progress=False)
+
+
+def test_the_written_problem_has_the_same_gait_and_no_file_is_overwritten(walked, tmp_path):
+    from gaitopt.api.stored import check_problem_file, write_problem_file
+
+    file = tmp_path / "new" / "stable.yaml"
+    write_problem_file(walked.problem, file)
+    again = go.solve(file, progress=False)
+    assert again.converged
+    assert again.state == pytest.approx(walked.gait.state, abs=1e-10)
+    assert again.problem.digest == walked.problem.digest
+    with pytest.raises(StorageError, match="it exists"):
+        check_problem_file(file)
