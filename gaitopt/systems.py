@@ -214,6 +214,8 @@ def _shared_system(structure: _Structure) -> HybridSystem:
     problem = structure.problem
     control = _control(problem, structure.should_stop)
     law = problem.friction_law
+    if control.untimed is not control:
+        return build_system(replace(problem, control=control.untimed)).retimed(control)
     system = HybridSystem(type(problem.walker), control, problem.impact_law, law, problem.cycle_end)
     if problem.control.source[0]:  # the torques of any other law are checked when its problem is read
         raise_faults(torque_faults(problem, control, lambda: system), problem.place)

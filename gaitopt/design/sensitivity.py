@@ -135,7 +135,7 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     dz += by[:, :, n_z + 2 :]
 
     # quantities there
-    quantities = buffered_map(_quantities(system, arc.mode, t.free), arc.times.size)
+    quantities = buffered_map(_quantities(system.shared, arc.mode, t.free), arc.times.size)
     rows, jacobians = quantities(arc.times[:, None], arc.states, p, data)
     values, by = rows.T.copy(), jacobians.transpose(2, 0, 1)
     total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + n_z], dz) + by[:, :, 1 + n_z :]

@@ -200,7 +200,7 @@ class SmoothedScalars:
             return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *t.constants(arc, arc.intervals)]
 
         samples = []
-        for i, wide in enumerate(t.map_arcs(lambda mode: sampled_step(system, mode), columns)):
+        for i, wide in enumerate(t.map_arcs(lambda mode: sampled_step(system.shared, mode), columns)):
             arc, _, start, h = t.arc(i)
             states = reshape(wide, system.n_z, n * arc.intervals)
             fractions = (np.arange(arc.intervals)[:, None] + LOBATTO_POINTS).ravel()

@@ -150,6 +150,11 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         return (type(self), tuple(self.parameters), fixed, *(each.structure for each in references.values()))
 
     @property
+    def untimed(self) -> "Control":
+        """The law that stands for all whose expressions are the same, at whatever breakpoints; itself if it is alone."""
+        return self
+
+    @property
     def source(self) -> tuple[str, Path]:
         """Name or path of the problem whose gait the law needs, and the path of its key; empty if there is none."""
         for name, reference in self.targets.items():

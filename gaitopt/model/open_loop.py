@@ -106,6 +106,11 @@ class OpenLoop(Control):
             () if self.duration is None else tuple(self.duration * k / self.intervals for k in range(1, self.intervals))
         )
 
+    @property
+    def untimed(self) -> "OpenLoop":
+        """The law of unit intervals: start and length of an interval are segment data."""
+        return self if self.duration is None else self.model_copy(update={"duration": None})
+
     def data(self, segment: int) -> Array:
         """Start and length of an interval, and weights that select it."""
         length = 1.0 if self.duration is None else self.duration / self.intervals

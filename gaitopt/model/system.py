@@ -111,6 +111,18 @@ class HybridSystem:
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
+        self._origin: HybridSystem | None = None
+
+    def retimed(self, control: Control) -> "HybridSystem":
+        """The same functions under a law that differs in breakpoints, segment data and values of parameters alone."""
+        twin = object.__new__(HybridSystem)
+        vars(twin).update(vars(self), control=control, _data={}, _origin=self.shared)
+        return twin
+
+    @property
+    def shared(self) -> "HybridSystem":
+        """The system whose functions this one has; key of all that follows from the functions alone."""
+        return self._origin or self
 
     @property
     def expressions(self) -> Expressions:

@@ -161,7 +161,7 @@ class NaturalDynamics:
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.dynamics, self.system, scales = dynamics, dynamics.system, dynamics.scales
-        self.functions = natural_system(dynamics.system)
+        self.functions = natural_system(dynamics.system.shared)
         self.time, self.speed, self.state = scales.time, scales.speed, dynamics.state_units
         most = dynamics.system.transitions.most_margins
 

@@ -77,7 +77,7 @@ def integrate_to(
     units : ndarray, shape (n_z,) - natural units of states, in which every step is halved until its error is rounding;
         None for one step between neighbouring times.
     """
-    step = buffered(shooting_step(system, mode))
+    step = buffered(shooting_step(system.shared, mode))
 
     def moved(z: Array, t: float, h: float) -> Array:
         return step(z, t, h, p, r)[0].copy()
@@ -163,7 +163,7 @@ def step_derivatives(
     nodes, times, lengths : states at which the steps start, shape (n_z, K), the times, and the lengths, (K,) [s].
     p, r : all parameters, and the segment data of the control.
     """
-    (columns,) = buffered_map(stage_derivatives(system, mode, free), times.size)(
+    (columns,) = buffered_map(stage_derivatives(system.shared, mode, free), times.size)(
         nodes.T, times[:, None], lengths[:, None], p, r
     )
     _, by = differentiated_steps(nodes.T, stages_of(columns, system.n_z), lengths)

@@ -344,9 +344,9 @@ class _ModeFlow:
         self._may_jump = after is not mode and after in table.at_breakpoint(mode).candidates
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
-        self._within, self._margins = shooting_step(system, mode), buffered(system.margins(mode))
+        self._within, self._margins = shooting_step(system.shared, mode), buffered(system.margins(mode))
         self._many_margins = buffered_map(system.margins(mode), WIDTH)
-        point = _rate_and_margins(system, mode)
+        point = _rate_and_margins(system.shared, mode)
         self._point = Buffers(point)
         self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
 

@@ -261,7 +261,7 @@ class MultipleShooting:
             times = start + h * MX(np.arange(arc.intervals)).T
             return [Z[:, :-1], times, repmat(h, 1, arc.intervals), *self.constants(arc, arc.intervals)]
 
-        ends = self.map_arcs(lambda mode: shooting_step(self.system, mode), columns)
+        ends = self.map_arcs(lambda mode: shooting_step(self.system.shared, mode), columns)
         nodes = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.mesh.arcs))))
         phase_ends, phase_starts = (self.Z[:, at] for at in self.mesh.joints)
         joined = conditions(*self._cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
@@ -458,7 +458,7 @@ class MultipleShooting:
         start, end = self.mesh.arc_times(durations.tolist())[index]
         h, places = (end - start) / arc.intervals, fractions * arc.intervals
         k = np.minimum(places.astype(int), arc.intervals - 1)
-        step = buffered_map(shooting_step(self.system, arc.mode), fractions.size)
+        step = buffered_map(shooting_step(self.system.shared, arc.mode), fractions.size)
         values, data = self._per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
         (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
         return states.copy()
@@ -506,7 +506,7 @@ class MultipleShooting:
     @cached_property
     def _steps(self) -> list[BufferedMap]:
         """The steps of all intervals of every arc."""
-        return [buffered_map(shooting_step(self.system, arc.mode), arc.intervals) for arc in self.mesh.arcs]
+        return [buffered_map(shooting_step(self.system.shared, arc.mode), arc.intervals) for arc in self.mesh.arcs]
 
     # ---- the Jacobian of the equalities
 
@@ -559,7 +559,7 @@ class MultipleShooting:
         roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self._per_phase(np.array(names))]
         for arc in self.mesh.arcs:
             free = tuple(roles[arc.phase][name] for name in self.free)
-            maps.append(buffered_map(stage_derivatives(self.system, arc.mode, free), arc.intervals))
+            maps.append(buffered_map(stage_derivatives(self.system.shared, arc.mode, free), arc.intervals))
         return maps
 
     @cached_property
