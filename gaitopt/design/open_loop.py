@@ -26,16 +26,10 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
 from gaitopt.problem.statement import Range
-from gaitopt.solver.collocation import (
-    INTERVALS,
-    MAX_ITERATIONS,
-    ROOM,
-    SAMPLES,
-    STRUCTURAL,
-    Collocation,
-    Motion,
-    straight_motion,
-)
+from gaitopt.solver.collocation import MAX_ITERATIONS, SAMPLES, STRUCTURAL, Collocation, Motion
+from gaitopt.solver.collocation_mesh import INTERVALS, Places
+from gaitopt.solver.collocation_rows import ROOM
+from gaitopt.solver.first_gait import straight_motion
 from gaitopt.solver.ipopt import IpoptResult
 from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram, checked_gait, failed_gait
 from gaitopt.solver.rollout import guessed_motion
@@ -67,7 +61,6 @@ CLOSE_ITERATIONS = 25
 _Begin: TypeAlias = tuple[Motion, Array, Array, list[float]]
 """Motion, torque values, durations and freed parameters with which a search starts."""
 _Found: TypeAlias = tuple[Collocation, IpoptResult]
-_Places: TypeAlias = tuple[tuple[int, float], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +109,7 @@ def optimise(
     free = {key: (each.lower, each.upper) for key, each in problem.free.items()}
     limit = problem.constraints.get(RADIUS, UNBOUNDED).maximum
 
-    def search(begin: _Begin, places: _Places, again: _Found | None, radius: float = np.inf) -> _Found:
+    def search(begin: _Begin, places: Places, again: _Found | None, radius: float = np.inf) -> _Found:
         nonlocal iterations
         close = known and again is None
         for _ in range(MAX_EXCHANGES):
@@ -150,10 +143,10 @@ def optimise(
         values = np.array(
             [start.dynamics.parameter(f"control.{name}.{k}") for name in law.values for k in range(law.count)]
         )
-    begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), _Places()
+    begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), Places()
     if known:
         collocation = _collocation(problem, system, durations, free, radius=np.inf, intervals=intervals)
-        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE))
+        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE, beside=1))
     found = search(begin, places, None)
     collocation, result = found
     if result.status is not Status.CONVERGED:
@@ -202,7 +195,7 @@ def _collocation(
     *,
     radius: float | None = None,
     intervals: int = INTERVALS,
-    places: _Places = (),
+    places: Places = (),
 ) -> Collocation:
     """The program of a problem; ``radius`` bounds the multipliers, like the problem by default."""
     goals, bound = _without_radius(problem), problem.constraints.get(RADIUS)
@@ -384,11 +377,12 @@ class _Known:
     gait: Gait
 
     def __call__(self, phase: int, times: Array) -> Array:
-        return np.array([self._state(float(time)) for time in times])
-
-    def _state(self, time: float) -> Array:
-        arc = next((arc for arc in self.gait.arcs if time <= arc.end), self.gait.arcs[-1])
-        return np.array([np.interp(time, arc.times, column) for column in arc.states.T])
+        arcs, states = self.gait.arcs, np.empty((times.size, self.gait.system.n_z))
+        of_arc = np.minimum(np.searchsorted([arc.end for arc in arcs], times), len(arcs) - 1)
+        for k in np.unique(of_arc).tolist():
+            arc, mine = arcs[k], of_arc == k
+            states[mine] = np.stack([np.interp(times[mine], arc.times, column) for column in arc.states.T], axis=1)
+        return states
 
 
 def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> tuple[Motion, Array]:

@@ -27,7 +27,8 @@ from gaitopt.building import BUILT, building
 from gaitopt.design.spectral_radius import CircleInequality, circle_inequalities
 from gaitopt.model.buffered import BufferedFunction
 from gaitopt.model.modes import Mode
-from gaitopt.solver.collocation import DURATION, Collocation
+from gaitopt.solver.collocation import Collocation
+from gaitopt.solver.collocation_rows import DURATION
 
 RADIUS = "spectral_radius"
 STEP = 1e-5

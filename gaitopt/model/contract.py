@@ -282,12 +282,21 @@ def check_clock(law: Control) -> None:
     varied = symbolic(law, parameter_names(law, SX.sym("p", len(law.parameters))))
     for key, value in read.items():
         try:
-            same = repr(value(varied)) == repr(stated[key])
+            same = _equal(value(varied), stated[key])
         except Exception:  # noqa: BLE001 - a law that computes with symbols in place of numbers may raise anything
             same = False
         if not same:
             words = "depends on a parameter, which may vary: annotate that one as Annotated[float, gaitopt.Fixed]"
             raise ProblemError(f"{name}: {key} {words}")
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two values of a law are equal; expressions are compared by their texts."""
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_equal, one, other))
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray) and one.dtype.kind in "iuf":
+        return np.array_equal(one, other)
+    return repr(one) == repr(other)
 
 
 def jumping_operations(torques: Function, kinds: Mapping[int, str] = JUMPING) -> tuple[str, ...]:

@@ -151,7 +151,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     @property
     def untimed(self) -> "Control":
-        """The law that stands for all whose expressions are the same, at whatever breakpoints; itself if it is alone."""
+        """The law of all that have its expressions, at any breakpoints; itself if there is no other."""
         return self
 
     @property

@@ -27,6 +27,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
+from gaitopt.solver.first_gait import first_gait
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
 from gaitopt.solver.rollout import (

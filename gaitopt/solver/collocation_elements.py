@@ -1,0 +1,218 @@
+"""Expressions of a direct collocation: of a point, of an impact, and of the scalars of a step.
+
+Each is a function (y, c, p) -> (f, g) of few unknowns y, which ``solver.elements`` applies to many groups of them:
+
+    point     f = 0, g = (-h dz/dt, margins, path quantities, extrema, bounds of |power|, -weight h rates)
+    impact    f = 0, g = (-z_plus, -step length, -work of the push, margins)
+    scalars   f = objective, g = scalars with a formula
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from casadi import SX, Function, cse, dot, pi, sin, sqrt, sum1, vertcat
+
+from gaitopt.building import built_once
+from gaitopt.model.modes import Mode
+from gaitopt.model.open_loop import OpenLoop, Order
+from gaitopt.model.system import HybridSystem
+from gaitopt.problem.problem import Problem
+from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS
+
+SMOOTHING = 3e-5
+"""Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
+POWER = "absolute_power"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Goals:
+    """What objective and constraints of a problem name, sorted by how they are stated; without the numbers of bounds.
+
+    Attributes
+    ----------
+    objective : names with weights.
+    constrained : scalars, states, freed parameters and path quantities that have a range.
+    bounds_power : whether bounds on |power|, which are unknowns, replace it: less absolute work is better, or only
+        limited.
+    arch : least height of the swing foot in the middle of the step [m].
+    """
+
+    objective: tuple[tuple[str, float], ...]
+    constrained: tuple[str, ...]
+    bounds_power: bool
+    arch: float
+
+    @classmethod
+    def of(cls, problem: Problem) -> "Goals":
+        """The goals of a problem."""
+        ranges, name = problem.constraints, "absolute_cost_of_transport"
+        named = name in ranges or name in problem.objective
+        limited = name not in ranges or bool(np.isinf(ranges[name].minimum))
+        return cls(
+            objective=tuple(problem.objective.items()),
+            constrained=tuple(ranges),
+            bounds_power=named and problem.objective.get(name, 0.0) >= 0 and limited,
+            arch=ranges[CLEARANCE].minimum if CLEARANCE in ranges else 0.0,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, once each."""
+        return tuple(dict.fromkeys((*dict(self.objective), *self.constrained)))
+
+    @property
+    def extrema(self) -> tuple[str, ...]:
+        """Scalars that are extrema."""
+        return tuple(name for name in self.names if name in SCALARS and SCALARS[name].extremum)
+
+    @property
+    def formulas(self) -> tuple[str, ...]:
+        """Scalars that have a formula."""
+        return tuple(name for name in self.names if name in SCALARS and SCALARS[name].formula)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Quantities that have a range along the whole step."""
+        return tuple(name for name in self.constrained if name == CLEARANCE or name.startswith(ANGLE))
+
+    @property
+    def rates(self) -> tuple[str, ...]:
+        """The integrals that the formulas contain."""
+        symbols = _Symbols(*(SX.sym(name) for name in ("d", "distance", "slip", "weight", "push", "incline")))
+        for name in self.formulas:
+            formula = SCALARS[name].formula
+            assert formula is not None
+            formula(symbols)
+        return tuple(symbols.integrals)
+
+
+class _Symbols:
+    """The quantities of formulas as symbols; integrals that are asked for are collected."""
+
+    def __init__(self, durations: SX, distance: SX, slip: SX, weight: SX, push: SX, incline: SX) -> None:
+        self.duration, self.distance, self.slip, self.incline = sum1(durations), distance, slip, incline
+        self.weight, self.transport, self.push_work = weight, weight * distance, push
+        self.integrals: dict[str, SX] = {}
+
+    def integral(self, rate: str) -> SX:
+        """The symbol of an integral."""
+        return self.integrals.setdefault(rate, SX.sym(rate))
+
+
+@dataclass(frozen=True, slots=True)
+class PointKey:
+    """What determines the function of a point."""
+
+    system: HybridSystem
+    mode: Mode
+    n_phases: int
+    free: tuple[str, ...]
+    goals: Goals
+    dynamic: bool
+    timed: bool
+
+
+@built_once(maxsize=64)
+def point_function(key: PointKey) -> Function:
+    """(y, c, p) -> (0, g) of a point, with y = (z, torque values, bounds of |power|, durations, T, freed, extrema).
+
+    c = (start of the time and of h, each affine in the durations and T; interval of the law; weight; clearance; data)
+    and g = (-h dz/dt if dynamic, margins, path quantities, extrema, |power| below its bounds, -weight h rates).
+    """
+    system, mode = key.system, key.mode
+    goals, bounds_power = key.goals, key.dynamic and key.goals.bounds_power
+    law, n, m = system.control, system.n_z, key.n_phases
+    open_loop = isinstance(law, OpenLoop)
+    motors = [*law.values] if isinstance(law, OpenLoop) else []
+    ends = 2 if isinstance(law, OpenLoop) and law.order is Order.LINEAR else 1
+    z, values = SX.sym("z", n), SX.sym("values", len(motors) * ends)
+    d, v, e = SX.sym("d", m), SX.sym("v", len(key.free)), SX.sym("e", len(goals.extrema))
+    duration, most = SX.sym("T", int(key.timed)), SX.sym("P", len(system.walker.actuators) if bounds_power else 0)
+    y, T = vertcat(z, values, most, d, duration, v, e), duration if key.timed else sum1(d)
+    data = SX.sym("r", 0 if open_loop else system.n_r)
+    time, length = SX.sym("time", m + 2), SX.sym("h", m + 2)
+    segment, weight, arch = SX.sym("segment"), SX.sym("weight"), SX.sym("arch")
+    c = vertcat(time, length, segment, weight, arch, data)
+    p = SX.sym("p", len(system.parameters))
+    at = vertcat(1, d, T)
+    t, h = dot(time, at), dot(length, at)
+    known = dict(zip(key.free, [v[k] for k in range(len(key.free))], strict=True))
+    since, r = t, data
+    if isinstance(law, OpenLoop):  # the first interval of a law of unit intervals stands for all
+        known |= {f"control.{name}.{k}": SX(0) for name in motors for k in range(law.count)}
+        known |= {f"control.{name}.{k}": values[ends * j + k] for j, name in enumerate(motors) for k in range(ends)}
+        since, r = law.intervals * t / T - segment, SX(law.model_copy(update={"duration": None}).data(0))
+    full = vertcat(*(known.get(name, p[k]) for k, name in enumerate(system.parameters)))
+    dz, margins = system.flow(mode)(since, z, full, r), system.margins(mode)(since, z, full, r)
+    force, torque, power, foot, *_ = system.observation(mode)(since, z, full, r)
+    rows = [-h * dz] if key.dynamic else []
+    rows.append(margins)
+    for name in goals.paths:
+        angle = None if name == CLEARANCE else system.angle_names.index(name.removeprefix(ANGLE))
+        rows.append(foot[1] - arch * sin(pi * t / sum1(d)) if angle is None else system.angles(z, full)[0][angle])
+    for k, name in enumerate(goals.extrema):
+        match name:
+            case "peak_torque":
+                rows += [e[k] - torque, e[k] + torque]
+            case "required_friction" if mode.sticks:
+                rows += [e[k] * force[1] - force[0], e[k] * force[1] + force[0]]
+            case "min_normal_force":
+                rows += [force[1] - e[k]]
+    width = SMOOTHING * system.weight(full)
+    if bounds_power:
+        rows += [most - power, most + power]
+    if key.dynamic:
+        by_rate = {
+            "power": sum1(power),
+            POWER: sum1(most) if bounds_power else sum1(sqrt(power**2 + width**2)),
+            "squared_torque": sum1(torque**2),
+        }
+        rows += [-weight * h * by_rate[rate] for rate in goals.rates]
+    return Function("point", [y, c, p], cse([SX(0), vertcat(*rows)]))
+
+
+@built_once(maxsize=32)
+def impact_function(
+    system: HybridSystem, modes: tuple[Mode, Mode], ends_step: bool, free: tuple[str, ...], ratio: bool
+) -> Function:
+    """(y, c, p) -> (0, (-z_plus, -step length, -work of the push, margins)) of y = (z, freed, impulse ratio).
+
+    Parameters
+    ----------
+    modes : of the impact, and before it; see ``HybridSystem.reset``.
+    """
+    z, v, e = SX.sym("z", system.n_z), SX.sym("v", len(free)), SX.sym("e", int(ratio))
+    p = SX.sym("p", len(system.parameters))
+    full = vertcat(*(v[free.index(name)] if name in free else p[k] for k, name in enumerate(system.parameters)))
+    z_plus = system.impact(*modes, ends_step=ends_step)(z=z, p=full)["z_plus"]
+    distance, x = z_plus[system.n_shape], system.n_shape
+    moved = vertcat(z_plus[:x], 0 if ends_step else z_plus[x], z_plus[x + 1 :])
+    push = system.push(z=z, p=full)["work"]
+    rows = [-moved, -distance, -push, system.impact_margins(*modes)(z, full)]
+    if ratio:
+        sticks = modes[0].with_states(dict.fromkeys(modes[0].touching, Mode.STICK))
+        impulse = system.impact(sticks, modes[1], ends_step=ends_step)(z=z, p=full)["impulse"]
+        rows += [e * impulse[1] - impulse[0], e * impulse[1] + impulse[0]]
+    return Function("impact", [vertcat(z, v, e), SX(0, 1), p], cse([SX(0), vertcat(*rows)]))
+
+
+@built_once(maxsize=32)
+def scalars_function(
+    system: HybridSystem, n_phases: int, free: tuple[str, ...], goals: Goals, states: tuple[str, ...]
+) -> Function:
+    """(y, c, p) -> (objective, scalars) of y = (durations, freed, integrals, lengths, extrema, states)."""
+    d, v = SX.sym("d", n_phases), SX.sym("v", len(free))
+    lengths, e, direct = SX.sym("lengths", 3), SX.sym("e", len(goals.extrema)), SX.sym("direct", len(states))
+    integrals, p = SX.sym("integrals", len(goals.rates)), SX.sym("p", len(system.parameters))
+    full = vertcat(*(v[free.index(name)] if name in free else p[k] for k, name in enumerate(system.parameters)))
+    symbols = _Symbols(d, lengths[0], lengths[1], SX(system.weight(full)), lengths[2], SX(system.incline(full)))
+    symbols.integrals = {rate: integrals[k] for k, rate in enumerate(goals.rates)}
+    values = {name: SCALARS[name].formula(symbols) for name in goals.formulas}  # type: ignore[misc]  # they have one
+    values |= {name: e[k] for k, name in enumerate(goals.extrema)}
+    values |= {name: v[k] for k, name in enumerate(free)} | {name: direct[k] for k, name in enumerate(states)}
+    total = sum((weight * values[name] for name, weight in goals.objective), SX(0))
+    return Function(
+        "scalars",
+        [vertcat(d, v, integrals, lengths, e, direct), SX(0, 1), p],
+        [total, vertcat(SX(0, 1), *(values[name] for name in goals.formulas))],
+    )

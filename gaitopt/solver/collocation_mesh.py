@@ -1,0 +1,226 @@
+"""Mesh of a direct collocation: intervals in order, the points of each, and the numbers of their states.
+
+Phases and intervals of the control divide a step. All times are affine in the durations d of the phases and the
+duration T of the law:
+
+    t_start, t_end = coefficients . (1, d, T)            t_j = t_start + c_j (t_end - t_start)
+
+Each interval has its state at the start, which ends the interval before it unless there is an impact between them, and
+its states at the Radau points c_j. States at further places are interpolated.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from casadi import collocation_coeff, collocation_points
+
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.model.control import Control
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.open_loop import OpenLoop, Order
+
+DEGREE = 5
+"""Radau points of an interval; the states at its end are then of order 9."""
+INTERVALS = 20
+"""Fewest intervals of a step."""
+
+Places = tuple[tuple[int, float], ...]
+"""Places between the points: numbers of intervals, and fractions of them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """One interval: its phase, the interval of the law, and start and end, affine in the durations and T.
+
+    The coefficients of (1, durations, T) are n_phases + 2.
+    """
+
+    phase: int
+    segment: int
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Point:
+    """A point at which margins hold; ``dynamic`` if it is a collocation point.
+
+    Attributes
+    ----------
+    interval, fraction : where it is.
+    state : index of its state among those of all points.
+    """
+
+    interval: int
+    fraction: float
+    state: int
+    dynamic: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CollocationMesh:
+    """What determines the points of a step: equal meshes have equal programs.
+
+    Attributes
+    ----------
+    cycle : the phases of one step.
+    intervals : in their order.
+    degree : number of Radau points of each.
+    jumps : whether torques may jump where the interval of the law changes.
+    places : at which margins hold besides the points.
+    """
+
+    cycle: Cycle
+    intervals: tuple[Interval, ...]
+    degree: int
+    jumps: bool
+    places: Places = ()
+
+
+def mesh_at(
+    cycle: Cycle, control: Control, durations: Array, *, degree: int, count: int, timed: bool, places: Places
+) -> CollocationMesh:
+    """The mesh with at least ``count`` intervals, in the order that switches and breakpoints have at some durations.
+
+    Parameters
+    ----------
+    timed : the duration of the law is an unknown of its own; otherwise it is the period.
+    """
+    m, period = len(cycle.phases), float(durations.sum())
+    axes = np.hstack([np.zeros((m, 1)), np.tril(np.ones((m, m))), np.zeros((m, 1))])  # ends of the phases
+    if isinstance(control, OpenLoop):
+        n = control.intervals
+        whole = np.array([0.0] * (m + 1) + [1.0] if timed else [0.0] + [1.0] * m + [0.0])
+        grid = [whole * k / n for k in range(1, n)]
+    else:
+        grid = [np.append(b, np.zeros(m + 1)) for b in control.breakpoints if b < period]
+    marks: list[tuple[Array, int | None, int | None]] = [(np.zeros(m + 2), 0, 0)]
+    marks += [(row, phase + 1, None) for phase, row in enumerate(axes)]
+    marks += [(row, None, k + 1) for k, row in enumerate(grid)]
+    at = affine(durations)
+    marks.sort(key=lambda mark: float(mark[0] @ at))
+    finer = int(np.ceil(count / max(1, len(marks) - 1)))
+    intervals, phase, segment = list[Interval](), 0, 0
+    for (start, new_phase, new_segment), (end, _, _) in pairwise(marks):
+        phase = phase if new_phase is None else new_phase
+        segment = segment if new_segment is None else new_segment
+        if phase >= m or float((end - start) @ at) <= 0:
+            continue
+        for k in range(finer):
+            begin, finish = (tuple((start + (end - start) * (k + j) / finer).tolist()) for j in (0, 1))
+            intervals.append(Interval(phase=phase, segment=segment, start=begin, end=finish))
+    jumps = not isinstance(control, OpenLoop) or control.order is Order.CONSTANT
+    return CollocationMesh(cycle=cycle, intervals=tuple(intervals), degree=degree, jumps=jumps, places=places)
+
+
+def affine(durations: Array) -> Array:
+    """What times are linear in: (1, durations, T), where T is the sum of the durations; shape (n_phases + 2,)."""
+    return np.concatenate([[1.0], durations, [durations.sum()]])
+
+
+def basis(degree: int, fractions: Array) -> Array:
+    """Values of the Lagrange polynomials of an interval at fractions of it (n,), shape (n, degree + 1)."""
+    tau = np.array([0.0, *collocation_points(degree, "radau")])
+    columns = [np.prod((fractions[:, None] - others) / (a - others), axis=1) for a, others in _beside(tau)]
+    return np.stack(columns, axis=1)
+
+
+def _beside(tau: Array) -> Iterator[tuple[float, Array]]:
+    """Each point with the others."""
+    for k, a in enumerate(tau.tolist()):
+        yield a, np.delete(tau, k)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points(ReadOnlyArrays):
+    """The points of a mesh and the numbers of their states; made by ``points_of``.
+
+    Attributes
+    ----------
+    mesh : of which they are.
+    all : the points in their order, those of further places last.
+    first : number of the state at the start of each interval.
+    inner : number of the state at the first collocation point of each.
+    phase_starts, phase_ends : numbers of the states at both ends of each phase.
+    n_states : number of states.
+    tau, C, B : 0 and the Radau points; derivatives of the Lagrange polynomials there; weights of the quadrature.
+    """
+
+    mesh: CollocationMesh
+    all: tuple[Point, ...]
+    first: tuple[int, ...]
+    inner: tuple[int, ...]
+    phase_starts: dict[int, int]
+    phase_ends: dict[int, int]
+    n_states: int
+    tau: Array
+    C: Array
+    B: Array
+    _starts: Array = field(repr=False)
+    _ends: Array = field(repr=False)
+
+    def of_interval(self, k: int) -> list[int]:
+        """Numbers of the states of an interval: at its start and at its collocation points."""
+        return [self.first[k], *range(self.inner[k], self.inner[k] + self.mesh.degree)]
+
+    def times(self, durations: Array) -> Array:
+        """Times of all states [s]."""
+        at, times = affine(durations), np.empty(self.n_states)
+        starts, ends = self._starts @ at, self._ends @ at
+        times[[*self.first]] = starts
+        interval = [pt.interval for pt in self.all]
+        fractions = np.array([pt.fraction for pt in self.all])
+        times[[pt.state for pt in self.all]] = starts[interval] + fractions * (ends - starts)[interval]
+        return times
+
+    def interpolated(self, states: Array, durations: Array, phase: int, times: Array) -> Array:
+        """States of the polynomials through ``states`` in a phase, at times since the impact, shape (n, n_z)."""
+        at = affine(durations)
+        mine = np.flatnonzero([interval.phase == phase for interval in self.mesh.intervals])
+        starts, ends = self._starts[mine] @ at, self._ends[mine] @ at
+        found = np.maximum(np.searchsorted(starts, times, side="right") - 1, 0)
+        weights = basis(self.mesh.degree, (times - starts[found]) / (ends[found] - starts[found]))
+        own = np.array([self.of_interval(k) for k in mine.tolist()])
+        return np.einsum("nk,nkz->nz", weights, states[own[found]])
+
+
+def points_of(mesh: CollocationMesh) -> Points:
+    """The points of a mesh."""
+    resets = {phase for phase, _ in mesh.cycle.resets}
+    tau = np.append(0.0, collocation_points(mesh.degree, "radau"))
+    C, _, B = collocation_coeff(list(tau[1:]))
+    states, points, first, inner = 0, list[Point](), list[int](), list[int]()
+    phase_starts, phase_ends = dict[int, int](), dict[int, int]()
+    for k, interval in enumerate(mesh.intervals):
+        before = mesh.intervals[k - 1] if k else None
+        if before is None or (before.phase != interval.phase and before.phase in resets):
+            states += 1  # a state of its own, after an impact
+        first.append(states - 1)
+        phase_starts.setdefault(interval.phase, states - 1)
+        jumps = before is not None and mesh.jumps and before.segment != interval.segment
+        if before is None or before.phase != interval.phase or jumps:
+            points.append(Point(interval=k, fraction=0.0, state=states - 1, dynamic=False))
+        inner.append(states)
+        for fraction in tau[1:].tolist():
+            points.append(Point(interval=k, fraction=fraction, state=states, dynamic=True))
+            states += 1
+        phase_ends[interval.phase] = states - 1
+    for k, fraction in mesh.places:
+        points.append(Point(interval=k, fraction=fraction, state=states, dynamic=False))
+        states += 1
+    return Points(
+        mesh=mesh,
+        all=tuple(points),
+        first=tuple(first),
+        inner=tuple(inner),
+        phase_starts=phase_starts,
+        phase_ends=phase_ends,
+        n_states=states,
+        tau=tau,
+        C=np.array(C),
+        B=np.array(B).ravel(),
+        _starts=np.array([interval.start for interval in mesh.intervals]),
+        _ends=np.array([interval.end for interval in mesh.intervals]),
+    )
