@@ -12,6 +12,15 @@ diagnosis     why a motion is not a gait
 assembly      from a solution to its gait and back
 program       the nonlinear program of a gait, for IPOPT and for users; the check of a solution
 
+Direct collocation of one step, for unknown torques and where the guess is not a motion:
+
+collocation_mesh      intervals, points and the numbers of their states
+collocation_elements  expressions of a point, an impact and the scalars
+collocation_rows      unknowns, rows and the program, which problems with other numbers share
+collocation           bounds, start, search and diagnosis of one problem
+elements              sums of small functions with exact sparse derivatives
+first_gait            a gait from a step length and a duration
+
 Other uses of the same equations:
 
 arclength     curves of solutions of any equations: predictor, corrector, location of zeros

@@ -27,7 +27,6 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.solver.assembly import search_record
 from gaitopt.solver.diagnosis import AIRBORNE, RESIDUAL_TOLERANCE, SAMPLES, largest_residual, missing_event, violations
-from gaitopt.solver.first_gait import first_gait
 from gaitopt.solver.newton import Solution, solve_nearby
 from gaitopt.solver.program import checked_gait, feasibility, solved
 from gaitopt.solver.rollout import (
@@ -181,7 +180,7 @@ def _newton_gait(
 
 def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Valued, should_stop: Stop) -> Gait:
     """The gait of a problem whose guess is not a known motion, by collocation."""
-    from gaitopt.solver.collocation import first_gait  # imports scipy.sparse; most guesses are known motions
+    from gaitopt.solver.first_gait import first_gait  # imports scipy.sparse; most guesses are known motions
 
     found, end, worst = first_gait(problem, dynamics, progress=progress, should_stop=should_stop)
     solver = search_record(Method.IPOPT, end.iterations, began)
