@@ -25,7 +25,7 @@ from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
-from gaitopt.problem.scalars import SCALARS
+from gaitopt.problem.scalars import SCALARS, Instant
 from gaitopt.solver.assembly import assemble_steps
 from gaitopt.solver.interval import step_derivatives
 from gaitopt.solver.newton import Solution
@@ -291,27 +291,26 @@ class Sensitivity:
 
     def candidates(self, name: str) -> list[Candidate]:
         """The values whose extremum a scalar is."""
-        arcs = list(enumerate(self.arcs))
-        match name:
-            case "peak_torque":
-                torques = [(f"torque {j} {k}", curve) for k, arc in arcs for j, curve in enumerate(arc.torque)]
-                return _both_signs(c for key, curve in torques for c in _extremes(curve, key))
-            case "required_friction":
-                sticking = [(k, arc) for k, arc in arcs if arc.arc.mode.sticks]
-                return _both_signs(c for k, arc in sticking for c in _extremes(_quotient(*arc.force), f"friction {k}"))
-            case "impulse_ratio":
-                return _both_signs([Candidate("impulse", *(self._impact["impulse_t"] / self._impact["impulse_n"]))])
-            case "foot_clearance":
-                found = list[Candidate]()
-                for k, arc in arcs:
-                    if arc.ahead.values[-1] > 0:  # from where the legs pass each other for the last time
-                        passing = curves.roots(arc.ahead.values)
-                        after = float(passing[-1]) if passing.size else -1.0
-                        found += _extremes(arc.height, f"height {k}", [1.0], after=after)
-                return found
-            case "min_normal_force":
-                return [c for k, arc in arcs for c in _extremes(arc.force[1], f"normal force {k}")]
-        raise KeyError(name)
+        scalar, found = SCALARS[name], list[Candidate]()
+        if scalar.quotient is None:
+            raise KeyError(name)
+        if name == "impulse_ratio":
+            above, below = scalar.quotient(Instant(self._impact["impulse_t"], self._impact["impulse_n"], None, None))
+            found.append(Candidate(name, *(above / below)))
+        elif name == "foot_clearance":
+            for k, arc in enumerate(self.arcs):
+                if arc.ahead.values[-1] > 0:  # from where the legs pass each other for the last time
+                    passing = curves.roots(arc.ahead.values)
+                    after = float(passing[-1]) if passing.size else -1.0
+                    found += _extremes(arc.height, f"{name} {k}", [1.0], after=after)
+        else:
+            for k, arc in enumerate(self.arcs):
+                if scalar.sticking and not arc.arc.mode.sticks:
+                    continue
+                above, below = scalar.quotient(Instant(arc.force[0], arc.force[1], arc.torque, arc.height))
+                for j, curve in enumerate(above if isinstance(above, tuple) else (above,)):
+                    found += _extremes(curve if below is None else _quotient(curve, below), f"{name} {j} {k}")
+        return _both_signs(found) if scalar.both_signs else found
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
         """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact.

@@ -32,8 +32,9 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import SCALARS, unit_of
+from gaitopt.problem.scalars import SCALARS, Instant, unit_of
 from gaitopt.problem.statement import Range
+from gaitopt.solver.collocation_elements import SMOOTHING
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.solver.newton import Solution
@@ -48,8 +49,6 @@ MAX_CONFLICT_ITERATIONS = 600
 ROUGH = 0.2
 """KKT residual, in the sizes of objective and unknowns, at which ``sqp`` takes over: it needs one iteration where
 IPOPT, which learns all curvature by secants, needs twenty."""
-SMOOTHING = 3e-5
-"""Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 LONGEST_PHASE = 3.0
 """Upper bound of a phase's duration in one search, in periods."""
 BOUNDARY = 1e-6
@@ -160,22 +159,15 @@ class SmoothedScalars:
             sticks = system.impact(system.walker.swapped(Mode.STICK), cycle.phases[-1])
             impulse = sticks(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
             label = Label(name=name, mode=cycle.impact, step=len(cycle.steps) - 1, unit=SI["impulse"])
-            return vertcat(*(extremum * impulse[1] - sign * impulse[0] for sign in (1, -1))), (label, label)
+            at_impact = Instant(impulse[0], impulse[1], None, None)
+            return vertcat(*SCALARS[name].bounded(extremum, at_impact)), (label, label)
         unit = SI["force"] if name == "required_friction" else unit_of(name, self._t.system)
         rows, labels = list[MX](), list[Label]()
         for s in self._samples:
-            match name:
-                case "peak_torque":
-                    curves = [extremum - sign * s.torque for sign in (1, -1)]
-                case "min_normal_force":
-                    curves = [s.force[1, :] - extremum]
-                case "foot_clearance":
-                    curves = [extremum - s.height]
-                case "required_friction":
-                    curves = [extremum * s.force[1, :] - sign * s.force[0, :] for sign in (1, -1) if s.mode.sticks]
-                case _:
-                    raise KeyError(name)
-            for curve in curves:  # a column per point
+            if SCALARS[name].sticking and not s.mode.sticks:
+                continue
+            at = Instant(s.force[0, :], s.force[1, :], s.torque, s.height)
+            for curve in SCALARS[name].bounded(extremum, at):  # a column per point
                 rows.append(vec(curve))
                 at_nodes = [self._t.label(name, s.phase, node, unit=unit) for node in s.nodes]
                 labels += [label for label in at_nodes for _ in range(curve.size1())]

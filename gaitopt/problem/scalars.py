@@ -4,7 +4,9 @@
 
 A formula is written once, in terms of ``Quantities`` of a cycle. It is evaluated with numbers (``gait.measures``), with
 numbers that carry derivatives, and with expressions of the NLP (``design``). A scalar without a formula is the
-largest or smallest value of some curves. Proofs enclose the scalars by formulas of their own, to stay independent.
+largest or smallest value of some curves, each a quotient of quantities at an ``Instant``; as expressions they are
+bounded by rows that are linear in the extremum. Proofs enclose the scalars by formulas of their own, to stay
+independent.
 
 Two ranges do not follow from a sign: the feet are never farther apart than twice the leg length l, which also bounds
 the slip of one step; and the ground carries the weight m g on average over a period.
@@ -17,7 +19,7 @@ Gamus & Or (2013), eq. (22) for the cost of transport.
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from gaitopt.model.control import Control
 from gaitopt.model.declaration import actuator_units
@@ -68,6 +70,18 @@ class Quantities(Protocol):
         """Integral over time of ``power`` of all motors, ``absolute_power``, ``loss`` or ``squared_torque``."""
 
 
+class Instant(NamedTuple):
+    """Quantities at one or more instants, or as curves: contact force, torques, and height of the swing foot.
+
+    At an impact the impulse is in the place of the force.
+    """
+
+    force_t: Any
+    force_n: Any
+    torque: Any
+    height: Any
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scalar:
     """One scalar of a gait.
@@ -81,6 +95,9 @@ class Scalar:
     of_designs : whether objectives and constraints may name it.
     formula : the scalar from the quantities of a cycle; None for an extremum.
     extremum : 1 for the largest of some values, -1 for the smallest, 0 for a formula.
+    quotient : numerator and denominator of these values at an instant; the denominator is None where it is one.
+    both_signs : whether the values with the opposite sign count too.
+    sticking : whether only instants count at which the foot sticks.
     """
 
     label: str
@@ -91,6 +108,21 @@ class Scalar:
     of_designs: bool = True
     formula: Callable[[Quantities], Any] | None = None
     extremum: int = 0
+    quotient: Callable[[Instant], tuple[Any, Any]] | None = None
+    both_signs: bool = False
+    sticking: bool = False
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Signs with which the values count."""
+        return (1, -1) if self.both_signs else (1,)
+
+    def bounded(self, level: Any, at: Instant) -> list[Any]:
+        """Expressions that are not negative if ``level`` bounds the values at an instant; denominators are positive."""
+        assert self.quotient is not None
+        above, below = self.quotient(at)
+        end = level if below is None else level * below
+        return [self.extremum * (end - sign * above) for sign in self.signs]
 
     @property
     def description(self) -> str:
@@ -188,6 +220,8 @@ SCALARS: Mapping[str, Scalar] = {
         within=Within(unit="torque", possible=POSITIVE, usual=(0, 10)),
         needs=(MOTORS,),
         extremum=1,
+        quotient=lambda at: (at.torque, None),
+        both_signs=True,
     ),
     "slip_distance": Scalar(
         label="slip distance",
@@ -202,6 +236,7 @@ SCALARS: Mapping[str, Scalar] = {
         meaning="largest height of the swing foot after mid-swing",
         within=Within(unit="length", possible=symmetric(2)),
         extremum=1,
+        quotient=lambda at: (at.height, None),
     ),
     "apex_height": Scalar(
         label="apex height",
@@ -223,18 +258,24 @@ SCALARS: Mapping[str, Scalar] = {
         meaning="largest |f_t|/f_n while sticking",
         within=Within(possible=(0, 1000), usual=(0, 3)),
         extremum=1,
+        quotient=lambda at: (at.force_t, at.force_n),
+        both_signs=True,
+        sticking=True,
     ),
     "impulse_ratio": Scalar(
         label="impulse ratio required to stick",
         meaning="|F_t|/F_n of an impact that sticks",
         within=Within(possible=POSITIVE),
         extremum=1,
+        quotient=lambda at: (at.force_t, at.force_n),
+        both_signs=True,
     ),
     "min_normal_force": Scalar(
         label="smallest normal force",
         unit="N",
         within=Within(unit="force", possible=(0, 1)),
         extremum=-1,
+        quotient=lambda at: (at.force_n, None),
     ),
 }
 """All scalars by their keys in a result, in the order of tables."""

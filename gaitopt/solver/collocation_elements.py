@@ -17,11 +17,13 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop, Order
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS
+from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, Instant
 
 SMOOTHING = 3e-5
 """Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
 POWER = "absolute_power"
+IMPULSE, CLEARED = "impulse_ratio", "foot_clearance"
+"""Extrema of other instants than all of a phase."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +66,11 @@ class Goals:
     def extrema(self) -> tuple[str, ...]:
         """Scalars that are extrema."""
         return tuple(name for name in self.names if name in SCALARS and SCALARS[name].extremum)
+
+    def of_points(self, mode: Mode) -> tuple[str, ...]:
+        """Extrema that the values at every point of a mode bound."""
+        extrema = ((name, SCALARS[name]) for name in self.extrema if name not in (IMPULSE, CLEARED))
+        return tuple(name for name, scalar in extrema if mode.sticks or not scalar.sticking)
 
     @property
     def formulas(self) -> tuple[str, ...]:
@@ -150,14 +157,9 @@ def point_function(key: PointKey) -> Function:
     for name in goals.paths:
         angle = None if name == CLEARANCE else system.angle_names.index(name.removeprefix(ANGLE))
         rows.append(foot[1] - arch * sin(pi * t / sum1(d)) if angle is None else system.angles(z, full)[0][angle])
-    for k, name in enumerate(goals.extrema):
-        match name:
-            case "peak_torque":
-                rows += [e[k] - torque, e[k] + torque]
-            case "required_friction" if mode.sticks:
-                rows += [e[k] * force[1] - force[0], e[k] * force[1] + force[0]]
-            case "min_normal_force":
-                rows += [force[1] - e[k]]
+    for name in goals.of_points(mode):
+        here = Instant(force[0], force[1], torque, foot[1])
+        rows += SCALARS[name].bounded(e[goals.extrema.index(name)], here)
     width = SMOOTHING * system.weight(full)
     if bounds_power:
         rows += [most - power, most + power]
@@ -192,7 +194,7 @@ def impact_function(
     if ratio:
         sticks = modes[0].with_states(dict.fromkeys(modes[0].touching, Mode.STICK))
         impulse = system.impact(sticks, modes[1], ends_step=ends_step)(z=z, p=full)["impulse"]
-        rows += [e * impulse[1] - impulse[0], e * impulse[1] + impulse[0]]
+        rows += SCALARS[IMPULSE].bounded(e, Instant(impulse[0], impulse[1], None, None))
     return Function("impact", [vertcat(z, v, e), SX(0, 1), p], cse([SX(0), vertcat(*rows)]))
 
 

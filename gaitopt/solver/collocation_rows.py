@@ -26,6 +26,7 @@ from gaitopt.model.transitions import margin, margin_unit
 from gaitopt.model.units import Scales
 from gaitopt.problem.scalars import CLEARANCE, SCALARS
 from gaitopt.solver.collocation_elements import (
+    IMPULSE,
     POWER,
     Goals,
     PointKey,
@@ -296,9 +297,9 @@ class Transcription:
         for name in self._goals.paths:
             at_end = pt.state in (self.points.phase_starts[0], self.points.phase_ends[len(self._mesh.cycle.phases) - 1])
             yield 1, name, 0.0 if name == CLEARANCE and not at_end else -np.inf, np.inf
-        for name in self._goals.extrema:
-            count = {"peak_torque": 2 * len(self._system.walker.actuators), "min_normal_force": 1}.get(name, 0)
-            yield 2 if name == "required_friction" and mode.sticks else count, name, 0.0, np.inf
+        for name in self._goals.of_points(mode):
+            each = len(self._system.walker.actuators) if name == "peak_torque" else 1
+            yield each * len(SCALARS[name].signs), name, 0.0, np.inf
 
     def _ends(self, pt: Point) -> tuple[bool, bool]:
         """Whether a point is the start, and whether it is the end, of its phase."""
@@ -314,7 +315,7 @@ class Transcription:
 
     def _impact_element(self, rows: _Rows, lengths: list[int], phase: int, impact: Mode) -> Elements:
         """An impact: the state after it, the lengths of the step, and its margins."""
-        system, ratio, n = self._system, "impulse_ratio" in self._goals.extrema, self._system.n_z
+        system, ratio, n = self._system, IMPULSE in self._goals.extrema, self._system.n_z
         after = (phase + 1) % len(self._mesh.cycle.phases)
         start, end = self.points.phase_starts[after], self.points.phase_ends[phase]
         rows.at = Label(name="", mode=impact, phase=after, node=start)
@@ -328,8 +329,8 @@ class Transcription:
             own += rows.new(1, name, 0.0, np.inf)
         columns = [*range(n * end, n * end + n), *self.columns("freed").tolist()]
         if ratio:
-            own += rows.new(2, "impulse_ratio", 0.0, np.inf)
-            columns.append(self.slices["extrema"].start + self._goals.extrema.index("impulse_ratio"))
+            own += rows.new(2, IMPULSE, 0.0, np.inf)
+            columns.append(self.slices["extrema"].start + self._goals.extrema.index(IMPULSE))
         rows.at = Label(name="")
         ends_step = self._mesh.cycle.after(phase) is None
         function = impact_function(system.shared, (struck, before), ends_step, self.structure.free, ratio)
