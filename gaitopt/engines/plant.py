@@ -29,9 +29,8 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered
-from gaitopt.model.declaration import has_links, state_mechanism
+from gaitopt.model.declaration import has_links, parameter_namespace, state_mechanism
 from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import ORIGIN, Link
 

@@ -31,12 +31,14 @@ from gaitopt.model.declaration import (
     check_class,
     has_links,
     is_default,
+    parameter_namespace,
     state_landing,
     state_mechanism,
     state_picture,
+    symbolic_mechanism,
 )
 from gaitopt.model.foreign import calling, shown
-from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
+from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Body
 from gaitopt.model.section import stated_lift
@@ -115,9 +117,7 @@ def forgotten_inertia(walker: type[Walker]) -> tuple[str, ...]:
     """
     if is_default(walker, "mechanism"):
         return ()
-    q, p = SX.sym("q", len(walker.shape) + 2), SX.sym("p", len(walker.model_fields))
-    coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate((*walker.shape, "x", "y"))})
-    bodies = state_mechanism(walker, coordinates, parameter_namespace(walker, p)).bodies
+    bodies = symbolic_mechanism(walker).mechanism.bodies
     words = {
         (True, False): "has an angle, but no inertia: it moves like a point mass; state its inertia",
         (False, True): "has an inertia, but no angle: it never turns; state its angle",
@@ -382,10 +382,9 @@ def _links_fault(walker: type[Walker], p: Array) -> str | None:
 @built_once(maxsize=8)
 def _links_pairs(walker: type[Walker]) -> Function:
     """(shape, p) -> mass matrix, mass times centre of mass, swing foot, motors: of the mechanism, then of the links."""
-    names, p = (*walker.shape, "x", "y"), SX.sym("p", len(walker.model_fields))
-    q = SX.sym("q", len(names))
+    names, (q, p, mechanism) = (*walker.shape, "x", "y"), symbolic_mechanism(walker)
     named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
-    mechanism, tree = state_mechanism(walker, *named), state_tree(walker, *named)
+    tree = state_tree(walker, *named)
 
     def properties(bodies: tuple[Body, ...], swing_foot: SX, motors: Mapping[str, SX]) -> tuple[SX, ...]:
         M, moment = SX.zeros(len(names), len(names)), SX.zeros(2)
@@ -517,11 +516,8 @@ def _posture(walker: type[Walker], q: Array, dq: Array, p: Array) -> Posture:
 @built_once(maxsize=8)
 def _kinematics(walker: type[Walker]) -> Function:
     """(q, dq, p) -> the entries of ``Posture``, by name."""
-    n, p = len(walker.shape), SX.sym("p", len(walker.model_fields))
-    names = (*walker.shape, "x", "y")
-    q, dq = SX.sym("q", len(names)), SX.sym("dq", len(names))
-    coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
-    mechanism = state_mechanism(walker, coordinates, parameter_namespace(walker, p))
+    n, (q, p, mechanism) = len(walker.shape), symbolic_mechanism(walker)
+    dq = SX.sym("dq", q.numel())
     bodies, M = [], SX.zeros(n, n)
     for body in mechanism.bodies:
         velocity, spin = jtimes(body.position, q, dq), jtimes(SX(body.angle), q, dq)

@@ -81,8 +81,8 @@ from casadi import (
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 from gaitopt.errors import ProblemError
-from gaitopt.model.declaration import state_landing
-from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion, parameter_namespace
+from gaitopt.model.declaration import parameter_namespace, state_landing
+from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 

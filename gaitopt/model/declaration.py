@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakSet
 
 import numpy as np
@@ -112,6 +112,28 @@ def check_class(walker: object) -> None:
     if reason is not None:
         raise ProblemError(f"{walker.__name__}: {reason}")
     _PASSED.add(walker)
+
+
+class SymbolicMechanism(NamedTuple):
+    """Coordinates (shape, x, y), parameters, and the mechanism in terms of them."""
+
+    q: SX
+    p: SX
+    mechanism: Mechanism
+
+
+@built_once(maxsize=32)
+def symbolic_mechanism(walker: type[Walker]) -> SymbolicMechanism:
+    """The mechanism of a walker as expressions of symbols, which are the same in every call."""
+    names = (*walker.shape, *FOOT_COORDINATES)
+    q, p = vertcat(*map(SX.sym, names)), SX.sym("p", len(walker.model_fields))
+    named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)})
+    return SymbolicMechanism(q, p, state_mechanism(walker, named, parameter_namespace(walker, p)))
+
+
+def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
+    """The entries of ``p`` by the names of the walker's fields."""
+    return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
 
 
 def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
@@ -217,12 +239,12 @@ def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
     """
     if not walker.actuators:
         return {}
-    q = {name: SX.sym(name) for name in (*walker.shape, *FOOT_COORDINATES)}
-    p = {name: SX.sym(name) for name in walker.model_fields}
     try:
-        motors = state_mechanism(walker, SimpleNamespace(**q), SimpleNamespace(**p)).motors
+        variables, parameters, mechanism = symbolic_mechanism(walker)
     except ProblemError:
         return dict.fromkeys(walker.actuators, "N m")
+    motors, p = mechanism.motors, vars(parameter_namespace(walker, parameters))
+    q = {name: variables[k] for k, name in enumerate((*walker.shape, *FOOT_COORDINATES))}
     units = {name: words_and_unit(field.description or "")[1] for name, field in walker.model_fields.items()}
     metres = {*walker.lengths, *FOOT_COORDINATES, *(name for name, unit in units.items() if unit == "m")}
     lengths, symbols = vertcat(*(symbol for name, symbol in (q | p).items() if name in metres)), {**q, **p}

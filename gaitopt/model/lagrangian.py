@@ -17,7 +17,7 @@ from types import SimpleNamespace
 from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, sqrt, substitute, sum1, triu, triu2symm, vertcat
 
 from gaitopt.building import built_once
-from gaitopt.model.declaration import check_class, state_mechanism
+from gaitopt.model.declaration import check_class, parameter_namespace, symbolic_mechanism
 from gaitopt.model.mechanism import Contact, Mechanism
 from gaitopt.model.modes import FOOT, SWING_FOOT
 from gaitopt.model.walker import Walker
@@ -118,11 +118,6 @@ class EquationsOfMotion:
         return vertcat(gradients, SX.zeros(2))  # springs do not act on the ground
 
 
-def parameter_namespace(walker: type[Walker], p: SX) -> SimpleNamespace:
-    """The entries of ``p`` by the names of the walker's fields."""
-    return SimpleNamespace(**{name: p[i] for i, name in enumerate(walker.model_fields)})
-
-
 @built_once(maxsize=8)
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     """Derive the equations of motion of ``walker``.
@@ -133,12 +128,9 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         If the class is not well formed; the message says where.
     """
     check_class(walker)
-    p = SX.sym("p", len(walker.model_fields))
+    q, p, mechanism = symbolic_mechanism(walker)
     names = (*walker.shape, "x", "y")
-    q = vertcat(*(SX.sym(name) for name in names))
     dq = vertcat(*(SX.sym(f"d{name}") for name in names))
-    coordinates = SimpleNamespace(**{name: q[i] for i, name in enumerate(names)})
-    mechanism = state_mechanism(walker, coordinates, parameter_namespace(walker, p))
 
     M, velocity_terms, kinetic = _inertia(mechanism, q, dq)
     weights = (body.mass * dot(mechanism.gravity, body.position) for body in mechanism.bodies)

@@ -45,8 +45,8 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building, built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import RowMap, buffered
-from gaitopt.model.declaration import state_after_impact
-from gaitopt.model.lagrangian import equations_of_motion, parameter_namespace
+from gaitopt.model.declaration import parameter_namespace, state_after_impact
+from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property

@@ -24,10 +24,9 @@ from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import Cycle
-from gaitopt.model.declaration import has_links, joint_limits
+from gaitopt.model.declaration import has_links, joint_limits, parameter_namespace
 from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
-from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.links import state_tree
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state

@@ -24,10 +24,9 @@ from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
 from gaitopt.model.contract import KINKED, check_hooks, check_period, jumping_operations, law_section
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
-from gaitopt.model.declaration import actuator_units, state_mechanism
+from gaitopt.model.declaration import actuator_units, parameter_namespace, state_mechanism
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import COULOMB, shared_friction
-from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import TableCurves
 from gaitopt.model.section import CLOCK, TOUCHDOWN

@@ -26,9 +26,8 @@ from gaitopt.building import built_once
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.declaration import has_links, is_default, state_mechanism, state_picture
+from gaitopt.model.declaration import has_links, is_default, parameter_namespace, state_mechanism, state_picture
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.lagrangian import parameter_namespace
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.modes import Mode
