@@ -26,6 +26,7 @@ from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, Verifica
 from gaitopt.gait.shares import undetermined_forces
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
+from gaitopt.model.buffered import buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import actuator_units
 from gaitopt.model.dynamics import Dynamics
@@ -130,16 +131,23 @@ class WalkerMotion(Moving, ReadOnlyArrays):
         return self.dynamics.p
 
     def to_frame(self) -> "DataFrame":
-        """All steps as a pandas data frame: the columns of the table in a run folder, units in ``attrs["units"]``."""
-        steps, attributes = self._tabulated()
-        rows = trajectory_rows(steps)
-        return data_frame(trajectory_header(self.system), rows, _units(self.system), **attributes)
+        """All steps as a pandas data frame, units in ``attrs["units"]``.
+
+        It has the columns of the table in a run folder, and under a law over a phase variable that is no coordinate
+        also this variable and its rate.
+        """
+        header, rows, attributes = self._table()
+        return data_frame(header, rows, _units(self.system), **attributes)
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset over ``sample``, with the time as a coordinate and units as attributes."""
-        steps, attributes = self._tabulated()
-        rows = trajectory_rows(steps)
-        return sample_set(trajectory_header(self.system), rows, _units(self.system), **attributes)
+        header, rows, attributes = self._table()
+        return sample_set(header, rows, _units(self.system), **attributes)
+
+    def _table(self) -> tuple[tuple[str, ...], Iterator[tuple[float | str, ...]], dict[str, str]]:
+        """Header, rows and attributes of all steps."""
+        (steps, attributes), phase = self._tabulated(), phase_columns(self.system)
+        return (*trajectory_header(self.system), *phase), trajectory_rows(steps, phase), attributes
 
     @abstractmethod
     def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
@@ -159,16 +167,28 @@ def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
     return ("t", "mode", *system.state_names, *forces, *walker.actuators)
 
 
-def trajectory_rows(steps: Iterable[Step]) -> Iterator[tuple[float | str, ...]]:
-    """Rows under ``trajectory_header``; time continues over the steps, x is measured from the stance foot of each step.
+def phase_columns(system: HybridSystem) -> tuple[str, ...]:
+    """Names of the phase variable of the control law and of its rate; empty if it has none, or it is a coordinate."""
+    name = system.control.phase_variable
+    return (name, f"d{name}") if name and name not in system.state_names else ()
 
-    Both ends of an arc have a row, so that a time that occurs twice separates two arcs. Undetermined forces are NaN.
+
+def trajectory_rows(steps: Iterable[Step], phase: tuple[str, ...] = ()) -> Iterator[tuple[float | str, ...]]:
+    """Rows under ``trajectory_header``, and under ``phase_columns`` if they are given.
+
+    Time continues over the steps, x is measured from the stance foot of each step. Both ends of an arc have a row, so
+    that a time that occurs twice separates two arcs. Undetermined forces are NaN.
     """
     began = 0.0
     for step in steps:
         for arc in step.arcs:
-            observed, header = observe(arc), trajectory_header(arc.dynamics.system)
-            numbers = np.hstack([arc.states, observed.force, observed.torque])
+            system, observed = arc.dynamics.system, observe(arc)
+            header, columns = trajectory_header(system), [arc.states, observed.force, observed.torque]
+            if phase:
+                index = system.angle_names.index(phase[0])
+                pair = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)
+                columns += [values[:, [index]] for values in pair]
+            numbers = np.hstack(columns)
             numbers[:, [header.index(name) - 2 for name in undetermined_forces(arc)]] = np.nan
             for t, row in zip(arc.times, numbers, strict=True):
                 yield (began + float(t), str(arc.mode), *map(float, row))

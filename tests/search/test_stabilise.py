@@ -49,6 +49,14 @@ def test_outputs_stay_zero_along_a_simulated_walk(walked):
         assert np.abs(angles[:, :-1].T - control.curve(angles[:, -1])[0]).max() < 1e-9
 
 
+def test_the_phase_variable_and_its_rate_are_columns_of_the_frame(walked):
+    frame = walked.gait.to_frame()
+    phase, rate, t = (frame[name].to_numpy() for name in ("stance_leg", "dstance_leg", "t"))
+    assert phase[[0, -1]] == pytest.approx(walked.gait.system.control.span, abs=1e-9)
+    assert np.gradient(phase, t)[5:-5] == pytest.approx(rate[5:-5], abs=1e-3)
+    assert "dtheta1" in gait("compass-passive-a").to_frame()
+
+
 def test_the_torques_that_the_curves_predict_are_those_of_the_gait(optimal, walked):
     squared = walked.gait.measures["torque_squared"] / optimal.measures["torque_squared"]
     assert squared == pytest.approx(1 + walked.fitted.deviation**2, abs=0.02)  # of an optimum, to second order
