@@ -11,6 +11,7 @@ from gaitopt.model.registry import registered_walkers
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import FOOT, MARGINS, Ending, margin, transitions
 from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.hopper import Hopper
 from gaitopt.model.walkers.kneed import KneedWalker
 from gaitopt.model.walkers.slip_runner import SlipRunner
 
@@ -160,3 +161,17 @@ def test_words_about_a_contact_name_it() -> None:
     assert margin("slip_velocity.left").absent == "the contact left does not come to rest"
     assert margin("normal_force") is MARGINS["normal_force"]
     assert not any("touchdown" in margin(name).absent for name in ("cone_forward", "cone_backward"))
+
+
+def test_a_foot_must_move_up_where_the_impact_of_a_stop_lifts_it_and_not_where_it_is_in_flight() -> None:
+    table = transitions(Hopper)
+    flight, stops = Mode("flight, leg locked, thrust on"), {"leg": "free", "thrust": "on"}
+    assert [*table.of_impact(flight, Mode.of(Mode.STICK, stops))] == ["lift_velocity"]
+    assert not table.of_impact(flight, Mode.of(Mode.FLIGHT, stops))
+
+
+def test_feet_swap_places_and_back() -> None:
+    assert CompassBiped.swapped(Mode.SLIP_FORWARD) == "foot: off, swing_foot: slip_forward"
+    for walker in REGISTERED:
+        for mode in walker.foot_modes():
+            assert walker.swapped(walker.swapped(mode)) is mode
