@@ -92,6 +92,8 @@ class Section:
             self.names, self.words = walker.section_names(slipping=after.slips), "slip" if after.slips else "stick"
             self.indices = np.array([state.index(name) for name in self.names], dtype=np.intp)
             return
+        eom = equations_of_motion(walker)
+        self._z, self._p = eom.z, eom.p  # the symbols of its equations: those of a walker are built anew at times
         self._c, counts, stale = _equations(walker, before, after, event)
         self._solved, self._rows = _solved_coordinates(walker, self._c, counts, stale)
         left_out = {*self._solved, *stale}
@@ -169,30 +171,27 @@ class Section:
 
         ``p`` are the walker's parameters.
         """
-        eom, change = equations_of_motion(self._walker), self._change
-        z = SX(eom.z)
+        z, change = SX(self._z), self._change
         for k, index in enumerate(self._solved):
             z[index] -= change[k]
-        return Function("projected", [eom.z, eom.p], [z], ["z", "p"], ["z_plus"])
+        return Function("projected", [self._z, self._p], [z], ["z", "p"], ["z_plus"])
 
     @property
     def _change(self) -> SX:
-        c, z = self._c[self._rows], equations_of_motion(self._walker).z
-        return solve(jacobian(c, z)[:, self._solved], c)
+        c = self._c[self._rows]
+        return solve(jacobian(c, self._z)[:, self._solved], c)
 
     @cached_property
     @building
     def _step(self) -> Function:
-        eom = equations_of_motion(self._walker)
-        return BUILT.watch(Function("section_step", [eom.z, eom.p], [densify(self._change)]))
+        return BUILT.watch(Function("section_step", [self._z, self._p], [densify(self._change)]))
 
     @cached_property
     @building
     def _slopes(self) -> Function:
-        eom = equations_of_motion(self._walker)
-        J = jacobian(self._c[self._rows], eom.z)
+        J = jacobian(self._c[self._rows], self._z)
         slopes = -solve(J[:, self._solved], densify(J[:, self.indices.tolist()]))
-        return BUILT.watch(Function("section_slopes", [eom.z, eom.p], [densify(slopes)]))
+        return BUILT.watch(Function("section_slopes", [self._z, self._p], [densify(slopes)]))
 
 
 class Cyclic(Protocol):

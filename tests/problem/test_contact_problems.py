@@ -11,9 +11,10 @@ from casadi import vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.lagrangian import equations_of_motion
 from gaitopt.model.mechanism import Mechanism
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import section_of
+from gaitopt.model.section import Section, section_of
 from gaitopt.model.transitions import transitions
 from gaitopt.model.walkers.heel_toe import HeelToe
 from gaitopt.model.walkers.slip_walker import SlipWalker
@@ -154,6 +155,15 @@ def contacts(walker: type, **words: str) -> Mode:
 def test_a_section_is_built_once() -> None:
     heel, both = contacts(HeelToe, heel="stick"), contacts(HeelToe, heel="stick", swing_heel="stick")
     assert section_of(HeelToe, both, heel, "touchdown") is section_of(HeelToe, both, heel, "touchdown")
+
+
+def test_a_section_remembers_the_symbols_of_its_equations() -> None:
+    """The equations of a walker are forgotten and built anew, with other symbols, where many walkers are in use."""
+    heel, both = contacts(HeelToe, heel="stick"), contacts(HeelToe, heel="stick", swing_heel="stick")
+    section = Section(HeelToe, both, heel, "touchdown")
+    equations_of_motion.cache_clear()
+    p, z = np.full(len(HeelToe.model_fields), 0.5), np.full(len(HeelToe.state_names()), 0.1)
+    assert np.isfinite(np.asarray(section.projected(z, p))).all()
 
 
 def test_a_section_has_the_coordinates_that_its_contacts_leave_free() -> None:
