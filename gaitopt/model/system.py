@@ -364,33 +364,6 @@ class HybridSystem:
         return self._symbols.points()
 
     @property
-    @compiled("tzspr")
-    def open_flow(self) -> dict[str, SX]:
-        """(t, z, s, p, r) -> dz/dt, contact force (2), touchdown guard and its rate, of a foot whose mode is unknown.
-
-        Friction is -mu s f_n with s in [-1, 1]; kinetic friction bounds a foot at rest too.
-        """
-        s, guard = SX.sym("s"), SX(self._eom.mechanism.touchdown)
-        found = self._symbols.slipping(s, self.walker.released(Mode.SLIP_FORWARD))
-        rate = jtimes(guard, self._eom.z, found.dz)
-        return {"s": s, "dz": found.dz, "force": found.forces[FOOT], "guard": guard, "guard_rate": rate}
-
-    @property
-    @compiled("zsp")
-    def open_impact(self) -> dict[str, SX]:
-        """(z, s, p) -> z_plus, impulse (2), slip velocity, lift velocity, by Coulomb's law with s in [-1, 1]."""
-        s, symbols = SX.sym("s"), self._symbols
-        mode, before = self.walker.swapped(Mode.SLIP_FORWARD), self.walker.released(Mode.STICK)
-        slip_velocity, lift_velocity = symbols.foot_velocities(mode, before, s)
-        return {
-            "s": s,
-            "z_plus": symbols.after(mode, before, ends_step=True, slip=s),
-            "impulse": symbols.impulse(mode, before, s),
-            "slip_velocity": slip_velocity,
-            "lift_velocity": lift_velocity,
-        }
-
-    @property
     @compiled("zp")
     def push(self) -> dict[str, SX]:
         """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, its work [J], rates.

@@ -1,7 +1,7 @@
 """Searches for gaits: the one that ``solve`` returns, all gaits of a problem, and why a gait does not exist.
 
 - ``solve``: the gait of a problem, with one meaning for all callers.
-- ``candidates``: proposals for gaits of unknown mode sequence, by simulation, by complementarity, along families.
+- ``candidates``: proposals for gaits of unknown mode sequence, by simulation and along families.
 - ``find``: the gaits behind the candidates, each solved, verified and listed once.
 - ``attractors``: cycles, tori and chaos on which walks from many states settle, with their Lyapunov exponents.
 - ``explain``: violated conditions, and the nearest parameters at which a mode sequence exists.

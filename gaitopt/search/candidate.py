@@ -4,30 +4,31 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from gaitopt.arrays import Array
-from gaitopt.gait.records import CandidateRecord, PhaseRecord, phase_records
+from gaitopt.gait.records import CandidateRecord, phase_records
 from gaitopt.gait.trajectory import Step
-from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
+from gaitopt.problem.problem import Problem
 
 SAME = 1e-3
 """Relative difference below which two states are the same."""
 
 
-def cycle_record(system: HybridSystem, steps: Sequence[Step], start: str) -> CandidateRecord:
-    """The candidate of a simulated cycle."""
-    sequences = [(phase_records(step), step.final_impact.mode) for step in steps]
-    return candidate_record(system, sequences, [step.arcs[0].states[0] for step in steps], {}, start)
+def guessed_values(problem: Problem) -> dict[str, float]:
+    """Guesses of the free parameters by dotted key."""
+    return {key: free.guess for key, free in problem.free.items()}
 
 
-def candidate_record(
-    system: HybridSystem,
-    steps: Sequence[tuple[list[PhaseRecord], Mode]],
-    states: Sequence[Array],
-    freed: Mapping[str, float],
-    start: str,
+def cycle_record(
+    system: HybridSystem, cycle: Sequence[Step], start: str, freed: Mapping[str, float] | None = None
 ) -> CandidateRecord:
-    """The candidate of a cycle without repetitions, starting at its smallest state in lexical order."""
+    """The candidate of a simulated cycle without repetitions, starting at its smallest state in lexical order.
+
+    Parameters
+    ----------
+    freed : values of the free parameters by dotted key.
+    """
+    steps = [(phase_records(step), step.final_impact.mode) for step in cycle]
+    states = [step.arcs[0].states[0] for step in cycle]
     least, size = system.walker.steps_per_cycle(), np.abs(states[0]).max()
 
     def repeats(n: int) -> bool:
@@ -38,6 +39,6 @@ def candidate_record(
     return {
         "steps": [{"phases": phases, "impact": impact.words} for phases, impact in (*steps[first:n], *steps[:first])],
         "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),
-        "parameters": dict(freed),
+        "parameters": dict(freed or {}),
         "start": start,
     }

@@ -1,18 +1,17 @@
 """Candidates of a search for gaits: mode sequences with a motion, neither solved nor verified yet.
 
-Three searches propose them:
+Two searches propose them:
 
 - Simulation: walks of the simulator, which finds the modes itself, end near fixed points of the return map, x = P(x);
   Newton's method converges to them from near-returns, where |P^n(x) - x| is small.
-- Complementarity: a program with complementarity conditions in place of a mode sequence finds motions of any sequence,
-  also where parameters are free, and gaits that attract no walk.
+  Where parameters are free, each job walks with values of its own.
 - Families: the family of a known gait is followed a little way in a parameter. Next to mode changes, folds and branch
   points several gaits exist at the same parameters. Each crossing of a branch with the parameter's original value is a
   candidate.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, floor, log10
 
@@ -23,18 +22,18 @@ from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
-from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.records import CandidateRecord, SearchRecord, phase_record
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.buffered import RowMap
+from gaitopt.model.checks import swing_foot
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import CONTACTS, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine, Method
-from gaitopt.search.candidate import candidate_record, cycle_record
+from gaitopt.search.candidate import cycle_record, guessed_values
 from gaitopt.search.contact_walks import SMALLEST_SCALE, contact_candidates
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.simulation.simulator import Simulator, stepper_class
-from gaitopt.solver.solve import free_parameters
 from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap, step_map
@@ -54,16 +53,15 @@ WALL = 0.1
 """Distance from the wall of a box, relative to its width, below which a state lies near the wall."""
 SHORTEST_STEP_PERIOD = 0.05
 """Minimum period of a step in natural units; two feet that rest side by side solve the equations with period 0."""
-PERIODS = (0.7, 3.0)
-"""Range of the guessed periods in natural units."""
-TYPICAL_PERIOD = 1.7
 WALK = 8
 """Steps of a walk that is searched for near-returns."""
 TRIES = 40
 """Maximum number of starts of Newton's method per job: from the closest near-returns, then from the starts of the walks
 that return, which lead to unstable gaits too."""
-WALKS, GUESSES = 250, 4
-"""Number of start states of a simulation job, and of guesses of a complementarity job."""
+WALKS, WALKS_OF_DESIGN = 250, 25
+"""Number of start states of a job, and of one with values of its own for the free parameters."""
+SPREAD = 0.5
+"""Range of these values around their guesses, relative to the guess."""
 
 REACH = 0.25
 """Distance over which a family is followed to either side, relative to the parameter."""
@@ -109,15 +107,35 @@ class SearchJob:
     solver: Method = Method.AUTO
 
 
+def walks_of(problem: Problem) -> int:
+    """Number of start states of a job that walks."""
+    return WALKS_OF_DESIGN if problem.free and not problem.walker.contacts else WALKS
+
+
 def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) -> SearchRecord:
     """Candidates of one job of a search, and the number of its starts."""
+    if job.method == "simulation":
+        job = replace(job, problem=_with_sampled_values(job))
     if job.problem.walker.contacts:
         stop = should_stop or (lambda: False)
         candidates, starts = contact_candidates(job.problem, job.number, job.seed, job.n_steps, stop)
         return {"method": job.method, "starts": starts, "candidates": candidates}
-    methods = {"simulation": _from_walks, "complementarity": _from_guesses, "families": _from_family}
+    methods = {"simulation": _from_walks, "families": _from_family}
     candidates, starts = methods[job.method](job, should_stop or (lambda: False))
     return {"method": job.method, "starts": starts, "candidates": candidates}
+
+
+def _with_sampled_values(job: SearchJob) -> Problem:
+    """The problem with guesses of the job's own for the free parameters; the first job has those of the problem."""
+    problem, rng = job.problem, np.random.default_rng([job.seed, job.number, len(job.problem.free)])
+    if not problem.free or job.number == 0:
+        return problem
+    sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
+    values = {key: problem.free[key].guess + SPREAD * size * rng.uniform(-1, 1) for key, size in sizes.items()}
+    try:
+        return problem.replace(problem.free_guesses(values))
+    except ProblemError:  # the walker cannot have these values together
+        return problem
 
 
 def start_box(problem: Problem, dynamics: Dynamics, within: Within) -> StartBox:
@@ -179,7 +197,7 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
     step, rng = _step_map(job), np.random.default_rng([job.seed, job.number])
     dynamics, walker = step.dynamics, step.dynamics.system.walker
     box = start_box(job.problem, dynamics, job.within)
-    xi = _samples(dynamics, box, rng)
+    xi = _samples(dynamics, box, walks_of(job.problem), rng)
     if job.problem.start is not None and job.number == 0:
         xi[0] = [job.problem.start.state[name] for name in walker.section_names(slipping=True)]
     history = np.full((WALK + job.n_steps, *xi.shape), np.nan)  # section states; NaN after the end of a walk
@@ -208,16 +226,17 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
             n = state.size if state[-1] else state.size - 1
             steps = maps[mode].damped_fixed_point(state[:n], box.sizes[:n])
             if steps is not None and steps[0].period > shortest:
-                candidates.append(cycle_record(dynamics.system, steps, f"{job.method} {job.number}.{row}"))
+                start = f"{job.method} {job.number}.{row}"
+                candidates.append(cycle_record(dynamics.system, steps, start, guessed_values(job.problem)))
     return candidates, len(xi)
 
 
-def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Array:
-    """Start states, every other one at rest, in boxes of all sizes if the box is the default; shape (WALKS, n_xi)."""
+def _samples(dynamics: Dynamics, box: StartBox, count: int, rng: np.random.Generator) -> Array:
+    """Start states, every other one at rest, in boxes of all sizes if the box is the default; shape (count, n_xi)."""
     walker = dynamics.system.walker
-    xi = rng.uniform(box.lower, box.upper, (WALKS, box.lower.size))
+    xi = rng.uniform(box.lower, box.upper, (count, box.lower.size))
     if box.default:
-        xi *= rng.uniform(SMALLEST_SCALE, 1.0, (WALKS, 1))
+        xi *= rng.uniform(SMALLEST_SCALE, 1.0, (count, 1))
         if not walker.flies:
             _turn_forward(dynamics, xi)
     if not any(mode.slips for mode in walker.foot_modes()):
@@ -229,56 +248,11 @@ def _samples(dynamics: Dynamics, box: StartBox, rng: np.random.Generator) -> Arr
 
 def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     """Mirror the postures in ``xi``, shape (n, n_xi), whose step would lead backward."""
-    from gaitopt.solver.open_modes import shapes_before
-
-    system, p = dynamics.system, dynamics.p
-    n, n_section = system.n_shape, len(system.walker.section)
+    system, walker, p = dynamics.system, dynamics.system.walker, dynamics.p
     (lifted,) = RowMap(system.lift)(xi, p)
-    before = np.zeros_like(lifted)
-    before[:, :n] = shapes_before(dynamics, lifted[:, :n])
-    landing = system.impact(system.walker.swapped(Mode.STICK), Mode.STICK)
-    step_lengths = RowMap(landing)(before, p)[0][:, n]
-    xi[step_lengths < 0, :n_section] *= -1
-
-
-def _from_guesses(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
-    """Motions of open mode sequence near steps in which all joints move at constant rates."""
-    dynamics, rng = _step_map(job).dynamics, np.random.default_rng([job.seed, job.number])
-    from gaitopt.solver.open_modes import Complementarity, Proposal, swing  # most problems state their modes
-
-    walker = dynamics.system.walker
-    if walker.steps_per_cycle() > 1 or walker.modes() != CONTACTS or walker.pushes:
-        return [], 0  # the conditions assume equal legs, one of which is always on the ground
-    box = start_box(job.problem, dynamics, job.within)
-    time, n = dynamics.scales.time, len(walker.section)
-    within = {
-        name.removeprefix("state."): (span.minimum, span.maximum)
-        for name, span in job.problem.constraints.items()
-        if name.startswith("state.")
-    }
-    free, candidates = free_parameters(job.problem, dynamics.system), list[CandidateRecord]()
-    for n_steps in range(1, job.n_steps + 1):
-        program = Complementarity(
-            dynamics, TYPICAL_PERIOD * time, free, within, n_steps=n_steps, should_stop=should_stop
-        )
-        xi = rng.uniform(box.lower, box.upper, (GUESSES * n_steps, box.lower.size))
-        if box.default:
-            _turn_forward(dynamics, xi)
-        for number, shapes in enumerate(np.split(xi[:, :n], GUESSES)):
-            period = float(time * np.exp(rng.uniform(*np.log(PERIODS))))
-            result = program.solve(*swing(dynamics, shapes, period), period)
-            if result is Status.INTERRUPTED:
-                raise KeyboardInterrupt
-            if isinstance(result, Proposal):
-                sequences = [
-                    ([phase_record(mode, t) for mode, t in zip(step.phases, durations, strict=True)], step.impact)
-                    for step, durations in zip(result.cycle.steps, result.durations, strict=True)
-                ]
-                start = f"{job.method} {job.number}.{number}"
-                candidates.append(
-                    candidate_record(dynamics.system, sequences, list(result.states), result.freed, start)
-                )
-    return candidates, GUESSES * job.n_steps
+    shapes, parameters = lifted[:, : system.n_shape], p[: len(walker.model_fields)]
+    feet = np.array([swing_foot(walker, shape, parameters) for shape in shapes])
+    xi[feet[:, 0] > 0, : len(walker.section)] *= -1
 
 
 def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:

@@ -18,7 +18,7 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.problem.problem import Problem
-from gaitopt.search.candidate import cycle_record
+from gaitopt.search.candidate import cycle_record, guessed_values
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.return_map import ReturnMap
@@ -66,7 +66,9 @@ def contact_candidates(
                     state[section.indices], units[section.indices]
                 )
                 if found is not None:
-                    candidates.append(cycle_record(dynamics.system, found, f"walk {number}.{start}"))
+                    candidates.append(
+                        cycle_record(dynamics.system, found, f"walk {number}.{start}", guessed_values(problem))
+                    )
     return candidates, STARTS
 
 

@@ -25,8 +25,6 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method, SearchRequest
 from gaitopt.search.candidate import SAME
 from gaitopt.search.candidates import (
-    GUESSES,
-    WALKS,
     WALL,
     SearchJob,
     StartBox,
@@ -35,6 +33,7 @@ from gaitopt.search.candidates import (
     find_candidates,
     natural_limits,
     start_box,
+    walks_of,
 )
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import recorded_claims, verify
@@ -42,8 +41,6 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
 
 Item = TypeVar("Item")
 
-GUESSED = 8
-"""Number of guesses of the complementarity search."""
 ATTEMPTS = 3
 """Maximum number of candidates of one gait from which it is solved."""
 BOXES = 5
@@ -292,7 +289,7 @@ def find_best(
 def search(
     plan: SearchPlan, jobs: ResumableJobs, *, found: Callable[[Gaits], None] | None = None, progress: Valued = None
 ) -> Gaits:
-    """The gaits that two searches find, and further gaits on the families of these.
+    """The gaits to which walks lead, and further gaits on the families of these.
 
     Walks then start anew in a box around the gaits that are known, again and again, until the box contains all gaits
     and none of them lies near its wall. Without a gait the box is halved: the smaller the slope, the smaller the steps.
@@ -327,16 +324,13 @@ def search(
 
         return replace(jobs, progress=finished).complete(find_candidates, pending, len(pending))
 
-    problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // WALKS)
+    problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // walks_of(plan.problem))
     if problem.walker.contacts:  # starts lie around the guess; families of friction have other sections
         results += complete([plan.job(problem, "simulation", number) for number in range(walks)])
         gaits = list_gaits(results)
         return replace(gaits, searched={**gaits.searched, "complete": len(results) == walks})
     boxes = [start_box(problem, dynamics, plan.within)]
-    pending = [
-        *(plan.job(problem, "complementarity", number) for number in range(-(-GUESSED // GUESSES))),
-        *(plan.job(problem, "simulation", number) for number in range(walks)),
-    ]
+    pending = [plan.job(problem, "simulation", number) for number in range(walks)]
     n_followed, n_jobs = 0, 0
     while True:
         n_jobs += len(pending)

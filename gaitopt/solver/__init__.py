@@ -25,5 +25,4 @@ Other uses of the same equations:
 
 arclength     curves of solutions of any equations: predictor, corrector, location of zeros
 following     a known gait at other parameter values: ``follow``, ``Family``
-open_modes    a cycle with open mode sequence: finite elements with switch detection
 """

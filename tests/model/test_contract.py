@@ -321,17 +321,6 @@ def test_torques_of_a_clock_that_ends_the_cycle_are_periodic(torque: Any, words:
     assert words in str(caught.value)
 
 
-def test_an_open_mode_sequence_takes_a_law_that_asks_for_the_accelerations_of_the_phase() -> None:
-    """The sign of the slip is an unknown of the program, on which these accelerations depend."""
-    system = HybridSystem(CompassBiped, Linearising(actual=True))
-    p = [*CASES["compass_biped"].p, 0.7]
-    for mode, sign_of_slip in ((Mode.SLIP_FORWARD, 1.0), (Mode.SLIP_BACKWARD, -1.0)):
-        open_rate, *_ = numbers(system.open_flow(0, STATE, sign_of_slip, p, []))
-        (rate,) = numbers(system.flow(mode)(0, STATE, p, []))
-        np.testing.assert_allclose(open_rate, rate, rtol=1e-12)
-        assert rate[3] - rate[4] == pytest.approx(0.7, abs=1e-10)
-
-
 @pytest.mark.parametrize(
     ("torque", "name"),
     [

@@ -56,7 +56,7 @@ def test_the_record_has_gaits_with_the_keys_of_solve_and_what_was_searched(wheel
     record = wheel.to_record()
     assert record["problem"] == "rimless-wheel-slip"
     assert record["gaits"][0].keys() >= wheel[0].to_record().keys()
-    assert record["searched"]["starts"] == {"complementarity": 8, "simulation": 500, "families": 2}
+    assert record["searched"]["starts"] == {"simulation": 500, "families": 2}
 
 
 def test_the_last_box_surrounds_the_gait_and_is_stated_with_two_digits(wheel):
@@ -95,9 +95,9 @@ def test_a_search_that_resumes_has_the_boxes_and_the_gaits_of_one_without_a_stop
         done.append(n)
 
     with pytest.raises(KeyboardInterrupt):
-        find(wheel.problem, starts=1, output=tmp_path / "run", progress=count, should_stop=lambda: len(done) > 3)
+        find(wheel.problem, starts=1, output=tmp_path / "run", progress=count, should_stop=lambda: len(done) > 2)
     resumed = find(wheel.problem, starts=1, output=tmp_path / "run", progress=count)
-    assert len(done) == 6  # three parts in the first box, two families, one part in the box around the gait
+    assert len(done) == 4  # one part in the first box, two families, one part in the box around the gait
     assert resumed.searched == wheel.searched
     assert [gait.state.tolist() for gait in resumed] == [gait.state.tolist() for gait in wheel]
 
@@ -139,7 +139,7 @@ def fast_arc(gait, xi):
 
 
 def test_the_summary_says_how_many_gaits_are_stable_and_that_there_may_be_more(wheel):
-    assert repr(wheel) == "<Gaits of rimless-wheel-slip: 1 gait, stable, found from 510 starts; there may be more>"
+    assert repr(wheel) == "<Gaits of rimless-wheel-slip: 1 gait, stable, found from 502 starts; there may be more>"
     assert counted_gaits([]) == "no gait"
     assert counted_gaits([False]) == "1 gait, unstable"
     assert counted_gaits([False, False]) == "2 gaits, none of them stable"
@@ -175,7 +175,7 @@ def test_solve_without_a_gait_says_what_was_tried():
     uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
     gait = solve(uphill)
     assert gait.status is Status.NOT_CONVERGED
-    assert gait.message.endswith("8 starts of complementarity, 2000 starts of simulation")  # in five boxes
+    assert gait.message.endswith("no gait was found from 2000 starts of simulation")  # in five boxes
     assert gait.to_record()["phases"] == []
 
 
@@ -247,6 +247,26 @@ def test_families_are_followed_of_gaits_but_not_of_designs(wheel):
     assert {job.argument.parameter for job in family_jobs(plan, wheel)} == {"friction", "walker.slope"}
     design = wheel.problem.replace({"friction": {"free": [0.3, 0.5], "guess": 0.4}, "objective": "speed"})
     assert family_jobs(SearchPlan(problem=design), wheel) == []
+
+
+def test_walks_of_a_design_try_values_of_the_free_parameters_within_their_bounds():
+    problem = with_open_modes(load_problem("compass-torque-efficient"))
+    tried = []
+    for number in (0, 17):  # where both impacts slip, and where no foot slips at all
+        part = find_candidates(SearchJob(problem=problem, method="simulation", number=number, seed=0, within={}))
+        tried.append({tuple(candidate["parameters"].items()) for candidate in part["candidates"]})
+    assert tried[0] == {tuple((key, free.guess) for key, free in problem.free.items())}
+    ((values),) = tried[1]
+    assert all(free.lower <= dict(values)[key] <= free.upper != free.guess for key, free in problem.free.items())
+    assert dict(values) != dict(*tried[0])
+
+
+@pytest.mark.slow
+def test_a_design_is_solved_with_mode_sequences_that_do_not_exist_at_its_guess():
+    """The best step slips; a step without slip costs 0.4 % more."""
+    gaits = find(with_open_modes(load_problem("compass-torque-efficient")), starts=500, progress=False)
+    assert cycles(gaits) == ["slip_forward, stick; slip_forward", "stick; stick"]
+    assert [gait.solver["objective"] for gait in gaits] == pytest.approx([0.003998, 0.004016], abs=1e-6)
 
 
 @pytest.mark.slow
