@@ -245,7 +245,7 @@ class SearchPlan(SearchRequest):
         """
         if self.problem.walker.contacts and self.within:
             self.problem.check_one_foot("a range of start states")
-        names = self.problem.map_section.names
+        names = self.problem.map_section.names if self.within else ()
         unknown = [name for name in self.within if name not in names]
         if unknown:
             raise UnknownNameError(
