@@ -25,6 +25,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 from gaitopt.solver.assembly import assemble_gait
 from gaitopt.solver.diagnosis import rejection_reason, status_without_gait
+from gaitopt.solver.ipopt import what_limits
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.program import ShootingProgram
 from gaitopt.solver.rollout import guessed_motion, retraced, rolled_again
@@ -88,7 +89,8 @@ class _Design:
                 return self._failed(result.status, result.words, solver)
             if result.status is not Status.CONVERGED:
                 causes = self._conflicts(start)
-                message = "\n".join(cause.words for cause in causes) or result.words
+                reason = f"{result.words}: {what_limits(smoothed.program.unknowns, smoothed.program.rows, result)}"
+                message = "\n".join(cause.words for cause in causes) or reason
                 return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes)
             at = smoothed.motion(result.w)
             if at.in_order and not smoothed.hits_trust_region(result.w):

@@ -30,7 +30,7 @@ from gaitopt.solver.collocation import MAX_ITERATIONS, SAMPLES, STRUCTURAL, Coll
 from gaitopt.solver.collocation_mesh import INTERVALS, Places
 from gaitopt.solver.collocation_rows import ROOM
 from gaitopt.solver.first_gait import straight_motion
-from gaitopt.solver.ipopt import IpoptResult
+from gaitopt.solver.ipopt import Block, IpoptResult, what_limits
 from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram, checked_gait, failed_gait
 from gaitopt.solver.rollout import guessed_motion
 
@@ -156,7 +156,8 @@ def optimise(
             status = Status.INFEASIBLE if causes else status
             causes = causes or tuple(collocation.worst(result.w))
             reasons = "\n".join(cause.words for cause in causes)
-            words = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (words, reasons)))
+            limits = what_limits(*_labelled(collocation), result)
+            words = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (words, limits, reasons)))
         return failed(found, status, words, causes)
 
     # the bound of the radius falls from the optimum without it, in steps that are halved where a search fails
@@ -338,6 +339,12 @@ def open_loop_program(
     return _program(problem, collocation, begin, built)
 
 
+def _labelled(collocation: Collocation) -> tuple[tuple[Block], tuple[Block]]:
+    """Unknowns and rows of a collocation with their meaning."""
+    unknowns, rows = collocation.blocks
+    return (replace(unknowns, labels=collocation.x_labels),), (replace(rows, labels=collocation.g_labels),)
+
+
 def _program(
     problem: Problem,
     collocation: Collocation,
@@ -345,10 +352,10 @@ def _program(
     built: Callable[[Problem], HybridSystem],
 ) -> CollocationProgram:
     """A collocation as a program for users, which starts from a motion, torques, durations and freed parameters."""
-    unknowns, rows = collocation.blocks
+    unknowns, rows = _labelled(collocation)
     return CollocationProgram(
-        unknowns=(replace(unknowns, labels=collocation.x_labels),),
-        rows=(replace(rows, labels=collocation.g_labels),),
+        unknowns=unknowns,
+        rows=rows,
         p=collocation.program.p,
         f=collocation.program.f,
         x0=collocation.start(*begin),

@@ -61,6 +61,8 @@ ENDINGS: dict[str, tuple[Status, str]] = {
 }
 """IPOPT's endings; any other is a defect of the installation or of gaitopt and raises."""
 
+LAST = 10
+"""Iterations over which the change of the objective says whether a search still makes progress."""
 RUNNING = threading.RLock()
 """Held while IPOPT runs or is freed, as MUMPS then frees its memory."""
 FINISHED = Freed(RUNNING, BUILDING)
@@ -181,6 +183,8 @@ class IpoptResult:
     multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.
     objective : its value.
     kkt : dual infeasibility, the residual of the optimality conditions.
+    rows : ndarray - values of g.
+    progress : change of the objective in the last ``LAST`` iterations.
     """
 
     w: Array
@@ -191,6 +195,38 @@ class IpoptResult:
     bound_multipliers: Array
     objective: float
     kkt: float
+    rows: Array
+    progress: float
+
+
+def what_limits(unknowns: Sequence[Block], rows: Sequence[Block], result: IpoptResult) -> str:
+    """What keeps a search from its optimum, in words: for a search whose iterations ran out.
+
+    The largest violation, the inequality with the largest multiplier, the residual of the optimality conditions, and
+    how much the objective still changed.
+
+    Parameters
+    ----------
+    unknowns, rows : of the program, with labels.
+    """
+    values, multipliers = (result.w, result.rows), (result.bound_multipliers, result.multipliers)
+    worst, pressing = (0.0, ""), (0.0, "")
+    for value, blocks, pressure in zip(values, (unknowns, rows), multipliers, strict=True):
+        lower, upper, unit = (_entries(blocks, name) for name in ("lower", "upper", "size"))
+        labels = [label for block in blocks for label in block.labels]
+        violation = np.maximum(lower - value, value - upper) / unit
+        weights = np.where(lower < upper, np.abs(pressure) * unit, 0.0)
+        for k, found in ((int(np.argmax(each)), each) for each in (violation, weights) if each.size):
+            label = str(labels[k])
+            if found is violation:
+                worst = max(worst, (float(found[k]), label))
+            else:
+                side = lower[k] if pressure[k] < 0 else upper[k]
+                pressing = max(pressing, (float(found[k]), f"{label}, bound {side:.4g}"))
+    violated = f"largest violation {worst[0]:.1e}" + (f" ({worst[1]})" if worst[0] > 0 else "")
+    limit = f"; the optimum presses most on {pressing[1]}" if pressing[0] > 0 else ""
+    residual = f"; residual of the optimality conditions {result.kkt:.1e}"
+    return f"{violated}{limit}{residual}; the objective changed by {result.progress:.1e} in the last {LAST} iterations"
 
 
 class Ipopt:
@@ -286,6 +322,7 @@ class Ipopt:
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
         status, words = ENDINGS[stats["return_status"]]
+        objectives = stats["iterations"]["obj"][-LAST - 1 :] if "iterations" in stats else []
         return IpoptResult(
             w=np.asarray(end["x"]).ravel() * x_unit,
             status=status,
@@ -295,6 +332,8 @@ class Ipopt:
             bound_multipliers=np.asarray(end["lam_x"]).ravel() / x_unit,
             objective=float(end["f"]),
             kkt=float(stats["iterations"]["inf_du"][-1]) if "iterations" in stats else np.inf,  # none was begun
+            rows=np.asarray(end["g"]).ravel() * g_unit,
+            progress=float(np.ptp(objectives)) if objectives else 0.0,
         )
 
 

@@ -73,3 +73,16 @@ def test_what_presses_against_the_search_is_named_and_what_does_not_is_not():
 def test_a_bound_below_presses_with_a_negative_multiplier():
     (cause,) = conflicts(*elastic(SPEED, {"speed": 0.7}, at_bound=-1.0), solved())
     assert "conflicts with control.ankle >= 0.8" in cause.words
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "label"),
+    [("compass-torque-efficient", "smoothed", "phase 1"), ("rabbit-optimal", "open_loop", "clearance at node")],
+)
+def test_a_search_that_runs_out_of_iterations_says_what_limits_it(monkeypatch, name, module, label):
+    monkeypatch.setattr(f"gaitopt.design.{module}.MAX_ITERATIONS", 6)
+    gait = go.solve(name, progress=False)
+    assert gait.status == "not_converged"
+    assert "the iterations ran out: largest violation" in gait.message
+    assert label in gait.message.partition("presses most on")[2]
+    assert "residual of the optimality conditions" in gait.message
