@@ -260,6 +260,24 @@ def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]
     return cycles
 
 
+def _proposals(point: CurvePoint, edited: Sequence[Cycle], span: float) -> Iterator[tuple[Cycle, float, Array | None]]:
+    """Cycles past an event, each with a distance in spans of the parameter, and states at its steps if they are known.
+
+    What walks find comes first, then the edits. Where a slip crosses the section, only the walk knows its velocity
+    there: its own states are tried last.
+    """
+    walked, proposed = list[tuple[Cycle, float, Array | None]](), {point.curve.cycle}
+    for distance in DISTANCES[:2]:
+        walks = [(cycle, distance, states) for cycle, states in walked_cycles(point, distance * span)]
+        walked += [walk for walk in walks if walk[0] != point.curve.cycle]
+        for cycle, _, _ in walks:
+            if cycle not in proposed:
+                proposed.add(cycle)
+                yield from ((cycle, each, None) for each in DISTANCES)
+    yield from ((cycle, distance, None) for cycle in edited if cycle not in proposed for distance in DISTANCES)
+    yield from walked
+
+
 def _replaced(items: Sequence[T], index: int, new: T) -> list[T]:
     items = list(items)
     items[index] = new
@@ -286,14 +304,8 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         reason = f"{curve.cycle.phase_words(key.phase)}{lost}"
     tried = dict.fromkeys(candidates)
     for side in (ahead, -ahead):
-        walked = list[tuple[Cycle, float, Array | None]]()
-        for distance in DISTANCES[:2]:
-            walks = walked_cycles(point, side * distance * curve.metric.span)
-            walked += [(cycle, distance, states) for cycle, states in walks if cycle != curve.cycle]
-        cycles = dict.fromkeys((*(cycle for cycle, _, _ in walked), *candidates))
-        tried |= cycles
-        # where a slip crosses the section, only the walk knows its velocity there
-        for cycle, distance, states in (*((c, d, None) for c in cycles for d in DISTANCES), *walked):
+        for cycle, distance, states in _proposals(point, candidates, side * curve.metric.span):
+            tried[cycle] = None
             successor = _attempt(point, cycle, offset := side * distance * curve.metric.span, states)
             if successor is None or successor.curve.cycle == curve.cycle:
                 continue
