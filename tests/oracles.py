@@ -1,8 +1,9 @@
-"""Mechanics of the three walkers a second time, in NumPy and by hand, as an oracle for the package.
+"""Mechanics of walkers a second time, in NumPy and by hand, as an oracle for the package.
 
 A point of a walker is the foot plus links, r (sin(a + s theta), cos(a + s theta)), so that its Jacobian and the part
 of its acceleration that is free of accelerations are written down at once. Newton's law for every body, projected
-on the coordinates, then gives M, B and G without a Lagrangian and without automatic differentiation.
+on the coordinates, then gives M, B and G without a Lagrangian and without automatic differentiation. Forces of the
+stance foot and impulses of the swing foot follow by the formulas of Gamus & Or (2013) for one foot.
 """
 
 import importlib.util
@@ -119,6 +120,27 @@ class Oracle:
         )
         return kinetic - sum(m.mass * self.gravity @ m.point.position(q) for m in self.masses) + self.spring(q)
 
+    def force(self, q: Array, dq: Array, slip: int, friction: float) -> tuple[Array, Array]:
+        """Force on the stance foot that sticks (``slip`` 0) or slips, and accelerations: eqs (2), (3), (5), (6)."""
+        M, bias = self.M(q), self.B(q, dq) + self.G(q)
+        W = np.eye(q.size)[-2:]
+        ratio = np.array([-friction * slip, 1])
+        if slip:
+            f = ratio * (W[1] @ np.linalg.solve(M, bias)) / (W[1] @ np.linalg.solve(M, W.T @ ratio))
+        else:
+            f = np.linalg.solve(W @ np.linalg.solve(M, W.T), W @ np.linalg.solve(M, bias))
+        return f, np.linalg.solve(M, W.T @ f - bias)
+
+    def impulse(self, q: Array, dq: Array, slip: int, friction: float) -> tuple[Array, Array]:
+        """Impulse on the swing foot that lands and then sticks or slips, and rates after it: eqs (8), (9), (11)."""
+        M, W = self.M(q), self.swing_foot.jacobian(q)
+        ratio = np.array([-friction * slip, 1])
+        if slip:
+            F = -ratio * (W[1] @ dq) / (W[1] @ np.linalg.solve(M, W.T @ ratio))
+        else:
+            F = -np.linalg.solve(W @ np.linalg.solve(M, W.T), W @ dq)
+        return F, dq + np.linalg.solve(M, W.T @ F)
+
     def angular_momentum(self, about: Array, q: Array, dq: Array) -> float:
         """About a fixed point, in the sense of the angles (from the normal towards downhill, clockwise)."""
         return sum(
@@ -146,15 +168,23 @@ def wheel_oracle(spokes: int, radius: float, mass: float, inertia_ratio: float, 
 
 
 def compass_oracle(
-    leg_length: float, leg_mass: float, leg_com: float, hip_mass: float, gravity: float, slope: float
+    leg_length: float,
+    leg_mass: float,
+    leg_com: float,
+    hip_mass: float,
+    gravity: float,
+    slope: float,
+    other_leg_mass: float | None = None,
+    other_leg_com: float | None = None,
 ) -> Oracle:
+    other_mass, other_com = other_leg_mass or leg_mass, other_leg_com or leg_com
     stance = Link(leg_length, 0)
     hip = Point((stance,))
     return Oracle(
         masses=(
             Mass(leg_mass, Point((Link(leg_com, 0),))),
             Mass(hip_mass, hip),
-            Mass(leg_mass, Point((stance, Link(leg_com - leg_length, 1, sign=-1)))),
+            Mass(other_mass, Point((stance, Link(other_com - leg_length, 1, sign=-1)))),
         ),
         swing_foot=Point((stance, Link(-leg_length, 1, sign=-1))),
         gravity=slope_gravity(gravity, slope),

@@ -342,7 +342,7 @@ def _at_impact(t: MultipleShooting) -> Function:
     landed = t.system.impact(swapped(t.mesh.cycle.impact), last)(z=t.Z[:, -1], p=t.p)["z_plus"]
     impulse = t.system.impact(swapped(Mode.STICK), last)(z=t.Z[:, -1], p=t.p)["impulse"]
     margins = [expression for expression, _ in t.impact_margins]
-    work = t.system.push(z=t.Z[:, -1], p=t.p)["work"]
+    work = t.system.push(t.mesh.cycle.phases[-1])(z=t.Z[:, -1], p=t.p)["work"]
     of_gravity = MX(t.system.weight(t.p)), MX(t.system.incline(t.p))
     values = vertcat(landed[t.system.n_shape], *of_gravity, impulse, work, *margins)
     return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])

@@ -129,7 +129,7 @@ class SmoothedScalars:
     @property
     def push_work(self) -> MX:
         """Work of the push before the impact [J]."""
-        return self._t.system.push(z=self._t.Z[:, -1], p=self._t.p)["work"]
+        return self._t.system.push(self._t.mesh.cycle.phases[-1])(z=self._t.Z[:, -1], p=self._t.p)["work"]
 
     @property
     def slip(self) -> MX:

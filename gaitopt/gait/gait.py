@@ -347,7 +347,7 @@ class Gait(WalkerMotion):
     @property
     def repeats_after(self) -> int:
         """Number of steps after which the gait repeats; fewer than its steps if it consists of a shorter cycle."""
-        n, least = len(self.steps), self.system.walker.steps_per_cycle()
+        n, least = len(self.steps), len(self.dynamics.steps)
         if n <= least:
             return n
         steps = self.cycle.steps

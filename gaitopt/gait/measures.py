@@ -5,6 +5,7 @@ Solver and simulator both provide arcs at Chebyshev points, so the same function
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
 from gaitopt.gait.shares import share_bounds
-from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.gait.trajectory import Arc, Step, push_work
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.contacts import undetermined
 from gaitopt.model.control import ConstantTorque, NoControl
@@ -246,6 +247,9 @@ class _Measured:
         self.duration = sum(step.period for step in steps)
         self.distance = sum(step.final_impact.step_length for step in steps)
         self.push_work = sum(step.final_impact.push_work for step in steps)
+        for last, arc in (pair for step in steps for pair in pairwise(step.arcs)):
+            if arc.struck is not None and {*arc.struck.touching} - {*last.mode.touching}:
+                self.push_work += push_work(last.dynamics, last.mode, last.states[-1])
         self.slip = sum(
             abs(curves.integral(contact.slip, arc.duration))
             for arc, o in self.arcs

@@ -136,8 +136,14 @@ def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) 
         step_length=length,
         impulse=impulse,
         stick_impulse=stick_impulse,
-        push_work=float(system.push(z=z_minus, p=p)["work"]) if walker.pushes else 0.0,
+        push_work=push_work(dynamics, before, z_minus) if system.cycle_end == TOUCHDOWN else 0.0,
     )
+
+
+def push_work(dynamics: Dynamics, before: Mode, z_minus: Array) -> float:
+    """Work of the contacts that push off in the mode and the state just before another one lands [J]."""
+    system = dynamics.system
+    return float(system.push(before)(z=z_minus, p=dynamics.p)["work"]) if system.walker.pushes else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -247,7 +247,7 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
     """Message about the first contradiction of a walker with several contacts; None if there is none."""
     eom, n = equations_of_motion(walker), len(walker.shape)
     contacts, names = eom.mechanism.contacts, (*walker.shape, "x", "y")
-    partner = walker.partners()
+    partner, p_plus = walker.partners(), walker.step_parameters(p)[-1]
     springs = vertcat(eom.mechanism.potential, *eom.mechanism.potential_while.values())
     points = horzcat(*(contact.position for contact in contacts.values())).T
     size = Function("size", [eom.p], [eom.length, eom.gravity, eom.mass])
@@ -259,12 +259,13 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
         return "its length, mass or gravity is zero"
     scales = Scales(length=length, time=float(np.sqrt(length / gravity)), mass=mass)
     random, massless = np.random.default_rng(0), {k for contact in contacts.values() for k in contact.places}
+    closing = [walker.stops.index(name) for name in walker.closing_stops]
     kept = [k for k, name in enumerate(names) if name not in massless]
     for _ in range(CHECKED_TOUCHDOWNS):
         q = random.uniform(-SPREAD, SPREAD, n + 2)
         dq = random.standard_normal(n + 2) / scales.time
-        if walker.stops:  # all are locked when the feet swap roles
-            gap, slope = (np.asarray(value) for value in stops(q, p))
+        if walker.closing_stops:  # they are locked when the feet swap roles
+            gap, slope = (np.asarray(value)[closing] for value in stops(q, p))
             q, dq = q - np.linalg.pinv(slope) @ gap.ravel(), dq - np.linalg.pinv(slope) @ (slope @ dq)
         M, before, energy = (np.asarray(value) for value in at(q, p))
         if not all(np.isfinite(value).all() for value in (M, before, energy)):
@@ -273,13 +274,12 @@ def _contacts_fault(walker: type[Walker], p: Array) -> str | None:
         if reason is not None or not walker.landing_contacts:
             return reason
         here = _posture(walker, q, dq, p)
-        q_plus = np.array([*here.relabel, *here.foot[0]])
-        reason = _jump(
-            here.bodies, _posture(walker, q_plus, np.array([*here.relabel_rate, *here.foot[1]]), p).bodies, scales
-        )
+        q_plus, dq_plus = np.array([*here.relabel, *here.foot[0]]), np.array([*here.relabel_rate, *here.foot[1]])
+        reason = _jump(here.bodies, _posture(walker, q_plus, dq_plus, p_plus).bodies, scales)
         if reason is not None:
-            return reason
-        _, after, energy_after = (np.asarray(value) for value in at(q_plus, p))
+            free = ", ".join(name for name in walker.stops if name not in walker.closing_stops)
+            return f"{reason}; if they are so while {free} is locked, name it in closing_stops" if free else reason
+        _, after, energy_after = (np.asarray(value) for value in at(q_plus, p_plus))
         for k, name in enumerate(contacts):
             other = partner.get(name, name)
             if np.abs(after[[*contacts].index(other)] - before[k]).max() > AGREEMENT * length:
@@ -573,7 +573,7 @@ def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
     stated |= {f"Mechanism.dampers[{k}].across": damper.across for k, damper in enumerate(m.dampers)}
     stated |= {f"Mechanism.stops[{name!r}]": gap for name, gap in m.stops.items()}
     stated |= {f"Mechanism.potential_while[{state!r}]": energy for state, energy in m.potential_while.items()}
-    stated |= {} if m.push is None else {"Mechanism.push": m.push}
+    stated |= {f"the push of {name}": impulse for name, impulse in m.pushes.items()}
     slopes = {f"the derivative of {name}": jacobian(expression, shape) for name, expression in stated.items()}
     stated |= {f"Mechanism.switches[{name!r}]": margin(dq) for name, margin in m.switches.items()}
     if walker.massless_feet:

@@ -415,21 +415,25 @@ def impact(
     )
 
 
-def push_off(eom: EquationsOfMotion, mode: Mode) -> tuple[SX, SX]:
-    """Rates just after the walker has pushed off with its stance foot, shape (n_q,), and the work of that [J].
+def push_off(eom: EquationsOfMotion, mode: Mode, pushing: Sequence[str]) -> tuple[SX, SX]:
+    """Rates just after the walker has pushed off with some contacts, shape (n_q,), and the work of that [J].
 
-    M (dq_plus - dq_minus) = W' P
+    M (dq_plus - dq_minus) = sum J_i' P_i + sum (dg_j/dq)' L_j
+
+    No other contact has an impulse: those that the push drives into the ground take part in the impact that follows.
 
     Parameters
     ----------
-    mode : in flight, with the stops that are locked meanwhile.
+    mode : all contacts off, with the stops that are locked meanwhile.
+    pushing : the contacts that push off.
     """
-    push, n = eom.mechanism.push, len(eom.walker.shape)
-    if push is None:
+    if not pushing:
         return eom.dq, SX(0)
-    system = _Constraints(eom, mode, {})
-    change = system.solve(vertcat(SX.zeros(n), push), SX.zeros(len(system.structure.constraints))).change
-    return eom.dq + change, dot(push, eom.dq[n:] + change[n:] / 2)
+    system, points, pushes = _Constraints(eom, mode, {}), eom.contacts, eom.mechanism.pushes
+    force = sum((points[name].J.T @ pushes[name] for name in pushing), SX.zeros(eom.q.numel()))
+    change = system.solve(force, SX.zeros(len(system.structure.constraints))).change
+    work = sum((dot(pushes[name], points[name].J @ (eom.dq + change / 2)) for name in pushing), SX(0))
+    return eom.dq + change, work
 
 
 def massless_landing(eom: EquationsOfMotion) -> tuple[SX, SX]:

@@ -60,6 +60,7 @@ DERIVED = (
     "modes",
     "held_in_impact",
     "partners",
+    "pushing",
     "steps_per_cycle",
     "step_parameters",
     "released",
@@ -75,7 +76,7 @@ ATTRIBUTES = tuple(Walker.__annotations__)
 LISTS = (
     "shape", "section", "section_rates", "stops", "open_in_impact", "switches", "lengths", "actuators", "external",
     "tracked",
-    "phases", "contacts", "massless_contacts", "landing_contacts",
+    "phases", "contacts", "massless_contacts", "landing_contacts", "closing_stops",
     "sections",
 )  # fmt: skip
 """Class attributes that are tuples of names."""
@@ -84,7 +85,6 @@ REMEDIES = {
     "shape": ': write shape = ("theta1", ...) in its body, the names of its coordinates',
 }
 WITHOUT_CONTACTS = {
-    "pushes": "leave pushes and Mechanism.push out, or describe a walker that stands on one foot at a time",
     "massless_feet": "name the contacts at the end of massless parts in massless_contacts",
 }
 """Class attributes that walkers with several contacts do not have, each with a remedy."""
@@ -202,7 +202,10 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
             )
             for k, damper in enumerate(stated.dampers)
         ),
-        push=None if stated.push is None else read.vector("Mechanism.push", stated.push, 2, "shape"),
+        push={
+            name: read.vector("Mechanism.push" + (f"[{name!r}]" if walker.contacts else ""), impulse, 2, "shape")
+            for name, impulse in stated.pushes.items()
+        },
         length=None if stated.length is None else read.scalar("Mechanism.length", stated.length, "parameters"),
         contacts={name: _checked_contact(walker, read, name, contact) for name, contact in stated.contacts.items()},
     )
@@ -400,8 +403,7 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
         yield "Mechanism.bodies is empty: a walker needs at least one body"
     if len(mechanism.motors) != len(walker.actuators):
         yield f"Mechanism.motors has {len(mechanism.motors)} entries, but actuators has {len(walker.actuators)}"
-    if walker.pushes is (mechanism.push is None):
-        yield f"pushes is {walker.pushes}, but Mechanism.push is {'missing' if mechanism.push is None else 'given'}"
+    yield from _push_faults(walker, mechanism)
     for name in ("stops", "switches", "phases", "contacts", "sections"):
         names, declared = (*getattr(mechanism, name),), getattr(walker, name)
         if names != declared:
@@ -416,6 +418,16 @@ def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[st
     for name in mechanism.potential_while:
         if name not in states:
             yield f"Mechanism.potential_while names {shown(name)}; allowed: {', '.join(states)}"
+
+
+def _push_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[str]:
+    """Messages about the impulses of the contacts that push off."""
+    if bool(walker.pushes) is (mechanism.push is None):
+        yield f"pushes is {walker.pushes}, but Mechanism.push is {'missing' if mechanism.push is None else 'given'}"
+    if isinstance(walker.pushes, tuple) and walker.pushes:
+        named = (*mechanism.push,) if isinstance(mechanism.push, Mapping) else shown(mechanism.push)
+        if named != walker.pushes:
+            yield f"Mechanism.push has {named}, but must be a mapping from the names of pushes, {walker.pushes}"
 
 
 def _class_faults(walker: type[Walker]) -> Iterator[str]:
@@ -470,7 +482,7 @@ def _attribute_faults(walker: type[Walker]) -> Iterator[str]:
             yield f"{name} has the entry {shown(strange[0])}, but must be a tuple of names, each {NAME_WORDS}"
         if doubles(value) and name != "tracked":
             yield f"{name} names {doubles(value)} twice"
-    for name in ("flies", "massless_feet", "pushes"):
+    for name in ("flies", "massless_feet", *(() if stated["contacts"] else ("pushes",))):
         if not isinstance(stated[name], bool):
             yield f"{name} is {shown(stated[name])}, but must be True or False"
     largest = stated["largest_angle"]
@@ -502,9 +514,10 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
         foreign = {*(named or ())} - {*walker.shape, *(walker.actuators if part == "tracked" else ())}
         if foreign:
             yield f"{', '.join(sorted(foreign))} is not a shape coordinate, but {part} names it"
-    if {*walker.open_in_impact} - {*walker.stops}:
-        unknown = ", ".join(sorted({*walker.open_in_impact} - {*walker.stops}))
-        yield f"open_in_impact names {unknown}, which is not a stop"
+    for part in ("open_in_impact", "closing_stops"):
+        if {*getattr(walker, part)} - {*walker.stops}:
+            unknown = ", ".join(sorted({*getattr(walker, part)} - {*walker.stops}))
+            yield f"{part} names {unknown}, which is not a stop"
     if "clock" in walker.phases:
         yield "phases names clock, which means the time since the impact: rename it"
     taken = {*walker.phases} & {*names}
@@ -513,12 +526,23 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
     devices = (*walker.stops, *walker.switches)
     if set(walker.stops) & set(walker.switches):
         yield f"{', '.join(sorted(set(walker.stops) & set(walker.switches)))} is named by both stops and switches"
-    for name, remedy in WITHOUT_CONTACTS.items() if walker.contacts else ():
-        if getattr(walker, name):
-            yield f"{name} is {shown(getattr(walker, name))}, but has no effect on a walker with contacts yet: {remedy}"
+    yield from _contact_faults(walker) if walker.contacts else ()
     taken = {*devices, *walker.actuators} & {*RESERVED}
     if taken:
         yield f"{', '.join(sorted(taken))} has another meaning in problem files: rename the stop, switch or actuator"
+
+
+def _contact_faults(walker: type[Walker]) -> Iterator[str]:
+    """Messages about attributes of a walker with named contacts."""
+    for name, remedy in WITHOUT_CONTACTS.items():
+        if getattr(walker, name):
+            yield f"{name} is {shown(getattr(walker, name))}, but has no effect on a walker with contacts yet: {remedy}"
+    if walker.exchanged and not walker.landing_contacts:
+        yield "exchanged names legs that swap places, but nothing lands that ends a step: name it in landing_contacts"
+    pushes, able = walker.pushes, [name for name in walker.contacts if name not in walker.massless_contacts]
+    if pushes is not False and (not isinstance(pushes, tuple) or doubles(pushes) or {*pushes} - {*able}):
+        words = f"a tuple of those contacts with a mass that push off; possible: {', '.join(able) or 'none'}"
+        yield f"pushes is {shown(pushes)}, but must be {words}"
 
 
 def _motor_faults(walker: type[Walker], names: tuple[str, ...]) -> Iterator[str]:

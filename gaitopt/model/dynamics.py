@@ -64,7 +64,7 @@ class Dynamics(ReadOnlyArrays):
 
         They repeat: step k of a motion has ``steps[k % len(steps)]``, a phase ``cycle.per_phase(steps)[phase]``.
         """
-        _, *others = self.system.walker.step_parameters(self.p)
+        _, *others = self.system.step_parameters(self.p)
         return (self, *(Dynamics(self.system, p) for p in others))
 
     @cached_property

@@ -1,10 +1,23 @@
 """A walker, its control law and the ground in CasADi symbols; ``gaitopt.model.system`` compiles them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 
-from casadi import SX, densify, depends_on, horzcat, jacobian, jtimes, reshape, substitute, symvar, vec, vertcat
+from casadi import (
+    SX,
+    densify,
+    depends_on,
+    horzcat,
+    jacobian,
+    jtimes,
+    reshape,
+    substitute,
+    symvar,
+    vec,
+    vertcat,
+    vertsplit,
+)
 
 from gaitopt.building import BUILT
 from gaitopt.model.contacts import Friction as Coefficients
@@ -15,9 +28,9 @@ from gaitopt.model.foreign import FOOT_COORDINATES
 from gaitopt.model.friction import ContactFriction, Friction, ImpactLaw
 from gaitopt.model.instant import Instant
 from gaitopt.model.lagrangian import equations_of_motion
-from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
+from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, section_of
-from gaitopt.model.transitions import impulse_name, share_name, transitions
+from gaitopt.model.transitions import PUSH, impulse_name, share_name, transitions
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
@@ -47,7 +60,8 @@ class Expressions:
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
         self.p = vertcat(self.eom.p, coefficients, self._scalars)
         self._motions: dict[Mode, Motion] = {}
-        self._impacts: dict[tuple[Mode, tuple[str, ...]], Impact] = {}
+        self._impacts: dict[tuple[Mode, tuple[str, ...], tuple[str, ...]], Impact] = {}
+        self._pushes: dict[tuple[tuple[str, ...], Mode], tuple[Mapping[str, SX], SX, SX]] = {}
         self._torques: dict[tuple[str, Mode | None], SX] = {}
 
         self.transitions = transitions(walker, friction, law, cycle_end)
@@ -194,7 +208,8 @@ class Expressions:
         margins |= {"regularity": found.regularity, "painleve": found.apparent_mass}
         for name, contact in eom.contacts.items():
             f_t, f_n = found.forces[name][0], found.forces[name][1]
-            of_contact = {"gap": contact.gap, "clearance": contact.position[1]}
+            height = contact.position[1] if self.walker.stands_on_one() else contact.gap
+            of_contact = {"gap": contact.gap, "clearance": height}
             if not self.transitions.may_land(mode):
                 of_contact = dict.fromkeys(of_contact, SX(1))
             if name in mode.touching:
@@ -225,13 +240,15 @@ class Expressions:
         walker, landing = self.walker, tuple(name for name in mode.touching if name not in before.touching)
         if walker.stops and not mode.stops:
             mode = walker.held_in_impact(mode, before)
+        pushing = tuple(name for name in walker.pushing() if landing and name in before.touching)
+        pushed, key = self.push(before)[1] if pushing else None, (mode, landing, pushing)
         if slip is not None:
-            return impact(self.eom, mode, self._friction, before=self._pushed(landing), slips={SWING_FOOT: slip})
-        if (mode, landing) not in self._impacts:
-            self._impacts[mode, landing] = BUILT.watch(self._impact(mode, landing))
-        return self._impacts[mode, landing]
+            return impact(self.eom, mode, self._friction, before=pushed, slips={SWING_FOOT: slip})
+        if key not in self._impacts:
+            self._impacts[key] = BUILT.watch(self._impact(mode, landing, pushed))
+        return self._impacts[key]
 
-    def _impact(self, mode: Mode, landing: tuple[str, ...]) -> Impact:
+    def _impact(self, mode: Mode, landing: tuple[str, ...], pushed: SX | None) -> Impact:
         eom, friction = self.eom, self._friction
         if landing and self.walker.massless_feet:
             none = dict.fromkeys(eom.contacts, SX.zeros(2))
@@ -240,7 +257,7 @@ class Expressions:
         if self._law is ImpactLaw.FRICTIONLESS:
             friction = replace(friction, kinetic=dict(friction.kinetic) | dict.fromkeys(landing, SX(0)))
         places = [name for name in landing if name in self.walker.massless_contacts]
-        return impact(eom, mode, friction, before=self._pushed(landing), places=places)
+        return impact(eom, mode, friction, before=pushed, places=places)
 
     def impulse(self, mode: Mode, before: Mode, slip: SX | None = None) -> SX:
         """(F_t, F_n) of all contacts as they are called before an impact [N s]; of a foot that stands alone, its own.
@@ -258,25 +275,21 @@ class Expressions:
         velocities, (foot, *_) = self.impact(mode, before, slip).velocities, (*mode.touching, FOOT)
         return velocities[foot][0], velocities[FOOT][1]
 
-    def _pushed(self, landing: tuple[str, ...]) -> SX | None:
-        """Rates just before a contact lands, where the walker pushes off before it; None for those of the state."""
-        return self.push[1] if self.walker.pushes and landing else None
+    def push(self, before: Mode) -> tuple[Mapping[str, SX], SX, SX]:
+        """The push of the contacts that are on the ground in the mode before another one lands.
 
-    @cached_property
-    def push(self) -> tuple[SX, SX, SX]:
-        """The push of the stance foot just before the swing foot lands.
-
-        Its impulse (P_t, P_n) [N s], shape (2,), the rates just after it, shape (n_q,), and its work [J].
+        Their impulses (P_t, P_n) [N s] by name, shape (2,), the rates just after them, shape (n_q,), and the work [J].
         """
-        stops = dict.fromkeys(self.walker.stops, "locked")
-        rates, work = push_off(self.eom, Mode.of(Mode.FLIGHT, stops))
-        impulse = self.eom.mechanism.push
-        return BUILT.watch((SX.zeros(2) if impulse is None else impulse, rates, work))
+        pushing = tuple(name for name in self.walker.pushing() if name in before.touching)
+        off = before.with_states(dict.fromkeys(before.contacts, OFF))
+        if (pushing, off) not in self._pushes:
+            impulses = {name: self.eom.mechanism.pushes[name] for name in pushing}
+            self._pushes[pushing, off] = BUILT.watch((impulses, *push_off(self.eom, off, pushing)))
+        return self._pushes[pushing, off]
 
-    @property
-    def approach(self) -> SX:
+    def approach(self, before: Mode) -> SX:
         """Normal velocity with which the swing foot lands."""
-        return (self.eom.W_swing @ self.push[1])[1]
+        return (self.eom.W_swing @ self.push(before)[1])[1]
 
     def impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
         """Margins of an impact by name.
@@ -286,7 +299,7 @@ class Expressions:
         mode : just after it, with the contacts as they are called before it.
         before : mode just before it.
         """
-        table, static, (push, *_) = self.transitions, self._friction.static, self.push
+        table, static, (pushes, pushed, _) = self.transitions, self._friction.static, self.push(before)
         names = table.impact_margin_names(mode, before)
         if not names:
             return {}
@@ -294,10 +307,10 @@ class Expressions:
         margins: dict[str, SX] = {
             "impact_regularity": result.regularity,
             "impact_painleve": result.apparent_mass,
-            "push_landing": -self.approach,
-            "push_cone_forward": static[self.walker.landing_points()[0]] * push[1] + push[0],
-            "push_cone_backward": static[self.walker.landing_points()[0]] * push[1] - push[0],
         }
+        for name, (p_t, p_n) in ((name, vertsplit(impulse)) for name, impulse in pushes.items()):
+            edges = static[name] * p_n + p_t, static[name] * p_n - p_t
+            margins |= zip((table.name(cone, name) for cone in PUSH[:2]), edges, strict=True)
         for name, contact in self.eom.contacts.items():
             impulse_t, impulse_n = result.impulses[name][0], result.impulses[name][1]
             of_contact = {"lift_velocity": result.velocities[name][1]}
@@ -308,6 +321,7 @@ class Expressions:
                     "impulse_cone_backward": static[name] * impulse_n - impulse_t,
                     "impact_slip_velocity": mode.directions[name] * result.velocities[name][0],
                     "touchdown_rate": -self._rate_of(contact.gap),
+                    PUSH[2]: -(contact.J @ pushed)[1],
                 }
             if name in mode.touching and table.name("impact_onset", name) in names:
                 stick = self.impact(mode.with_states({name: Mode.STICK}), before).impulses[name]
@@ -337,7 +351,8 @@ class Expressions:
         if end != TOUCHDOWN or "energy" in self.walker.model_fields:
             after = self.walker.swapped(mode) if end == TOUCHDOWN else mode
             section = section_of(self.walker, before, after, end)
-            z = z if section.stated else section.projected(z=z, p=self.p[: self.eom.p.numel()])["z_plus"]
+            p = self.eom.p if end != TOUCHDOWN else self.walker.step_parameters(self.eom.p)[-1]
+            z = z if section.stated else section.projected(z=z, p=p)["z_plus"]
         return z
 
     def stopped_together(self, mode: Mode, after: Mode) -> SX:

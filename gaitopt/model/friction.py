@@ -8,6 +8,7 @@ instant. Where mu_s > mu_k the force jumps when a foot begins to slip, and stick
 consistent; then the foot sticks. Gamus & Or (2013), eqs (4), (5) have mu_s = mu_k and c = 0.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -55,6 +56,10 @@ class Friction:
         """``coefficients`` by contact, of the one foot."""
         return {FOOT: self.coefficients(values)}
 
+    def exchanged(self, partners: Mapping[str, str]) -> tuple[int, ...]:
+        """Indices of the parameters after feet have swapped places: both have this law."""
+        return tuple(range(len(self.parameters)))
+
 
 @dataclass(frozen=True, slots=True)
 class ContactFriction:
@@ -81,6 +86,23 @@ class ContactFriction:
         """(mu_s, mu_k, c) of every contact from the values of ``parameters``, numbers or symbols."""
         place = {key: k for k, key in enumerate(self.parameters)}
         return {name: law.coefficients([values[place[key]] for key in law.parameters]) for name, law in self.laws}
+
+    def exchanged(self, partners: Mapping[str, str]) -> tuple[int, ...]:
+        """Indices of the parameters after contacts have swapped places: each contact has the law of its partner.
+
+        Raises
+        ------
+        ValueError
+            If a contact has one coefficient and its partner has several.
+        """
+        laws, keys = dict(self.laws), self.parameters
+        place = dict[str, int]()
+        for name, law in self.laws:
+            other = laws[partners.get(name, name)]
+            if len(law.parameters) != len(other.parameters):
+                raise ValueError(f"{name} and {partners[name]} swap places: give both one number, or both coefficients")
+            place |= zip(law.parameters, map(keys.index, other.parameters), strict=True)
+        return tuple(place[key] for key in keys)
 
 
 def shared_friction(contacts: tuple[str, ...], law: Friction) -> "Friction | ContactFriction":

@@ -231,5 +231,5 @@ def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
         stops={name: function(SX(gap)) for name, gap in mechanism.stops.items()},
         phases={name: function(SX(phase)) for name, phase in mechanism.phases.items()},
         potential_while={state: function(SX(energy)) for state, energy in mechanism.potential_while.items()},
-        push=None if mechanism.push is None else function(mechanism.push),
+        push={name: function(impulse) for name, impulse in mechanism.pushes.items()},
     )

@@ -10,6 +10,8 @@ from typing import Any
 
 from casadi import SX, norm_2, vertcat
 
+from gaitopt.model.modes import FOOT
+
 ORIGIN = (0.0, 0.0)
 
 
@@ -87,8 +89,8 @@ class Mechanism:
     potential_while : potential energy that acts only in a state: ``contact`` (the foot is on the ground), or that of a
         stop or switch, such as ``thrust on`` [J].
     dampers : the viscous dampers.
-    push : SX, shape (2,) - impulse of the ground on the stance foot just before the swing foot lands; None if the
-        walker does not push off [N s].
+    push : impulse of the ground on each contact of ``Walker.pushes`` just before another one lands, by its name, each
+        of shape (2,) [N s]. That of a stance foot without a name stands alone. None if the walker does not push off.
     contacts : the points that can touch the ground by name, of a walker with several contacts.
     sections : margins by name, any of which may end a cycle where it falls to zero, dimensionless; functions of the
         rates, as ``switches``.
@@ -109,10 +111,17 @@ class Mechanism:
     potential: Any = field(default_factory=lambda: SX(0))
     potential_while: Mapping[str, SX] = field(default_factory=dict)
     dampers: tuple[Damper, ...] = ()
-    push: SX | None = None
+    push: SX | Mapping[str, SX] | None = None
     contacts: Mapping[str, Contact] = field(default_factory=dict)
     sections: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)
     length: SX | None = None
+
+    @property
+    def pushes(self) -> Mapping[str, SX]:
+        """Impulse of every contact that pushes off, by its name."""
+        if self.push is None:
+            return {}
+        return self.push if isinstance(self.push, Mapping) else {FOOT: self.push}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -258,12 +258,12 @@ class HybridSystem:
             ends_step = any(name not in before.touching for name in mode.touching)
             z_plus = symbols.after(mode, before, ends_step=ends_step)
             columns.append(vertcat(z_plus, symbols.impulse(mode, before), *symbols.foot_velocities(mode, before)))
-        return {"impacts": horzcat(*columns), "approach": symbols.approach}
+        return {"impacts": horzcat(*columns), "approach": symbols.approach(before)}
 
     @compiled("zp")
-    def approach(self) -> dict[str, SX]:
-        """(z, p) -> normal velocity with which the swing foot lands [m/s]."""
-        return {"approach": self._symbols.approach}
+    def approach(self, before: Mode) -> dict[str, SX]:
+        """(z, p) -> normal velocity with which the swing foot lands in a mode [m/s]."""
+        return {"approach": self._symbols.approach(before)}
 
     def impact_margins(self, mode: Mode, before: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode, before)``."""
@@ -363,15 +363,17 @@ class HybridSystem:
         """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number above zero where it may land."""
         return self._symbols.points()
 
-    @property
-    @compiled("zp")
-    def push(self) -> dict[str, SX]:
-        """(z, p) -> impulse (2) of the push of the stance foot just before the swing foot lands, its work [J], rates.
+    def push(self, before: Mode) -> Function:
+        """(z, p) -> impulses (2, n) of the contacts that push off in a mode before another lands, work [J], rates.
 
-        The rates of (shape, x, y) are those just after it.
+        The rates of (shape, x, y) are those just after the push.
         """
-        impulse, rates, work = self._symbols.push
-        return {"impulse": impulse, "work": work, "rates": rates}
+        return self._push(_before_impact(before))
+
+    @compiled("zp")
+    def _push(self, before: Mode) -> dict[str, SX]:
+        impulses, rates, work = self._symbols.push(before)
+        return {"impulse": horzcat(SX(2, 0), *impulses.values()), "work": work, "rates": rates}
 
     @property
     @compiled("p")
@@ -429,6 +431,26 @@ class HybridSystem:
         """The vector ``p`` from values by dotted key, shape (n_p,); those of the control law are its own by default."""
         values = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
         return np.array([float(values[name]) for name in self.parameters])
+
+    def step_parameters(self, p: Any) -> tuple[Any, ...]:
+        """Parameters in each of the first steps, after which they repeat: one set if the legs are alike, else two.
+
+        At every landing that ends a step legs that differ swap places, and with them their friction.
+
+        Parameters
+        ----------
+        p : ndarray or CasADi symbols, shape (n_p,) - those of the first step.
+        """
+        if self.cycle_end != TOUCHDOWN:
+            return (p,)
+        of_walker, first = self.walker.step_parameters(p), self._friction_entries.start
+        order = [first + k for k in self.friction.exchanged(self.walker.partners())]
+        if order == [*range(first, self._friction_entries.stop)]:
+            return of_walker
+        other = of_walker[-1][[*range(first), *order, *range(self._friction_entries.stop, len(self.parameters))]]
+        if len(of_walker) == 1 and isinstance(p, np.ndarray) and np.array_equal(p, other):
+            return (p,)
+        return p, other
 
     def data(self, segment: int) -> Array:
         """Segment data of the control, shape (n_r,); not to be written to."""

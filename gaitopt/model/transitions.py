@@ -386,6 +386,7 @@ class Transitions:
     ) -> None:
         self.walker, self._friction, self._law, self.cycle_end = walker, friction, law, cycle_end
         self.modes, self._states = walker.modes(), {*walker.foot_modes()}
+        self._closing = walker.stops if walker.stands_on_one() else walker.closing_stops
         self.unique = "painleve" if walker.stands_on_one() else "regularity"
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
         self.unloaded = GROUND_FORCES if walker.massless_feet else ()
@@ -617,8 +618,9 @@ class Transitions:
                     raise ValueError(ONE_AT_A_TIME)
             if not self.may_land(step.phases[-1]):
                 raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
-            if "clearance" in self.of(step.phases[-1]):
-                raise ValueError("all stops must lock before the foot comes down")
+            if any(kind(guard) == "clearance" for guard in self.of(step.phases[-1])):
+                stops = "all stops" if self.walker.stands_on_one() else ", ".join(self._closing)
+                raise ValueError(f"{stops} must lock before the foot comes down")
         for phase, mode in enumerate(cycle.phases):
             self.between(mode, cycle.after(phase), self.struck(cycle, phase))
             reset = cycle.reset_after(phase)
@@ -707,9 +709,10 @@ class Transitions:
 
     def _of_landing(self, mode: Mode, name: str) -> Transition:
         """The row of a contact that is off: it lands, or may not land in this mode."""
-        if self.walker.stands_on_one() and mode.touching and mode.free:
-            return self._row("clearance")
         ends_step = name in self.walker.ending_contacts() and self.cycle_end == TOUCHDOWN
+        lands_on_ground = mode.touching or not self.walker.stands_on_one()
+        if ends_step and lands_on_ground and {*mode.free} & {*self._closing}:
+            return self._row(self.name("clearance", name))
         landed = self._candidates(mode, _at_rest(mode), landing=name)
         if ends_step:
             landed = tuple(self.walker.released(self.walker.swapped(after.contact)) for after in landed)
@@ -781,8 +784,9 @@ class Transitions:
         rows += [self._row(impulse_name(share_name(share)), candidates=(mode,)) for share in shares]
         if mode.slips:
             rows.append(self._row(f"impact_{self.unique}"))
-        if self.walker.pushes and landing:
-            rows += map(self._row, PUSH)
+        if pushing := [name for name in self.walker.pushing() if landing and name in before.touching]:
+            rows += [self._row(self.name(cone, name)) for name in pushing for cone in PUSH[:2]]
+            rows += [self._row(self.name(PUSH[2], name)) for name in landing]
         order = [*IMPACT_MARGINS]
         return sorted(rows, key=lambda row: order.index(row.guard) if row.guard in order else -1)
 

@@ -87,7 +87,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse, as
         ``landing`` defines, cannot slip, and keep their position in flight.
     lengths : the shape coordinates that are lengths [m] rather than angles [rad].
-    pushes : whether the walker pushes off with its stance foot just before the swing foot lands.
+    pushes : whether the walker pushes off with its stance foot just before the swing foot lands; of named contacts, the
+        names of those that push off just before another one lands, if they are on the ground then.
     actuators : names of the actuators.
     external : the actuators that push the walker from outside of it, such as a tow, a belt or the wind. Only what they
         act on may depend on x and y, and on x with a constant factor: the place on the ground makes no difference.
@@ -99,6 +100,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     massless_contacts : those at the end of massless parts, which have coordinates of their own (``Contact.places``).
     landing_contacts : those whose landing ends a step: the shape is then relabelled, and the base point moves to
         ``swing_foot``.
+    closing_stops : the stops that must be locked where such a landing ends a step, because ``relabel`` is of legs that
+        are locked. A foot that comes down before scuffs. Of a walker on one foot at a time all stops are.
     exchanged_contacts : contacts of one foot with those of the other; they swap places where a step ends.
     sections : names of the margins any of which may end a cycle (``gait: {section: {margin: NAME}}``).
     """
@@ -117,7 +120,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     flies: ClassVar[bool] = False
     massless_feet: ClassVar[bool] = False
     lengths: ClassVar[tuple[str, ...]] = ()
-    pushes: ClassVar[bool] = False
+    pushes: ClassVar[bool | tuple[str, ...]] = False
     actuators: ClassVar[tuple[str, ...]] = ()
     external: ClassVar[tuple[str, ...]] = ()
     tracked: ClassVar[tuple[str, ...]] = ()
@@ -126,6 +129,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     contacts: ClassVar[tuple[str, ...]] = ()
     massless_contacts: ClassVar[tuple[str, ...]] = ()
     landing_contacts: ClassVar[tuple[str, ...]] = ()
+    closing_stops: ClassVar[tuple[str, ...]] = ()
     exchanged_contacts: ClassVar[Mapping[str, str]] = {}
     sections: ClassVar[tuple[str, ...]] = ()
 
@@ -245,6 +249,11 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     def massless_points(cls) -> tuple[str, ...]:
         """The points that may touch the ground and have no mass: ``massless_contacts``, or both feet."""
         return cls.landing_points() if cls.massless_feet else cls.massless_contacts
+
+    @classmethod
+    def pushing(cls) -> tuple[str, ...]:
+        """Names of the contacts that push off."""
+        return cls.pushes if isinstance(cls.pushes, tuple) else (FOOT,) if cls.pushes else ()
 
     @classmethod
     def foot_modes(cls) -> tuple[Mode, ...]:

@@ -282,8 +282,11 @@ def lacks_energy(problem: ProblemStatement) -> bool:
     slides_back = problem.is_open or any("slip_backward" in mode.contacts.values() for mode in modes)
     if downhill > 0 or (downhill < 0 and slides_back):
         return False
-    system = _system(type(walker))
-    return not (walker.pushes and np.asarray(system.push(np.zeros(system.n_z), [*_values(walker), 0.0])[0]).any())
+    system, on_ground = _system(type(walker)), Mode.STICK
+    if walker.contacts:
+        on_ground = Mode.of_contacts(dict.fromkeys(walker.contacts, Mode.STICK))
+    push = system.push(on_ground)(np.zeros(system.n_z), [*_values(walker), 0.0])
+    return not (walker.pushes and np.asarray(push[0]).any())
 
 
 def natural_units(walker: Walker) -> Scales:

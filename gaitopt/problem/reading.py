@@ -99,6 +99,7 @@ class _StatementReader:
         self._control: Control | None = None
         self._modes: Cycle | OpenSequence | None = None
         self._cycle_end = TOUCHDOWN
+        self._laws: dict[str, Any] = {}
 
     def fields(self) -> dict[str, Any]:
         """The fields of the problem."""
@@ -109,6 +110,7 @@ class _StatementReader:
         if "gait" not in self._data:
             self._modes, guess = OpenSequence(stated=False), self._read_start()
             fields["until"] = self._read_until()
+            self._check_swapped_friction(2)
         fields |= {"walker": self._walker, "control": self._control, "modes": self._modes, "start": guess}
         fields["cycle_end"] = self._cycle_end
         if self._control and self._model and not self._control.restarts and self._cycle_end != CLOCK:
@@ -178,12 +180,27 @@ class _StatementReader:
                 read[name] = self._numbers(FrictionCoefficients, law, ("friction", name))
         if section is None or missing or any(law is None for law in read.values()):
             return None
-        laws = {name: read[name] if name in read else getattr(section, name) for name in model.contacts}
-        for name, other in model.exchanged_contacts.items():
-            if laws[name] != laws[other]:
-                words = f"differs from that of {name}, with which it swaps places after every step: give both the same"
-                self._fault(("friction", other), words)
-        return laws
+        self._laws = {name: read[name] if name in read else getattr(section, name) for name in model.contacts}
+        return self._laws
+
+    def _check_swapped_friction(self, steps: int) -> None:
+        """Check that contacts that swap places where a step ends have the same friction, unless they swap back.
+
+        Parameters
+        ----------
+        steps : of the cycle; odd where they are not known.
+        """
+        ends = self._model.partners().items() if self._model is not None and self._cycle_end == TOUCHDOWN else ()
+        for name, other in ends if self._laws else ():
+            ours, theirs = self._laws[name], self._laws[other]
+            if isinstance(ours, float) != isinstance(theirs, float):
+                words = "give both one number, or both static and kinetic friction"
+            elif ours != theirs and steps % 2:
+                words = "give both the same, or state the phases of 2, 4, ... steps"
+            else:
+                continue
+            where = f"differs from that of {other}, with which it swaps places after every step"
+            self._fault(("friction", name), f"{where}: {words}")
 
     def _read_walker(self) -> tuple[type[Walker] | None, Walker | None]:
         """The model, and the walker with its parameters."""
@@ -344,6 +361,7 @@ class _StatementReader:
         steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
         self._cycle_end = self._read_cycle_end(gait.section)
         cycle = self._read_cycle(steps, ("gait", "steps" if several else "phases"), landings)
+        self._check_swapped_friction(len(steps))
         phases = [mode for step in steps for mode in step.phases]
         if {*FIRST_KEYS} & {*gait.guess}:
             return cycle, self._read_first_guess(gait.guess, phases, steps[-1].impact)
@@ -608,6 +626,7 @@ class _StatementReader:
             return None, None
         least = 1 if self._model is None else self._model.steps_per_cycle()
         sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, least))
+        self._check_swapped_friction(1)
         if "steps" in gait.model_fields_set and gait.steps < least:
             self._fault(("gait", "steps"), UNEVEN.format(gait.steps))
         if gait.guess is not None and {*FIRST_KEYS} & {*gait.guess}:
@@ -653,7 +672,7 @@ class _StatementReader:
                 )
             )
             if self._model is not None:
-                if len(steps) % self._model.steps_per_cycle():
+                if self._cycle_end == TOUCHDOWN and len(steps) % self._model.steps_per_cycle():
                     raise ValueError(UNEVEN.format(len(steps)))
                 if not (self._model.contacts and self._faults):  # else a mode of named contacts may not be known
                     transitions(self._model, cycle_end=self._cycle_end).check(cycle)

@@ -197,7 +197,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
         "stops": mechanism.stops,
         "switches": eom.switches,
         "springs": {state: eom.force_of(energy) for state, energy in mechanism.potential_while.items()},
-        "push": {} if mechanism.push is None else {"foot": mechanism.push},
+        "push": mechanism.pushes,
     }
     definitions, texts = formulas(
         symbols,

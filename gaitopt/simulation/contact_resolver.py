@@ -36,7 +36,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import AT_REST, CANNOT_SLIP, CONE, Ending, Transition, grounded
+from gaitopt.model.transitions import AT_REST, CANNOT_SLIP, CONE, PHASE_MARGINS, Ending, Transition, grounded
 from gaitopt.simulation.clear_cases import ClearCases, is_within_cone
 from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
 from gaitopt.simulation.events import AT_REST as SLIPS_NO_MORE
@@ -93,11 +93,16 @@ class _Motion:
             bend = (slip * self._ahead[1].contact[0, contact, 0] - rate) / LOOK_AHEAD
         return bool(falls_at_start("slip_velocity", margin, rate, bend))
 
-    def lacks_force(self) -> bool:
-        """Whether a contact would have to be pulled at, or held by more friction than there is."""
+    def lacks_force(self, only: str | None = None) -> bool:
+        """Whether a contact would have to be pulled at, or held by more friction than there is.
+
+        Parameters
+        ----------
+        only : the only margin that counts.
+        """
         names, margins = self._instant.margins(self._mode, self._held, self._found, self._k)
         for j, margin in enumerate(margins):
-            if margin > EDGE:
+            if margin > EDGE or only not in (None, names[j]):
                 continue
             if not margin > -HOPELESS:
                 return True
@@ -151,7 +156,7 @@ class ContactResolver:
         self._points = Buffers(dynamics.system.contact_points)
         self._natural = NaturalDynamics(dynamics)
         self.clear = ClearCases(dynamics) if self._alone else None
-        self._push = Buffers(dynamics.system.push) if walker.pushes else None
+        self._pushes: dict[Mode, Buffers] = {}
         self._impacts: dict[tuple[Mode, tuple[Mode, ...]], Buffers] = {}
 
     def below_ground(self, z: Array) -> str | None:
@@ -212,7 +217,9 @@ class ContactResolver:
                 mode = mode.with_next(stop)
         if not landing:
             return mode, None
-        row = table.of(mode)[table.name("gap", landing[0])]
+        row = table.of(mode).get(table.name("gap", landing[0]))
+        if row is None:
+            return Termination(Ending.SCUFFING, PHASE_MARGINS["clearance"].lost)
         if row.ends_step:
             reason = f"{landing[0]} is on the ground and comes down where the step starts, which its landing ends"
             return Termination(Ending.IMPACT_INCONSISTENT, reason)
@@ -229,7 +236,8 @@ class ContactResolver:
             words[name] = "stick" if abs(v_t) <= still else str(Mode.slip(v_t))
             if on_ground and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
                 landing.append(name)
-            if not on_ground or abs(v_n) > TOUCHING:
+            cannot_slip = not self._alone and name in self._massless and abs(v_t) > TOUCHING
+            if not on_ground or abs(v_n) > TOUCHING or cannot_slip:  # a massless one keeps its place when it is off
                 words[name] = OFF
         if self._alone and self.system.walker.massless_feet and anywhere:  # on the ground the force would pull
             value, rate = margin_and_rate(self._dynamics, "normal_force", self.system.transitions.landed[0], z)
@@ -348,6 +356,8 @@ class ContactResolver:
         """
         assert transition.reset is not None
         of, candidates = transition.reset.of, transition.candidates
+        if of in self._names and (fault := self._push_fault(mode, z_minus)):
+            return fault
         chosen = self._clear_impact(mode, candidates, z_minus) or self._impact(
             mode, self._with_leaving(candidates), {of} & {*self._names}, z_minus
         )
@@ -363,11 +373,8 @@ class ContactResolver:
         assert transition.reset is not None
         if self.system.cycle_end != TOUCHDOWN:
             return impact_record(self._dynamics, mode.contact, z_minus, mode)
-        if self._push is not None:
-            (p_t, p_n), friction = self._push(z_minus, self._dynamics.p)[0], self._forces.friction.static[0]
-            if not is_within_cone(p_t, p_n, friction):
-                words = f"the foot that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
-                return Termination(Ending.PUSH_SLIPS, f"{words}, has {friction:g}")
+        if fault := self._push_fault(mode, z_minus):
+            return fault
         landed = self._clear_impact(mode, transition.candidates, z_minus)
         if landed is None:
             landings = self.system.transitions.landings(transition, mode)
@@ -376,6 +383,28 @@ class ContactResolver:
                 return chosen
             landed = landings.get(chosen) or self.system.walker.swapped(chosen)  # where others landed with it
         return impact_record(self._dynamics, landed.contact, z_minus, mode)
+
+    def _pushing(self, mode: Mode) -> tuple[str, ...]:
+        """The contacts that push off if another one lands in a mode."""
+        return tuple(name for name in self.system.walker.pushing() if name in mode.touching)
+
+    def _push(self, mode: Mode, z_minus: Array) -> tuple[Array, ...]:
+        """Impulses of the contacts that push off, their work, and the rates just after it."""
+        if mode not in self._pushes:
+            self._pushes[mode] = Buffers(self.system.push(mode))
+        return self._pushes[mode](z_minus, self._dynamics.p)
+
+    def _push_fault(self, mode: Mode, z_minus: Array) -> Termination | None:
+        """Why a contact cannot push off: it slips."""
+        pushing = self._pushing(mode)
+        impulses = self._push(mode, z_minus)[0].reshape(-1, 2).tolist() if pushing else []
+        for name, (p_t, p_n) in zip(pushing, impulses, strict=True):
+            friction = self._forces.friction.static[self._place[name]]
+            if not is_within_cone(p_t, p_n, friction):
+                who = "foot" if self._alone else f"contact {name}"
+                words = f"the {who} that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
+                return Termination(Ending.PUSH_SLIPS, f"{words}, has {friction:g}")
+        return None
 
     def _clear_impact(self, mode: Mode, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
         """The mode after an impact of a lone foot if no rounding can change it; None where all must be examined."""
@@ -405,8 +434,8 @@ class ContactResolver:
         if len(candidates) == 1 and not landing:  # a stop locks in flight
             return candidates[0]
         heights, mechanics = self._points(z_minus, self._dynamics.p)[0].copy(), self._forces.mechanics(z_minus)
-        if landing and self._push is not None:
-            mechanics = mechanics._replace(dq=self._forces.natural_rates(self._push(z_minus, self._dynamics.p)[2]))
+        if landing and self._pushing(mode):
+            mechanics = mechanics._replace(dq=self._forces.natural_rates(self._push(mode, z_minus)[2]))
         before, size, place = mechanics.velocities, TOUCHING * self._dynamics.scales.length, self._place
         if fault := self._arrival_fault(landing, heights, before):
             return fault
@@ -512,11 +541,7 @@ class ContactResolver:
         """Whether the ground would have to pull at a massless contact in a mode in which it is closed."""
         modes = found.modes.modes
         k, found = (modes.index(closed), found) if closed in modes else (0, instant.motions((closed,), held))
-        names, margins = instant.margins(closed, held, found, k)
-        j = names.index(f"normal_force.{name}")
-        if margins[j] > EDGE:
-            return False
-        return bool(falls_at_start("normal_force", margins[j], instant.rates(closed, held, found.motion[k])[j]))
+        return _Motion(instant, closed, held, found, k).lacks_force(f"normal_force.{name}")
 
     def _different(self, options: list[_Option]) -> list[_Option]:
         """The options that move the walker differently, the first of those that move it alike."""

@@ -251,8 +251,8 @@ class BatchResolver:
         self._after_impact = system.walker.foot_modes()
         self._ground = tuple(mode.contact for mode in system.transitions.landed)
         self._friction = dynamics.static_friction
-        self._push = HeyokaRowMap(system.push, {1: p}) if system.walker.pushes else None
         self._impacts: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
+        self._pushes: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
 
     def start(self, states: Array) -> tuple[Array, Codes, Codes, dict[tuple[Mode, str], list[int]]]:
@@ -374,8 +374,10 @@ class BatchResolver:
         after, x = candidates[np.arange(n), impacts, :n_z], self._system.n_shape
         step_lengths = after[:, x].copy()
         after[:, x] = 0.0
-        if self._push is not None:
-            p_t, p_n = self._push(states)[0].T
+        if self._system.walker.pushes:
+            if before not in self._pushes:
+                self._pushes[before] = HeyokaRowMap(self._system.push(mode), {1: self._p})
+            p_t, p_n = self._pushes[before](states)[0].T
             clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
         return impacts, clear, after, step_lengths
 

@@ -189,7 +189,7 @@ def impact_function(
     z_plus = system.impact(*modes, ends_step=ends_step)(z=z, p=full)["z_plus"]
     distance, x = z_plus[system.n_shape], system.n_shape
     moved = vertcat(z_plus[:x], 0 if ends_step else z_plus[x], z_plus[x + 1 :])
-    push = system.push(z=z, p=full)["work"]
+    push = system.push(modes[1])(z=z, p=full)["work"]
     rows = [-moved, -distance, -push, system.impact_margins(*modes)(z, full)]
     if ratio:
         sticks = modes[0].with_states(dict.fromkeys(modes[0].touching, Mode.STICK))

@@ -225,7 +225,8 @@ def _lands_from_below(at: Solution) -> Cause | None:
     for step, after in enumerate((*cycle.first_phases[1:], len(cycle.phases))):
         index = max(k for k, arc in enumerate(equations.mesh.arcs) if arc.phase == after - 1)
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
-        approach = buffered(equations.system.approach())(states[-1], per_phase[after - 1].p)[0].item()
+        landing = buffered(equations.system.approach(cycle.phases[after - 1]))
+        approach = landing(states[-1], per_phase[after - 1].p)[0].item()
         if not approach < 0:
             words = f"the swing foot touches the ground from below, {times[-1]:.4f} s after the impact"
             return Cause(
@@ -274,7 +275,7 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
     equations = at.equations
     _, labels = equations.inequalities
     dynamics = equations.dynamics(at.p, equations.unpack(at.w).freed)
-    coefficients, units = dynamics.contact_friction, equations.margin_units(dynamics.p)
+    of_step, units = dynamics.steps, equations.margin_units(dynamics.p)
     rows = {label: i for i, label in enumerate(labels)}
     for label, i in rows.items():
         if "+" in label.name and margins[i] < 0:
@@ -282,7 +283,7 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
             yield _cause("friction", words, at, label, severity=-margins[i] / units[i])
         if not kind(label.name).endswith("cone_forward") or "+" in label.name:
             continue
-        friction = coefficients[contact_of(label.name)]
+        friction = of_step[label.step % len(of_step)].contact_friction[contact_of(label.name)]
         partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
@@ -322,7 +323,7 @@ def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) 
     mesh = at.equations.mesh
     node = mesh.impact_nodes[label.step] if label.node is None else label.node
     time = float(mesh.node_times(at.durations)[node])
-    if label.name in PUSH:
+    if kind(label.name) in PUSH:
         place = "push-off"
     elif label.phase is None:
         place = "impact" if len(mesh.cycle.steps) == 1 else f"impact of step {label.step + 1}"

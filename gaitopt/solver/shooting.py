@@ -172,7 +172,7 @@ class MultipleShooting:
 
     def _per_phase(self, p: Any) -> tuple[Any, ...]:
         """The parameters of each phase, numbers or symbols, from those of the first step."""
-        return self.mesh.cycle.per_phase(self.system.walker.step_parameters(p))
+        return self.mesh.cycle.per_phase(self.system.step_parameters(p))
 
     def units(self, p: Array) -> NaturalUnits:
         """Natural units of unknowns and equalities at parameters ``p``, shape (n_p,)."""
@@ -633,7 +633,7 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     durations, freed = SX.sym("durations", len(cycle.phases)), SX.sym("freed", len(free))
     p = SX.sym("p", len(system.parameters))
     full = substituted(system.parameters, p, {key: freed[i] for i, key in enumerate(free)})
-    per_phase = cycle.per_phase(system.walker.step_parameters(full))
+    per_phase = cycle.per_phase(system.step_parameters(full))
     rows, at_end = [], list[tuple[SX, SX, SX, SX]]()
     for phase, (mode, name, order) in enumerate(endings(system, cycle)):
         step = cycle.step_of(phase)

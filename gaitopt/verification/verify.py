@@ -255,11 +255,11 @@ def law_claims(gait: Gait) -> Iterator[Claim]:
 
     Energy gained in an arc equals the work of motors and friction less the loss in dampers.
     """
-    friction, scales = gait.dynamics.contact_friction, gait.dynamics.scales
+    scales = gait.dynamics.scales
     missing_friction, backward, lowest = -np.inf, 0.0, np.inf
     imbalance, largest_change = 0.0, scales.energy
     for arc in gait.arcs:
-        o = observe(arc)
+        o, friction = observe(arc), arc.dynamics.contact_friction
         power = o.power.sum(axis=1) + np.sum(o.force[:, ::2] * o.slip, axis=1) - o.loss
         change = o.energy[-1] - o.energy[0]
         imbalance = max(imbalance, abs(change - curves.integral(power, arc.duration)))

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from combined_walkers import FEET, NamedCompass, NamedUnequal
+from contact_walkers import passive
 from oracles import (
     CASES,
     COMPASS,
@@ -9,12 +11,14 @@ from oracles import (
     SLIPS,
     WHEEL,
     Case,
+    compass_oracle,
     cross,
     directional,
     numbers,
 )
 from scipy.integrate import solve_ivp
 
+from gaitopt import Walker
 from gaitopt.model.control import ConstantTorque
 from gaitopt.model.modes import CONTACTS, Mode
 from gaitopt.model.system import HybridSystem
@@ -42,31 +46,44 @@ def flow_and_force(case: Case, mode: Mode, z: Array) -> tuple[Array, Array]:
     return dz, numbers(case.system.observation(mode)(0, z, case.p, []))[0]
 
 
-def equation_3_or_6(case: Case, mode: Mode, z: Array) -> tuple[Array, Array]:
-    """Contact force and accelerations as the paper's linear algebra has them."""
-    q, dq = case.coordinates(z)
-    M, bias = case.oracle.M(q), case.oracle.B(q, dq) + case.oracle.G(q)
-    W = np.zeros((2, q.size))
-    W[:, -2:] = np.eye(2)
-    if mode is Mode.STICK:
-        f = np.linalg.solve(W @ np.linalg.solve(M, W.T), W @ np.linalg.solve(M, bias))
-    else:
-        ratio = np.array([-FRICTION * mode.direction, 1])
-        gamma = W.T @ ratio
-        f = ratio * (W[1] @ np.linalg.solve(M, bias)) / (W[1] @ np.linalg.solve(M, gamma))
-    return f, np.linalg.solve(M, W.T @ f - bias)
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_force_and_acceleration_are_those_of_equations_2_to_6(case: Case, mode: Mode) -> None:
     for z in case.states():
         z = state_for(mode, z)
         dz, force = flow_and_force(case, mode, z)
-        f, ddq = equation_3_or_6(case, mode, z)
+        f, ddq = case.oracle.force(*case.coordinates(z), mode.direction, FRICTION)
         np.testing.assert_allclose(force, f, rtol=1e-10, atol=1e-10)
         np.testing.assert_allclose(dz[: case.n + 1], z[case.n + 1 :], atol=0)
         np.testing.assert_allclose(dz[case.n + 1 :], ddq[:-1], rtol=1e-10, atol=1e-10)
         assert ddq[-1] == pytest.approx(0, abs=1e-10)
+
+
+UNEQUAL = {**COMPASS, "other_leg_mass": 5.1, "other_leg_com": 0.9}
+NAMED = [(NamedCompass, COMPASS), (NamedUnequal, UNEQUAL)]
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("walker", "parameters"), NAMED)
+def test_named_contacts_have_the_forces_and_impulses_of_equations_2_to_11(
+    walker: type[Walker], parameters: dict[str, float], mode: Mode
+) -> None:
+    system, oracle = passive(walker, ()), compass_oracle(**parameters)
+    p, rng, n = [*walker(**parameters).model_dump().values(), FRICTION], np.random.default_rng(3), 4
+    stance, swing = (Mode.of_contacts({**dict.fromkeys(FEET, "off"), foot: mode}) for foot in FEET)
+    names = [walker.coordinates().index(name) for name in (*walker.shape, "x", "y")]
+    for _ in range(4):
+        z = np.zeros(2 * n)
+        z[names[:3]], z[[n + k for k in names[:2]]] = rng.uniform(-0.4, 0.4, 3), rng.uniform(-1.5, 1.5, 2)
+        z[n + names[2]] = mode.direction * rng.uniform(0.1, 1)
+        q, dq = z[names], z[[n + k for k in names]]
+        f, ddq = oracle.force(q, dq, mode.direction, FRICTION)
+        dz, force = numbers(system.flow(stance)(0, z, p, []))[0], numbers(system.observation(stance)(0, z, p, []))[0]
+        np.testing.assert_allclose(force, [*f, 0, 0], rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(dz[[n + k for k in names]], ddq, rtol=1e-10, atol=1e-10)
+        F, dq_plus = oracle.impulse(q, dq, mode.direction, FRICTION)
+        z_plus, impulses = numbers(system.impact(swing, stance, ends_step=False)(z, p))
+        np.testing.assert_allclose(impulses, [0, 0, *F], rtol=1e-9, atol=1e-10)
+        np.testing.assert_allclose(z_plus[[n + k for k in names]], dq_plus, rtol=1e-9, atol=1e-10)
 
 
 @pytest.mark.parametrize("mode", SLIPS)
