@@ -1,6 +1,17 @@
 """gaitopt: periodic gaits of legged walkers that slip, after Gamus & Or (2013).
 
 The public names are those of ``__init__.pyi``, imported on first use, so that ``import gaitopt`` costs next to nothing.
+Besides its packages, which ``CONTRIBUTING.md`` lists:
+
+systems      from a problem to its hybrid system and its gait
+requests     what each verb takes: one frozen request per verb
+integration  the Runge-Kutta method of order 8
+display      methods by which results show themselves
+errors       the errors that gaitopt raises on purpose, with exit codes
+callbacks    the types of functions that long computations call
+arrays       types of arrays, results that cannot be written to
+building     the lock under which CasADi builds and frees
+threads      state of one thread
 """
 
 import ast

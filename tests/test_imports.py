@@ -4,6 +4,7 @@ Imports within functions and for annotations count: a circle that is hidden from
 """
 
 import ast
+import re
 from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -62,3 +63,10 @@ def test_a_circle_that_python_does_not_notice_is_found() -> None:
     typed = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from gaitopt.model import first\n"
     assert circle(import_graph({"model.first": "from gaitopt.model.second import g", "model.second": typed}))
     assert not circle(import_graph({"model.first": "import gaitopt.model.second", "model.second": "import math"}))
+
+
+@pytest.mark.parametrize("folder", sorted(path.parent for path in PACKAGE.rglob("__init__.py")), ids=lambda p: p.name)
+def test_every_package_says_what_is_in_each_of_its_modules(folder):
+    words = set(re.findall(r"\w+", ast.get_docstring(ast.parse((folder / "__init__.py").read_text())) or ""))
+    modules = {path.stem for path in folder.glob("[!_]*.py")}
+    assert modules <= words or folder.name == "walkers"  # whose modules are named like their walkers

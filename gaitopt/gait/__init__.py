@@ -3,6 +3,8 @@
 curves      smooth curves by their values at Chebyshev points: integrals, extrema, roots
 trajectory  arcs of one mode, impacts, steps, simulated trajectories and their endings
 measures    the scalars of steps as numbers
+shares      contact forces that the equations of motion leave open, and their bounds
+zero_dynamics  what is left of a motion under virtual constraints: delta^2 and the potential
 gait        ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
 branch      ``Branch``: points, special points, cascades of period doublings
 records     types of all records, and the identities that their numbers satisfy

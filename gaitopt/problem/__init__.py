@@ -8,4 +8,5 @@
 - ``reading``: from data to the fields of a statement
 - ``plausibility``: numbers that are impossible or unusual for the walker
 - ``problem``: ``Problem``, a statement with its source; loading, replacing, restoring
+- ``writing``: a problem as texts, from which it is read again, and the decimals that they give for numbers
 """

@@ -9,5 +9,6 @@ Finished work is kept; the same call resumes. Every function raises a ``StorageE
 - ``grid``: axes and grids, and whether they fit on the machine
 - ``sweep``, ``front``, ``multistart``: plans of problems on grids, in chains and from random starts
 - ``basin``: plan of states walked until they settle
+- ``attractors``: plan of long walks at many values of a parameter
 - ``branch``: a continuation, record by record
 """
