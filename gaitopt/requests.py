@@ -72,7 +72,7 @@ FINEST_AGREEMENT, COARSEST_AGREEMENT = 1e-13, 1e-4
 NEWTON_STEPS = 9
 """Newton steps that halve from the longest first one converge quadratically long before."""
 IPOPT_ITERATIONS = 300
-"""Of a search for a motion, which takes ten when it succeeds."""
+"""Iterations of IPOPT in a search for a motion; one that succeeds takes ten."""
 INTERVALS = 14
 """Intervals of a step in a first mesh, distributed by length: about ten digits on the gaits of the paper."""
 FEWEST_INTERVALS, MOST_INTERVALS = 2, 2000

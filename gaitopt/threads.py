@@ -15,7 +15,7 @@ Property = TypeVar("Property", covariant=True)
 
 
 class cached_property(functools.cached_property[Property]):  # noqa: TID251
-    """As that of Python 3.12, which holds no lock while it computes.
+    """A cached property that holds no lock while it computes, as in Python 3.12.
 
     That of Python 3.11 holds one for all instances of the class: a thread inside that waits for another lock and a
     thread that holds the other lock and enters the property wait for each other for ever. Two threads may compute the

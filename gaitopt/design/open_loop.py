@@ -50,13 +50,13 @@ PRESSING = 0.05
 SIDE = {1.0: "<=", -1.0: ">="}
 UNBOUNDED = Range(minimum=-np.inf, maximum=np.inf)
 ROUNDING = 1e-7
-"""Of a radius at its bound, relative to it."""
+"""Part of its bound by which a spectral radius at the bound may exceed it."""
 FIRST_PART, SMALLEST_PART = 0.1, 0.02
 """Steps of the bound of the radius, relative to it: the first one, and that below which the search ends."""
 STEP_ITERATIONS = 60
-"""Of a step of that bound; those that succeed take 15 to 40."""
+"""Iterations for one step of that bound; a step that succeeds takes 15 to 40."""
 CLOSE_ITERATIONS = 25
-"""Of a search that stays close to a known optimum; those that succeed take 7 to 15."""
+"""Iterations of a search that stays close to a known optimum; one that succeeds takes 7 to 15."""
 
 _Begin: TypeAlias = tuple[Motion, Array, Array, list[float]]
 """Motion, torque values, durations and freed parameters with which a search starts."""

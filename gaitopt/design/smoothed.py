@@ -45,7 +45,7 @@ from gaitopt.threads import cached_property
 NEAR_OPTIMUM = 1e-4
 """KKT residual at which the search for conflicts ends, in the sizes of its objective and unknowns."""
 MAX_CONFLICT_ITERATIONS = 600
-"""Of the search for conflicts, whose objective is flat near its optimum. A design that succeeds takes up to 140."""
+"""Iterations of the search for conflicts, whose objective is flat near its optimum. A design takes up to 140."""
 ROUGH = 0.2
 """KKT residual, in the sizes of objective and unknowns, at which ``sqp`` takes over: it needs one iteration where
 IPOPT, which learns all curvature by secants, needs twenty."""

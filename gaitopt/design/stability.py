@@ -32,7 +32,7 @@ from gaitopt.solver.collocation_rows import DURATION
 
 RADIUS = "spectral_radius"
 STEP = 1e-5
-"""Of the differences that give the curvature, in the unknown that changes most."""
+"""Step of the differences that give the curvature, in the unknown that changes most."""
 
 
 class ReturnMap:

@@ -45,7 +45,7 @@ class Alternating(Control):
 
     @property
     def period(self) -> float:
-        """Of the clock."""
+        """Period of the clock [s]."""
         return self.cycle
 
     @property
@@ -63,7 +63,7 @@ class Alternating(Control):
         return np.array([1.0 - segment])
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """As for every law; and both halves name actuators."""
+        """Faults of every law, and halves that name no actuators."""
         yield from super().faults(walker)
         yield from _unknown(walker, first=self.first, second=self.second)
 
@@ -89,11 +89,11 @@ class Oscillating(Control):
 
     @property
     def period(self) -> float:
-        """Of the clock."""
+        """Period of the clock [s]."""
         return self.cycle
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """As for every law; and the sine is stated for actuators."""
+        """Faults of every law, and sines of what is no actuator."""
         yield from super().faults(walker)
         yield from _unknown(walker, mean=self.mean, amplitude=self.amplitude)
 

@@ -750,7 +750,7 @@ def constraint_rows(walker: type[Walker], constraints: Iterable[Constraint]) -> 
 
 
 def _constraints(mode: Mode) -> tuple[Constraint, ...]:
-    """Of a mode, the normal ones first."""
+    """The constraints of a mode, the normal ones first."""
     return (
         *((name, NORMAL) for name in mode.touching),
         *((name, TANGENTIAL) for name in mode.touching if not mode.directions[name]),

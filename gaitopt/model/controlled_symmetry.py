@@ -28,7 +28,7 @@ class ControlledSymmetry(Control):
     virtual_slope: Annotated[Slope, Field(description="slope that the motors imitate [rad]")]
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """As for every law; and each coordinate of the shape needs a motor."""
+        """Faults of every law, and coordinates of the shape without a motor."""
         yield from super().faults(walker)
         if len(walker.actuators) != len(walker.shape):
             motors = f"{walker.model} has {', '.join(walker.actuators) or 'no motors'}"

@@ -224,12 +224,12 @@ class Mode(str):
 
     @property
     def record(self) -> dict[str, Any]:
-        """As in JSON: ``mode``, and the state of every stop and switch by name."""
+        """The mode in JSON: ``mode``, and the state of every stop and switch by name."""
         return {"mode": self.words, **self.stops}
 
     @property
     def data(self) -> str | dict[str, Any]:
-        """As in a problem file: a word, a mapping of named contacts, or a mapping where there are stops."""
+        """The mode in a problem file: a word, a mapping of named contacts, or a mapping where there are stops."""
         return self.record if self.stops else self.words
 
     def with_contact(self, contact: "Mode") -> "Mode":

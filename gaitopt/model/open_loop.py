@@ -101,7 +101,7 @@ class OpenLoop(Control):
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
-        """Where one interval ends and the next begins."""
+        """Times at which one interval ends and the next begins [s]."""
         return (
             () if self.duration is None else tuple(self.duration * k / self.intervals for k in range(1, self.intervals))
         )

@@ -469,7 +469,7 @@ class ConstantMotion(ConstantCurves):
     """Constant angles."""
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Those of the numbers, joints that the walker does not track, and angles that it never reaches."""
+        """Faults of the numbers, joints that the walker does not track, and angles that it never reaches."""
         yield from super().faults(walker)
         for joint, point in self.constant.items():
             if joint not in walker.tracked:
@@ -543,7 +543,7 @@ class BezierMotion(BezierCurves):
     beyond_end: Continuation = None
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Those of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
+        """Faults of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
         yield from super().faults(walker)
         yield from _argument_faults(self, walker, tuple(self.bezier), "bezier")
         if not self.bezier:
@@ -621,7 +621,7 @@ class TableMotion(TableCurves):
     beyond_end: Continuation = None
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Those of the phase, a first column that does not suit it, and a degree that does not suit the rows."""
+        """Faults of the phase, a first column that does not suit it, and a degree that does not suit the rows."""
         (first, argument), *angles = self.table.columns.items()
         yield from (
             (path[:1], f"{path[1]} {words}" if path[0] == "table" else words)
@@ -877,7 +877,7 @@ class FreeMotion(FreeCurves):
 
     @property
     def given(self) -> Reference:
-        """As for curves of the phase variable of a law; a duration or a span is needed too."""
+        """Bezier curves whose points are unknown, if a duration or a span is given too; otherwise the same."""
         duration, over_phase = self.curve.duration, bool(self.phase_variable)
         if not self._is_given or (self.span if over_phase else duration) is None:
             return self

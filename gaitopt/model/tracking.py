@@ -40,7 +40,7 @@ class ProportionalDerivative(Control):
 
     @property
     def phase_variable(self) -> str:
-        """That of the reference."""
+        """The phase variable of the reference."""
         return self.reference.phase_variable
 
     @property
@@ -58,7 +58,7 @@ class ProportionalDerivative(Control):
         return self.reference.motion().data(segment)
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """As for every law; and each motor needs a joint."""
+        """Faults of every law, and motors without a joint."""
         yield from super().faults(walker)
         if len(walker.tracked) != len(walker.actuators):
             yield (

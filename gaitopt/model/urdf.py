@@ -111,7 +111,7 @@ class UrdfWalker(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the links; the phase is the lean of the line from the stance foot to the hip."""
+        """The mechanism of the links; the phase is the lean of the line from the stance foot to the hip."""
         plain, tree = super().mechanism(q, p), Tree(state_tree(cls, q, p).links, SX.zeros(2))
         hip, entry, _ = tree.way[len(tree.way) // 2]
         line = tree.place(hip, entry) - tree.place(tree.stance, tree.stance.tip)

@@ -287,7 +287,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def partners(cls) -> dict[str, str]:
-        """Of every contact that swaps places with another one, that other one."""
+        """The partner of every contact that swaps places with another one."""
         exchanged = cls.exchanged_contacts if cls.contacts else {FOOT: SWING_FOOT}
         return {**exchanged, **{theirs: ours for ours, theirs in exchanged.items()}}
 

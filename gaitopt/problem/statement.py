@@ -93,7 +93,7 @@ class Until:
 
     @property
     def data(self) -> dict[str, Any]:
-        """As in a file."""
+        """The data as in a problem file."""
         known = {"time": self.time, "steps": self.steps, "events": self.events}
         return {key: value for key, value in known.items() if value is not None}
 
@@ -114,7 +114,7 @@ class FirstGuess:
 
     @property
     def data(self) -> dict[str, Any]:
-        """As in a file."""
+        """The data as in a problem file."""
         known: dict[str, Any] = {"step_length": self.step_length, "postures": [dict(each) for each in self.postures]}
         return {key: value for key, value in known.items() if value} | {"duration": self.duration}
 

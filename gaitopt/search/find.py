@@ -403,7 +403,7 @@ def near_walls(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Seque
 
 
 def best_gait(gaits: Gaits) -> Gait:
-    """Of a design the gait with the best objective; otherwise a stable one, nearest to the guess if there is one."""
+    """The gait with the best objective for a design; otherwise a stable gait, the one nearest to the guess."""
     problem = gaits.problem
     if not gaits:
         starts = ", ".join(f"{counted(n, 'start')} of {method}" for method, n in gaits.searched["starts"].items())

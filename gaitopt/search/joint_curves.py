@@ -95,7 +95,7 @@ class Joints:
 
     @classmethod
     def of(cls, gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str) -> "Joints":
-        """Those of a gait of one step with one foot on the ground.
+        """The joints along a gait of one step with one foot on the ground.
 
         Parameters
         ----------
@@ -208,7 +208,7 @@ class FittedCurves:
 
     @property
     def degree(self) -> int:
-        """Of the curves."""
+        """Degree of the curves."""
         return self.points.shape[1] - 1
 
     def rows(self, names: Sequence[str]) -> dict[str, list[float]]:

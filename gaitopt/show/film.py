@@ -383,7 +383,7 @@ def _at_frames(arc: Arc, most: int) -> Arc:
 
 
 def _short(value: float) -> float:
-    """As many digits as a page can show."""
+    """The value with as many digits as a page can show."""
     return float(f"{value:.7g}")
 
 

@@ -51,7 +51,7 @@ from gaitopt.solver.newton import Solution
 from gaitopt.solver.shooting import Label, transcribe
 
 TOLERANCE = 1e-9
-"""Of IPOPT."""
+"""Tolerance of IPOPT."""
 MAX_ITERATIONS = 200
 NEARBY: dict[str, Any] = {"mu_init": 1e-3, "warm_start_init_point": "yes"} | {
     f"warm_start_{what}": 1e-7
@@ -63,8 +63,8 @@ CLOSE: dict[str, Any] = {"mu_init": 1e-4, "bound_mult_init_method": "mu-based"} 
 )
 """It stays near a start that is close to a solution, whose multipliers are not known."""
 OBJECTIVE_SLOPE, LONGER = 10.0, 5
-"""Of searches with bounds on |power|: slope to which the objective is scaled, because absolute work is small next to
-powers, and factor of the number of iterations, of which they take some 400."""
+"""For searches with bounds on |power|: the slope to which the objective is scaled, because absolute work is small next
+to powers, and the factor of the number of iterations, because they take some 400."""
 SHORTEST_PHASE = 1e-3
 """Shortest phase in periods of the guess."""
 LONGEST_PERIOD = 5.0

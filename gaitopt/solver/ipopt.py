@@ -30,7 +30,7 @@ from gaitopt.threads import cached_property
 TOLERANCE = 1e-10
 """In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
 MAX_ITERATIONS = IPOPT_ITERATIONS
-"""Of a design."""
+"""Iterations of IPOPT for a design."""
 HISTORY = 40
 """Secant pairs: twice as many as there are free directions in a large design."""
 COMMON: dict[str, Any] = {"print_level": 0, "sb": "yes", "acceptable_iter": 0}

@@ -45,7 +45,7 @@ MISPLACED = 1e-9
 """Violation in natural units of the margin that a jump of the torques should carry through zero."""
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 10_000
-"""If a cycle needs more, its motion is singular."""
+"""Most intervals of a cycle; a motion that needs more is singular."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class Solution:
 
     @property
     def durations(self) -> Array:
-        """Of the phases, shape (n_phases,) [s]."""
+        """Durations of the phases, shape (n_phases,) [s]."""
         return self.equations.unpack(self.w).durations
 
     @property

@@ -67,7 +67,7 @@ rounding."""
 NEAR_BREAKPOINT = 0.05
 """Part of a cycle within which a phase of a given duration may end at a breakpoint instead."""
 ROUNDING = 1e-12
-"""Of times, relative."""
+"""Relative difference of two times that rounding may cause."""
 CUT_OFF_PHASE = 0.05
 """Part of a step that a phase without a known end gets if no time is left for it."""
 

@@ -118,7 +118,7 @@ class StepMap:
         return self._lift(xi, self.dynamics.p, self._near)
 
     def walk(self, states: Array) -> StepOutcomes:
-        """As a call, from whole states, shape (n, n_z), to whole states, which may leave the section."""
+        """Walk from whole states, shape (n, n_z), to whole states, which may leave the section."""
         first, *others = self._steps
         walked = first(states)
         for step in others:

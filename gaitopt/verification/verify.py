@@ -35,7 +35,7 @@ from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap, directional_derivative
 
 INTERIOR_AGREEMENT = 1e-8
-"""Of states inside an arc, where the simulator interpolates, and of all scalars of arcs."""
+"""Agreement of states inside an arc, where the simulator interpolates, and of all scalars of arcs."""
 RECOMPUTED = 1e-9
 """Relative agreement of a stated scalar with its value along the gait's own motion; only rounding differs."""
 SMALL = 1e-4
@@ -50,11 +50,11 @@ random gaits the worst is a tenth of this times the radius."""
 DISCERNIBLE = 2e-6
 """Largest tolerance of the multipliers: an error of 1e-5 must be detected, however unstable or sensitive they are."""
 ZERO_DYNAMICS_AGREEMENT = 1e-8
-"""Of delta_zero squared with the multiplier on the constraint surface."""
+"""Agreement of delta_zero squared with the multiplier on the constraint surface."""
 ROUNDING_SAMPLES = 4
 LINEARITY = 2e-6
-"""Of the norm of the derivative: a derivative with a relative error of 1e-5 exceeds it along at least one of up to 25
-directions. Named gaits stay below 1e-8."""
+"""Largest deviation from linearity, relative to the norm of the derivative. A derivative with a relative error of 1e-5
+exceeds it along at least one of up to 25 directions; named gaits stay below 1e-8."""
 RESOLVED = LINEARITY / 4
 """Largest estimated error of an extrapolated difference that can decide the claim."""
 SETTLED = RESOLVED / 100

@@ -41,7 +41,7 @@ class CompassBiped(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the links, with the motor at the ankle, which acts between ground and stance leg."""
+        """The mechanism of the links, with the motor at the ankle, which acts between ground and stance leg."""
         return replace(super().mechanism(q, p), motors=(q.theta1, q.theta1 + q.theta2))
 
     @classmethod

@@ -34,5 +34,5 @@ class PushOffCompass(CompassBiped):
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
-        """Those of the compass."""
+        """The links of the compass."""
         return super().links(q, p)

@@ -32,7 +32,7 @@ class RimlessWheel(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the links; the wheel lands with its hub above the middle of two spokes."""
+        """The mechanism of the links; the wheel lands with its hub above the middle of two spokes."""
         half_angle = pi / p.spokes
         return replace(
             super().mechanism(q, p),

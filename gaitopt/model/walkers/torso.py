@@ -43,7 +43,7 @@ class TorsoWalker(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """That of the links, with springs and dampers between the torso and each leg."""
+        """The mechanism of the links, with springs and dampers between the torso and each leg."""
         hips = (q.torso - q.theta1, q.torso + q.theta2)
         return replace(
             super().mechanism(q, p),
@@ -92,7 +92,7 @@ class DrivenTorso(TorsoWalker):
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
-        """Those of ``TorsoWalker``, with joints whose angles are those of the motors."""
+        """The links of ``TorsoWalker``, with joints whose angles are those of the motors."""
         motors = {"hip": ("stance_hip", 1), "swing_hip": ("swing_hip", -1), "": ("", 1)}
         joints = [(link, *motors[link.joint]) for link in super().links(q, p)]
         return tuple(replace(link, joint=name, sign=sign) for link, name, sign in joints)
