@@ -39,7 +39,7 @@ class KneedWalker(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The mechanism of the links, with the stop of the knee; touchdown when both legs, straight, have the same angle."""
+        """The mechanism of the links with the stop of the knee; straight legs with the same angle touch down."""
         return replace(
             super().mechanism(q, p),
             touchdown=q.theta1 - q.theta2,

@@ -56,7 +56,7 @@ class Rabbit(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The mechanism of the links; the phase is the lean of the line from the stance foot to the hip, for equal lengths."""
+        """The mechanism of the links; the phase is the lean of the line from stance foot to hip, for equal lengths."""
         return replace(super().mechanism(q, p), phases={"stance_leg": (q.stance_thigh + q.stance_shin) / 2})
 
     @classmethod
