@@ -209,7 +209,6 @@ class _Constraints:
 
     Parameters
     ----------
-    slips : SX by contact - signs of the slip in place of those of the mode.
     base : the contact whose velocity is an unknown in place of that of (x, y); None for (x, y).
     """
 
@@ -219,13 +218,11 @@ class _Constraints:
         mode: Mode,
         kinetic: Mapping[str, SX],
         *,
-        slips: Mapping[str, SX] | None = None,
         base: str | None = None,
     ) -> None:
         self.eom, self.mode, self.structure = eom, mode, constraint_structure(eom.walker, mode)
-        signs: dict[str, SX] = {name: SX(sign) for name, sign in mode.directions.items()} | dict(slips or {})
-        self.friction = {name: signs[name] * kinetic[name] for name in mode.touching}
-        self.slipping = tuple(name for name in mode.touching if not signs[name].is_zero())
+        self.friction = {name: mode.directions[name] * kinetic[name] for name in mode.touching}
+        self.slipping = tuple(name for name in mode.touching if mode.directions[name])
         n, self.M = len(eom.walker.shape), eom.M
         self.J = {name: eom.contacts[name].J for name in mode.touching}
         if base is not None:
@@ -325,7 +322,6 @@ def motion(
     *,
     springs: SX,
     torque: SX,
-    slips: Mapping[str, SX] | None = None,
 ) -> Motion:
     """Motion of the walker in a mode.
 
@@ -333,10 +329,9 @@ def motion(
     ----------
     springs : SX, shape (n_q,) - gradient of the potential energy that acts in this mode only.
     torque : SX, shape (n_u,) - actuator torques u [N m].
-    slips : SX by contact - signs of slips, or unknowns between -1 and 1, in place of those of the mode.
     """
     walker = eom.walker
-    system = _Constraints(eom, mode, friction.kinetic, slips=slips)
+    system = _Constraints(eom, mode, friction.kinetic)
     drag = {name: -friction.viscous[name] * eom.contacts[name].velocity[0] for name in system.slipping}
     force = eom.E @ torque - eom.B - eom.G - springs
     force += sum((system.J[name][0, :].T * value for name, value in drag.items()), SX.zeros(force.numel()))
@@ -373,7 +368,6 @@ def impact(
     *,
     before: SX | None = None,
     places: Sequence[str] = (),
-    slips: Mapping[str, SX] | None = None,
 ) -> Impact:
     """The impact after which the walker is in a mode; contacts that leave the ground, and free stops, have no impulse.
 
@@ -382,11 +376,10 @@ def impact(
     mode : just after the impact, with the contacts as they are called before it.
     before : SX, shape (n_q,) - rates just before it; by default those of the state.
     places : the massless contacts that land: their coordinates take the values of ``Contact.places``.
-    slips : see ``motion``.
     """
     n, dq = len(eom.walker.shape), eom.dq if before is None else before
     base = next((name for name in mode.touching if name not in eom.walker.massless_contacts), None)
-    system = _Constraints(eom, mode, friction.kinetic, slips=slips, base=base)
+    system = _Constraints(eom, mode, friction.kinetic, base=base)
     v = dq if base is None else vertcat(dq[:n], eom.contacts[base].J @ dq)
     # coordinates without inertia have no momentum: their rates follow from the constraints alone
     found = system.solve(SX.zeros(v.numel()), -system.rows @ v)

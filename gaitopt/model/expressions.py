@@ -13,7 +13,6 @@ from casadi import (
     jtimes,
     reshape,
     substitute,
-    symvar,
     vec,
     vertcat,
     vertsplit,
@@ -74,15 +73,10 @@ class Expressions:
 
     # ---- the control law
 
-    def torque(self, mode: Mode, slip: SX | None = None) -> SX:
-        """Actuator torques in a mode, shape (n_u,); most laws do not depend on it.
-
-        Parameters
-        ----------
-        slip : an unknown sign of the slip of the foot in place of that of the mode.
-        """
+    def torque(self, mode: Mode) -> SX:
+        """Actuator torques in a mode, shape (n_u,); most laws do not depend on it."""
         held = mode.held
-        for key in (("any", None), ("held", held), *((("actual", mode),) if slip is None else ())):
+        for key in (("any", None), ("held", held), ("actual", mode)):
             if key in self._torques:
                 return self._torques[key]
         uses = "any"
@@ -90,17 +84,15 @@ class Expressions:
         def accelerations(actual: bool) -> tuple[SX, SX]:
             nonlocal uses
             uses = "actual" if actual or uses == "actual" else "held"
-            return self._accelerations(mode, slip, actual)
+            return self._accelerations(mode, actual)
 
-        known = self.p if slip is None else vertcat(self.p, *symvar(slip))
-        torque = BUILT.watch(torques(self._control, self._instant(accelerations), known))
-        if uses != "actual" or slip is None:
-            self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
+        torque = BUILT.watch(torques(self._control, self._instant(accelerations), self.p))
+        self._torques[uses, {"any": None, "held": held, "actual": mode}[uses]] = torque
         return torque
 
     def quantities(self, mode: Mode) -> dict[str, SX]:
         """Further expressions of the control law in a mode."""
-        now = self._instant(lambda actual: self._accelerations(mode, None, actual))
+        now = self._instant(lambda actual: self._accelerations(mode, actual))
         return quantities(self._control, now, self.p)
 
     @property
@@ -130,10 +122,10 @@ class Expressions:
         torque, held, actual = self.law
         return depends_on(torque, held), depends_on(torque, actual)
 
-    def _accelerations(self, mode: Mode, slip: SX | None, actual: bool) -> tuple[SX, SX]:
+    def _accelerations(self, mode: Mode, actual: bool) -> tuple[SX, SX]:
         """Shape accelerations without torques, and by each torque, in a mode or with all contacts held."""
         u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
-        dz = (self._driven(mode, u, slip) if actual else self._driven(mode.held, u)).dz
+        dz = self._driven(mode if actual else mode.held, u).dz
         ddq = dz[first : first + len(self.walker.shape)]
         return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
 
@@ -164,15 +156,10 @@ class Expressions:
             self._motions[mode] = BUILT.watch(self._driven(mode, self.torque(mode)))
         return self._motions[mode]
 
-    def slipping(self, slip: SX, mode: Mode) -> Motion:
-        """Motion of a foot whose sign of the slip may be an unknown between -1 and 1; ``mode`` is that of a slip."""
-        return self._driven(mode, self.torque(mode, slip), slip)
-
-    def _driven(self, mode: Mode, torque: SX, slip: SX | None = None) -> Motion:
+    def _driven(self, mode: Mode, torque: SX) -> Motion:
         """Accelerations and contact forces in a mode under given torques."""
         springs = self.eom.force_of(self.potential_of(mode))
-        slips = None if slip is None else {FOOT: slip}
-        return motion(self.eom, mode, self._friction, springs=springs, torque=torque, slips=slips)
+        return motion(self.eom, mode, self._friction, springs=springs, torque=torque)
 
     def rate(self, mode: Mode) -> SX:
         """dz/dt in a mode, shape (n_z,)."""
@@ -225,7 +212,7 @@ class Expressions:
 
     # ---- impacts
 
-    def impact(self, mode: Mode, before: Mode, slip: SX | None = None) -> Impact:
+    def impact(self, mode: Mode, before: Mode) -> Impact:
         """The impact after which the walker is in a mode, with the contacts as they are called before it.
 
         A massless contact that lands takes its place; a massless foot lands without an impulse. Under the frictionless
@@ -235,15 +222,12 @@ class Expressions:
         ----------
         mode : just after it, with the stops that are locked then; without stops at the end of a step.
         before : mode just before it.
-        slip : an unknown sign of the slip of the swing foot between -1 and 1, by Coulomb's law.
         """
         walker, landing = self.walker, tuple(name for name in mode.touching if name not in before.touching)
         if walker.stops and not mode.stops:
             mode = walker.held_in_impact(mode, before)
         pushing = tuple(name for name in walker.pushing() if landing and name in before.touching)
         pushed, key = self.push(before)[1] if pushing else None, (mode, landing, pushing)
-        if slip is not None:
-            return impact(self.eom, mode, self._friction, before=pushed, slips={SWING_FOOT: slip})
         if key not in self._impacts:
             self._impacts[key] = BUILT.watch(self._impact(mode, landing, pushed))
         return self._impacts[key]
@@ -259,20 +243,20 @@ class Expressions:
         places = [name for name in landing if name in self.walker.massless_contacts]
         return impact(eom, mode, friction, before=pushed, places=places)
 
-    def impulse(self, mode: Mode, before: Mode, slip: SX | None = None) -> SX:
+    def impulse(self, mode: Mode, before: Mode) -> SX:
         """(F_t, F_n) of all contacts as they are called before an impact [N s]; of a foot that stands alone, its own.
 
         Arguments as for ``impact``.
         """
-        impulses, (foot, *_) = self.impact(mode, before, slip).impulses, (*mode.touching, FOOT)
+        impulses, (foot, *_) = self.impact(mode, before).impulses, (*mode.touching, FOOT)
         return vertcat(*(impulses[name] for name in self.walker.contacts or (foot,)))
 
-    def foot_velocities(self, mode: Mode, before: Mode, slip: SX | None = None) -> tuple[SX, SX]:
+    def foot_velocities(self, mode: Mode, before: Mode) -> tuple[SX, SX]:
         """Just after an impact, of a walker on one foot: v_t of the foot on the ground, v_n of the former stance foot.
 
         Arguments as for ``impact``.
         """
-        velocities, (foot, *_) = self.impact(mode, before, slip).velocities, (*mode.touching, FOOT)
+        velocities, (foot, *_) = self.impact(mode, before).velocities, (*mode.touching, FOOT)
         return velocities[foot][0], velocities[FOOT][1]
 
     def push(self, before: Mode) -> tuple[Mapping[str, SX], SX, SX]:
@@ -369,20 +353,20 @@ class Expressions:
             z = substitute(self.z + time * (rate - self.rate(following)), self.z, z)
         return z
 
-    def after(self, mode: Mode, before: Mode, *, ends_step: bool, slip: SX | None = None) -> SX:
+    def after(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
         """As ``reset``, with the base point where it is and without a projection; see also ``impact``."""
         lands = any(name not in before.touching for name in mode.touching)
         if ends_step and lands and self.walker.stands_on_one():
-            return self._on_other_foot(mode, before, slip)
+            return self._on_other_foot(mode, before)
         strikes = lands or (not ends_step and mode.locked != before.locked)
         z = self.state_after(mode, before) if strikes else SX(self.z)
         relabels = ends_step and self.transitions.cycle_end == TOUCHDOWN
         return substitute(self.relabelled, self.z, z) if relabels else z
 
-    def _on_other_foot(self, mode: Mode, before: Mode, slip: SX | None) -> SX:
+    def _on_other_foot(self, mode: Mode, before: Mode) -> SX:
         """The state after the impact of a walker on one foot: the base point is the foot that has landed."""
         eom, n = self.eom, len(self.walker.shape)
-        base, shape, result = eom.mechanism.swing_foot[0], eom.mechanism.relabel, self.impact(mode, before, slip)
+        base, shape, result = eom.mechanism.swing_foot[0], eom.mechanism.relabel, self.impact(mode, before)
         rates = jtimes(shape, eom.q[:n], result.dq[:n])
         if self.walker.massless_feet:
             shape, rates = massless_landing(eom)
