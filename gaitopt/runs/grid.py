@@ -21,6 +21,8 @@ INTEGER = 1e-9
 """A value of an axis this close to an integer is one; equal steps are rounded."""
 LARGEST_SIZE = 10**30
 """Largest size that a message states [bytes]."""
+NEGLIGIBLE = 2**24
+"""Memory that is always there [bytes]: the imports take more. psutil, which knows what is free, is slow to import."""
 JOB_BYTES_DISK = 6_000
 """The record of one gait, as JSON and in a table."""
 JOB_BYTES_MEMORY = 40_000
@@ -193,13 +195,16 @@ def check_room(points: int, folder: Path, *, disk: int, memory: int, what: str =
     StorageError
         If they do not fit; the message states their size.
     """
-    import psutil
-    from rich.filesize import decimal
-
     parent = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
-    room = (("on disk", disk, shutil.disk_usage(parent).free), ("of memory", memory, psutil.virtual_memory().available))
+    room = [("on disk", disk, shutil.disk_usage(parent).free)]
+    if points * memory > NEGLIGIBLE:
+        import psutil
+
+        room.append(("of memory", memory, psutil.virtual_memory().available))
     for where, each, free in room:
         if points * each > free:
+            from rich.filesize import decimal
+
             raise StorageError(
                 f"{points:,} {what} need about {decimal(min(points * each, LARGEST_SIZE))} {where}, "
                 f"but {decimal(free)} are free: choose fewer"
