@@ -26,6 +26,7 @@ from gaitopt.building import built_once
 from gaitopt.gait import curves
 from gaitopt.gait.measures import observe
 from gaitopt.gait.trajectory import Arc
+from gaitopt.model.contacts import undetermined
 from gaitopt.model.declaration import has_links, is_default, parameter_namespace, state_mechanism, state_picture
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.links import state_tree
@@ -79,12 +80,14 @@ class FilmContactRecord(TypedDict):
 class FilmPhaseRecord(TypedDict):
     """A phase: ``mode`` gives its colour, ``words`` say what the contacts do, ``contacts`` have the mode of each.
 
-    It lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin`` [m].
+    ``undetermined`` says of each whether its share of a force is undetermined: the page then draws no force. A phase
+    lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin`` [m].
     """
 
     mode: str
     words: str
     contacts: list[str | None]
+    undetermined: list[bool]
     start: float
     end: float
     step: int
@@ -302,6 +305,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
                     "mode": _overall(arc.mode),
                     "words": contacts_words(arc.mode),
                     "contacts": [arc.mode.contacts[name] if name in arc.mode.touching else None for name in names],
+                    "undetermined": [name in undetermined(motion.walker, arc.mode) for name in names],
                     "start": _short(began + arc.start),
                     "end": _short(began + arc.end),
                     "step": index,

@@ -131,6 +131,17 @@ def test_a_film_is_what_its_type_states(name):
         assert all(record.keys() == kind.__annotations__.keys() for record in records)
 
 
+def test_a_film_says_whose_share_of_a_force_is_undetermined():
+    flat = gait("flat-foot")
+    shown = film(motion_of(flat))
+    names = [contact["name"] for contact in shown["contacts"]]
+    marked = {
+        name for phase in shown["phases"] for name, shares in zip(names, phase["undetermined"], strict=True) if shares
+    }
+    assert marked == {*flat.to_record()["undetermined"]} != set()
+    assert not any(any(phase["undetermined"]) for phase in film(motion_of(gait("compass-passive-a")))["phases"])
+
+
 def test_phases_of_the_film_cover_the_step():
     shown = film(motion_of(gait("compass-passive-a")))
     assert [phase["mode"] for phase in shown["phases"]] == ["slip_forward", "stick", "slip_backward"]

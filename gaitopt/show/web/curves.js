@@ -92,11 +92,11 @@ function portrait(host, moving, fellows, labels) {
   legend(host, shape.map((name, n) => [COLOURS[n % COLOURS.length], labels.symbols[name]]), `${strokesMean(moving)}${dotted.length ? `Dotted: ${dotted.join(", or ")}. ` : ""}Dot: ${film.cycle_start}.`);
 }
 
-// Force ratios of all contacts; there is none while a contact carries nothing.
+// Force ratios of all contacts; there is none while a contact carries nothing, or an undetermined share.
 function ratios(moving) {
   return moving.film.contacts.map((contact, n) => {
     const [f_t, f_n] = [moving[`f_t${n}`], moving[`f_n${n}`]];
-    return f_t.map((force, k) => (f_n[k] > CARRIES * moving.film.weight ? force / f_n[k] : NaN));
+    return masked(moving.film, f_t.map((force, k) => (f_n[k] > CARRIES * moving.film.weight ? force / f_n[k] : NaN)), n);
   });
 }
 
@@ -107,10 +107,10 @@ function contactKey({ contacts, phases }) {
   return key.filter((entry, n) => phases.some((phase) => phase.contacts[n]));
 }
 
-// Values while a contact touches the ground, NaN elsewhere.
+// Values while a contact touches the ground and its share of the force is determined, NaN elsewhere.
 function masked({ phases }, values, n) {
   const kept = values.map(() => NaN);
-  for (const { contacts, first, last } of phases) if (contacts[n]) for (let k = first; k <= last; k += 1) kept[k] = values[k];
+  for (const { contacts, undetermined, first, last } of phases) if (contacts[n] && !undetermined[n]) for (let k = first; k <= last; k += 1) kept[k] = values[k];
   return kept;
 }
 

@@ -89,8 +89,9 @@ class Walker {
     this.join(this.ties, this.film.ties, points, []);
     this.film.discs.forEach(([k], n) => set(this.discs[n], { cx: points[k][0], cy: points[k][1] }));
     this.film.contacts.forEach(({ point }, n) => {
-      for (const part of [this.cones[n], this.forces[n]]) part.style.display = phase.contacts[n] ? "" : "none";
-      if (phase.contacts[n]) this.drawForce(n, points[point], frame);
+      const carries = phase.contacts[n] && !phase.undetermined[n];
+      for (const part of [this.cones[n], this.forces[n]]) part.style.display = carries ? "" : "none";
+      if (carries) this.drawForce(n, points[point], frame);
     });
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
     const known = this.film.contacts.length === 1 && phase.mode !== "flight" && Math.abs(slipped) >= 0.05;
