@@ -153,17 +153,18 @@ class Mode(str):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
-        """In problem files: a word, or ``{mode: stick, knee: free}`` for a walker with stops.
+        """In problem files: a word or ``{foot: stick}``, or ``{mode: stick, knee: free}`` for a walker with stops.
 
-        Modes of named contacts are read with the walker at hand, see ``problem.reading``.
+        Modes of other contacts are read with the walker at hand, see ``problem.reading``.
         """
 
         def read(data: object) -> Mode:
             contact, stops = data, dict[str, Any]()
             if isinstance(data, Mode):
                 return data
-            if isinstance(data, dict):
+            if isinstance(data, dict) and FOOT not in data:
                 contact, stops = data.get("mode"), {name: state for name, state in data.items() if name != "mode"}
+            contact = _short_form(contact)
             for value, allowed in [(contact, (*_DIRECTIONS,)), *((state, STATES) for state in stops.values())]:
                 if value not in allowed:
                     raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, allowed))})
@@ -251,6 +252,15 @@ class Mode(str):
         if value:
             return self.stops.get(name) == value
         return name in self.touching or (name == "contact" and bool(self.touching))
+
+
+def _short_form(contact: object) -> object:
+    """The word for ``{foot: word, swing_foot: off}``, the second of which may be left out; anything else as it is."""
+    if not (isinstance(contact, Mapping) and FOOT in contact and {*contact} <= {FOOT, SWING_FOOT}):
+        return contact
+    if contact.get(SWING_FOOT, OFF) not in (OFF, LEAVES):
+        return contact
+    return _FLIGHT if contact[FOOT] == OFF else contact[FOOT]
 
 
 @lru_cache(maxsize=256)  # one simulated step joins a dozen modes

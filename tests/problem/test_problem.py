@@ -312,3 +312,28 @@ def test_a_walker_of_the_users_own_can_be_given_with_the_file():
     assert restore_problem(problem.resolved(), walkers=[HeavyCompass]).digest == problem.digest
     with pytest.raises(ProblemError, match="no walker is called 'heavy_compass'"):
         parse_problem(text, Path("gait.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("name", "short", "long"),
+    [
+        ("compass-passive-a", "[slip_forward, stick,", "[{foot: slip_forward}, {foot: stick, swing_foot: off},"),
+        ("compass-passive-a", "impact: stick", "impact: {foot: stick, swing_foot: leaves}"),
+        ("kneed-passive", "mode: stick", "mode: {foot: stick}"),
+        ("slip-run", "flight]", "{foot: off}]"),
+    ],
+)
+def test_a_mode_is_a_short_form_of_what_both_feet_do(name, short, long):
+    known = load_problem(name)
+    text = known.text
+    assert short in text
+    assert parse_problem(text.replace(short, long)).cycle == known.cycle
+
+
+@pytest.mark.parametrize(
+    "mode", ["{foot: stick, swing_foot: stick}", "{swing_foot: stick}", "{foot: fly}", "{foot: [1]}"]
+)
+def test_a_walker_on_one_foot_has_no_other_modes(mode):
+    text = load_problem("compass-passive-a").text.replace("[slip_forward, stick,", f"[{mode}, stick,")
+    with pytest.raises(ProblemError, match=r"14:\d+ gait.phases\[0\].* is not one of the choices"):
+        parse_problem(text)
