@@ -9,6 +9,9 @@ the margins are in ``gaitopt.model.system``, and each method decides by itself w
 simulator from forces and impulses, the NLP by following a cycle, a branch by trying the candidates in turn. In the
 same way a witness function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
 
+A walker that stands on one foot at a time has the contacts ``foot`` and ``swing_foot``. Where the swing foot lands, the
+former stance foot leaves the ground, and the two swap places.
+
 Margins of forces and velocities belong to one contact each: ``normal_force.left``, or ``normal_force`` of the foot of a
 walker that stands on one at a time. Contacts that stick together and share their forces have margins of their group,
 such as ``cone_forward.left+right``. ``gap.left`` falls to zero where a contact that is off lands; ``touchdown`` is that
@@ -569,7 +572,7 @@ class Transitions:
         landed = [] if struck is None else [n for n in struck.touching if n not in cycle.phases[phase].touching]
         if cycle.after(phase) is None and self.cycle_end == TOUCHDOWN:
             partner = self.walker.partners()
-        landed = [partner.get(name, name) for name in landed if name in self.walker.massless_points()]
+        landed = [partner.get(name, name) for name in landed if name in self.walker.weightless()]
         forces = [self.name(force, name) for name in landed for force in GROUND_FORCES]
         names = dict.fromkeys([*forces, *self.ending(cycle, phase).zeros_after])
         return tuple(name for name in names if name in following)
@@ -666,7 +669,7 @@ class Transitions:
         landing : the contact that lands; its impact may change the motion of all that touch. A walker that stands on
             one contact at a time then stands on this one.
         """
-        walker, rests, massless = self.walker, {*at_rest}, self.walker.massless_points()
+        walker, rests, massless = self.walker, {*at_rest}, self.walker.weightless()
         if landing is not None and walker.stands_on_one():
             return tuple(mode.with_contact(walker.swapped(landed.contact)) for landed in self.landed)
         choices = list[tuple[str, ...]]()
@@ -723,7 +726,7 @@ class Transitions:
         """Rows of a contact on the ground; those of its forces are in the rows of its group if it shares them."""
         rows, forces = list[Transition](), [self.name(force, name) for force in GROUND_FORCES]
         if not is_shared:  # the forces of a massless contact vanish together
-            zeros = tuple(forces) if name in self.walker.massless_points() else ()
+            zeros = tuple(forces) if name in self.walker.weightless() else ()
             rows.append(self._of_force(forces[0], mode, mode.with_states({name: OFF}), zeros=zeros))
         if not mode.directions[name] and not is_shared:
             for slip, cone in CONE.items():
@@ -760,7 +763,7 @@ class Transitions:
         if not landing and (not mode.stops or mode.locked == before.locked):
             return []
         struck = self.walker.held_in_impact(mode, before) if self.walker.stops and not mode.stops else mode
-        shares, massless = shares_of(self.walker, struck), self.walker.massless_points()
+        shares, massless = shares_of(self.walker, struck), self.walker.weightless()
         shared = {contact for share in shares for _, contact in share}
         rows = [self._row(self.name("touchdown_rate", name)) for name in landing]
 

@@ -232,8 +232,8 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def weightless(cls) -> tuple[str, ...]:
-        """Names of the contacts at the end of massless parts."""
-        return (FOOT,) if cls.massless_feet else cls.massless_contacts
+        """Names of the points at the end of massless parts that may touch the ground: some contacts, or both feet."""
+        return cls.landing_points() if cls.massless_feet else cls.massless_contacts
 
     @classmethod
     def landing_points(cls) -> tuple[str, ...]:
@@ -244,11 +244,6 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     def ending_contacts(cls) -> tuple[str, ...]:
         """The contacts whose landing ends a step: ``landing_contacts``, or ``swing_foot``."""
         return cls.landing_contacts if cls.contacts else (SWING_FOOT,)
-
-    @classmethod
-    def massless_points(cls) -> tuple[str, ...]:
-        """The points that may touch the ground and have no mass: ``massless_contacts``, or both feet."""
-        return cls.landing_points() if cls.massless_feet else cls.massless_contacts
 
     @classmethod
     def pushing(cls) -> tuple[str, ...]:

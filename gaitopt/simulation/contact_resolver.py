@@ -148,7 +148,7 @@ class ContactResolver:
         self._speed, self._impulse = scales.speed, scales.impulse
         self._names, self._alone = walker.landing_points(), walker.stands_on_one()
         self._place = {name: k for k, name in enumerate(self._names)}
-        self._massless = (FOOT,) if walker.massless_feet else walker.massless_contacts
+        self._massless = walker.weightless()
         self._weightless = np.array([name in self._massless for name in self._names])
         self._drops, self._stick_first = dynamics.friction_drops, dynamics.stick_comes_first
         self._frictionless = dynamics.system.law is ImpactLaw.FRICTIONLESS
