@@ -43,6 +43,8 @@ VIOLATED = 0.5 * ROOM
 PROBABLE = 1e-4
 """A margin that is less than this between the points, in the motion of a gait with which a search begins, is held there
 from the beginning: fewer rounds."""
+BESIDE = 2
+"""Samples on either side of such a place that are held too, because the least margin moves between neighbours."""
 MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)
 """Fewest intervals, tried in turn: fast motions differ from polynomials by more than ``ROOM`` on long ones."""
 PRESSING = 0.05
@@ -146,7 +148,7 @@ def optimise(
     begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), Places()
     if known:
         collocation = _collocation(problem, system, durations, free, radius=np.inf, intervals=intervals)
-        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE, beside=1))
+        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE, beside=BESIDE))
     found = search(begin, places, None)
     collocation, result = found
     if result.status is not Status.CONVERGED:

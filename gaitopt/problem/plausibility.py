@@ -206,7 +206,8 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
 
 def _controlled_system(problem: ProblemStatement) -> HybridSystem:
     """The system of a problem whose law needs no other gait, shared by problems that differ in parameters alone."""
-    structure = (problem.impact_law, problem.friction_law, problem.cycle_end, *problem.control.structure)
+    law = problem.control.untimed
+    structure = (problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
     return _controlled(_Controlled(key=(type(problem.walker), *structure), problem=problem))
 
 

@@ -303,8 +303,6 @@ class MultipleShooting:
     @building
     def inequalities(self) -> tuple[MX, tuple[Label, ...]]:
         """Margins that must not be negative, and the meaning of each row."""
-        system, table, mesh = self.system, self.system.transitions, self.mesh
-        arcs = list(zip(range(len(mesh.arcs)), mesh.arcs, mesh.arc_nodes, strict=True))
         rows, labels = list[MX](), list[Label]()
 
         # every margin of a mode at the nodes of its arcs, unless an event makes it zero
@@ -313,16 +311,36 @@ class MultipleShooting:
             times = start + h * MX(np.arange(arc.intervals + 1)).T
             return [times, Z, *self.constants(arc, arc.intervals + 1)]
 
-        for (i, arc, at), margins in zip(arcs, self.map_arcs(system.margins, columns), strict=True):
-            names = table.margin_names(arc.mode)
-            places = [
-                (row, k, name)
-                for row, name in enumerate(names)
+        for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
+            arc, at, names = self.mesh.arcs[i], self.mesh.arc_nodes[i], self._margin_names(i)
+            rows.append(vec(margins)[[row + k * len(names) for row, k in self._held[i]]])
+            labels += [self.label(names[row], arc.phase, at[k]) for row, k in self._held[i]]
+        further, meaning = self._further_inequalities
+        return vertcat(*rows, further), (*labels, *meaning)
+
+    def _margin_names(self, index: int) -> tuple[str, ...]:
+        return self.system.transitions.margin_names(self.mesh.arcs[index].mode)
+
+    @cached_property
+    def _held(self) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """Rows and nodes of the margins that hold along each arc."""
+        return tuple(
+            tuple(
+                (row, k)
+                for row, name in enumerate(self._margin_names(i))
                 for k in range(arc.intervals + 1)
                 if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
-            ]
-            rows.append(vec(margins)[[row + k * len(names) for row, k, _ in places]])
-            labels += [self.label(name, arc.phase, at[k]) for _, k, name in places]
+            )
+            for i, arc in enumerate(self.mesh.arcs)
+        )
+
+    @cached_property
+    @building
+    def _further_inequalities(self) -> tuple[MX, tuple[Label, ...]]:
+        """Rows of the inequalities that belong to the ends of arcs and to the impacts, and their meaning."""
+        system, table, mesh = self.system, self.system.transitions, self.mesh
+        arcs = list(zip(range(len(mesh.arcs)), mesh.arcs, mesh.arc_nodes, strict=True))
+        rows, labels = list[MX](), list[Label]()
 
         # where a massless leg lands or takes off the ground forces are zero: their rates instead
         for i, arc, at in arcs:
@@ -356,7 +374,7 @@ class MultipleShooting:
         for row, label in self.impact_margins:
             rows.append(row)
             labels.append(label)
-        return vertcat(*rows), tuple(labels)
+        return vertcat(MX(0, 1), *rows), tuple(labels)
 
     @cached_property
     @building
@@ -413,8 +431,17 @@ class MultipleShooting:
         return self._defects(w, self._step_ends(w, p, 2))
 
     def margin_values(self, w: Array, p: Array) -> Array:
-        """Values of the inequalities."""
-        return self._margins(w, p)[0].copy()
+        """Values of the inequalities; those along the arcs without their expressions, which take longer to build."""
+        nodes, durations, freed = self.unpack(w)
+        per_phase, values = self._per_phase(self.values(p, freed)), list[Array]()
+        for i, (start, end) in enumerate(self.mesh.arc_times(durations.tolist())):
+            arc, at = self.mesh.arcs[i], self.mesh.arc_nodes[i]
+            times = start + (end - start) / arc.intervals * np.arange(len(at))
+            margins = buffered_map(self.system.margins(arc.mode), times.size)
+            rows, k = np.array(self._held[i], dtype=int).reshape(-1, 2).T
+            states, data = nodes[:, at.start : at.stop].T, self.system.data(arc.segment)
+            values.append(margins(times[:, None], states, per_phase[arc.phase], data)[0][k, rows])
+        return np.concatenate([*values, self._further(w, p)[0]])
 
     def jumps(self, w: Array, p: Array) -> dict[int, tuple[float, float]]:
         """For every timed phase the margin that ends it, before and after the torques jump, in natural units."""
@@ -470,8 +497,8 @@ class MultipleShooting:
 
     @cached_property
     @building
-    def _margins(self) -> BufferedFunction:
-        function = Function("margins", [self.w, self.parameters], [self.inequalities[0]])
+    def _further(self) -> BufferedFunction:
+        function = Function("further", [self.w, self.parameters], [self._further_inequalities[0]])
         return BufferedFunction(BUILT.watch(function))
 
     def _defects(self, w: Array, ends: Array) -> Array:
