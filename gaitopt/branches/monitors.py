@@ -37,7 +37,7 @@ Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 10.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, groupby
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -50,6 +50,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.cycle import BREAKPOINT
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import contact_of, kind, margin_unit, named
 from gaitopt.solver.rollout import JUMP
 
@@ -124,7 +125,8 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
             for contact in cycle.starts_from_rest(phase):
                 name = table.onset(cycle.phases[phase], contact).guard
                 values[MonitorKey(name, phase)] = MonitorValue(_force_beyond_cone(arcs[0], contact), 0.0)
-        time = np.inf if after is None or phase in cycle.timed else _time_to_jump(arcs[-1], after)
+        jumps = phase not in cycle.timed and cycle.reset_after(phase) is None
+        time = _time_to_jump(arcs[-1], after) if jumps and after is not None else np.inf
         if time < np.inf:
             values[MonitorKey(BREAKPOINT, phase)] = MonitorValue(time / period)
 
@@ -143,22 +145,27 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
 
 
 def _rising_margins(gait: Gait, margins: Mapping[int, Array]) -> Iterator[tuple[MonitorKey, MonitorValue]]:
-    """Monitors of margins that rise before they fall, such as that of a touchdown, over each step.
+    """Monitors of margins that rise before they fall, such as that of a touchdown, over each swing.
 
     Parameters
     ----------
     margins : of every arc, by its identity, in natural units.
     """
     cycle, table = gait.cycle, gait.system.transitions
-    for first, step in zip(cycle.first_phases, gait.steps, strict=True):
-        rows = [row for arc in step.arcs for row in table.of(arc.mode).values()]
+    arcs = [
+        (arc, first + phase)
+        for first, step in zip(cycle.first_phases, gait.steps, strict=True)
+        for arc, phase in zip(step.arcs, step.arc_phases, strict=True)
+    ]
+    for _, group in groupby(arcs, key=lambda pair: cycle.swings[pair[1]]):
+        swing = list(group)
+        rows = [row for arc, _ in swing for row in table.of(arc.mode).values()]
         for name in dict.fromkeys(row.guard for row in rows if row.margin.rises):
-            having = [(arc, phase) for arc, phase in zip(step.arcs, step.arc_phases, strict=True)
-                      if name in table.of(arc.mode)]  # fmt: skip
+            having = [(arc, phase) for arc, phase in swing if name in table.of(arc.mode)]
             times = [arc.times for arc, _ in having]
             along = [margins[id(arc)][table.margin_names(arc.mode).index(name)] for arc, _ in having]
             last = max(phase for _, phase in having)
-            yield MonitorKey(name, first + last), MonitorValue(min(OPEN, lowest_after_rise(times, along)[0]))
+            yield MonitorKey(name, last), MonitorValue(min(OPEN, lowest_after_rise(times, along)[0]))
 
 
 def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[str, float]:
@@ -205,12 +212,13 @@ def stride(gait: Gait) -> float:
         n_q = gait.system.n_z // 2
         q = np.concatenate([arc.states[:, :n_q] for step in gait.steps for arc in step.arcs])
         return float((np.ptp(q, axis=0) / gait.dynamics.state_units[:n_q]).max())
-    x = gait.system.n_shape
-    distances = [
-        abs(step.final_impact.step_length - step.arcs[-1].states[-1, x])
-        for step in gait.steps
-        if step.arcs[-1].mode.touching
-    ]
+    x, table, distances = gait.system.n_shape, gait.system.transitions, list[float]()
+    for step in gait.steps:
+        places = [*(float(arc.states[0, x]) for arc in step.arcs[1:]), step.final_impact.step_length]
+        for k, (arc, place) in enumerate(zip(step.arcs, places, strict=True)):
+            swaps = table.cycle_end == TOUCHDOWN if k == len(step.arcs) - 1 else step.arcs[k + 1].struck is not None
+            if swaps and arc.mode.touching:
+                distances.append(abs(place - arc.states[-1, x]))
     return float(max(distances, default=np.inf)) / gait.dynamics.scales.length
 
 

@@ -33,6 +33,7 @@ from gaitopt.model.declaration import has_links, parameter_namespace, state_mech
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.links import state_tree
 from gaitopt.model.mechanism import ORIGIN, Link
+from gaitopt.model.section import TOUCHDOWN
 
 POINT_RADIUS = 1e-6
 """Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
@@ -270,6 +271,7 @@ def _refuse(gait: Gait) -> None:
     walker, name = gait.system.walker, gait.problem.name
     present = [*walker.features()]
     present += [] if gait.system.control.restarts else ["a control law whose clock does not restart"]
+    present += [] if gait.problem.cycle_end == TOUCHDOWN else ["a cycle that ends without a landing"]
     slips = any(step.final_impact.mode.slips for step in gait.steps)
     if present:
         raise ProblemError(f"{name}: {walker.model} has {' and '.join(present)}; the engines cannot model that")

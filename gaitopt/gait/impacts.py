@@ -37,8 +37,10 @@ def impact_records(motion: Trajectory) -> Iterator[dict[str, Any]]:
             locked = [name for name in arc.mode.locked if before is not None and name not in before.mode.locked]
             struck = arc.struck or (arc.mode if locked else None)
             if struck is not None:
-                of = locked or _landing(arc.dynamics, struck, None if before is None else before.mode, z)
-                impulse = _impulse(arc.dynamics, struck, of, z, arc.states[0])
+                struck = arc.dynamics.system.transitions.struck_within(struck)
+                mode_before = None if before is None else before.mode
+                of = locked or _landing(arc.dynamics, struck, mode_before, z)
+                impulse = _impulse(arc.dynamics, struck, mode_before or _without(struck, of), z, arc.states[0])
                 yield _impact_entry(arc.dynamics, began + arc.start, number, of, struck, impulse)
         last = step.arcs[-1]
         if step.impact is not None and last.dynamics.system.cycle_end == TOUCHDOWN:
@@ -58,10 +60,14 @@ def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) ->
     return [name for name in struck.touching if rates[name] < 0]
 
 
-def _impulse(dynamics: Dynamics, struck: Mode, of: list[str], z: Array, z_plus: Array) -> Array | None:
-    """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
+def _without(struck: Mode, of: list[str]) -> Mode:
+    """The mode before an impact at the start of a motion, in which what strikes then has not struck."""
     off = struck.contact.with_states({name: OFF for name in of if name in struck.contacts})
-    before = Mode.of(off, {name: "locked" for name in struck.locked if name not in of})
+    return Mode.of(off, {name: "locked" for name in struck.locked if name not in of})
+
+
+def _impulse(dynamics: Dynamics, struck: Mode, before: Mode, z: Array, z_plus: Array) -> Array | None:
+    """Impulses of an impact within a step from the state before it; None if they do not lead to the state after it."""
     function = dynamics.system.impact(struck, before, ends_step=False)
     after, impulse = (value.copy() for value in buffered(function)(z, dynamics.p))
     return impulse if np.allclose(after, z_plus, rtol=SAME_STATE, atol=SAME_STATE) else None

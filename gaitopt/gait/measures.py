@@ -116,7 +116,7 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     impulse_ratios = (step.final_impact.impulse_ratio for step in steps)
     extrema: dict[str, float | None] = {
         "peak_torque": max((_peak(column) for _, o in cycle.driven for column in o.torque.T), default=0.0),
-        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in cycle.steps),
+        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in _swings(cycle.steps)),
         "required_friction": max(map(_peak, friction_ratios), default=None),
         "impulse_ratio": max((ratio for ratio in impulse_ratios if ratio is not None), default=None),
         "min_normal_force": min((-curves.maximum(-contact.force[:, 1])[1] for contact in contacts), default=None),
@@ -297,6 +297,16 @@ class _Measured:
 
 def _peak(values: Array) -> float:
     return max(curves.maximum(values)[1], curves.maximum(-values)[1])
+
+
+def _swings(steps: Sequence[list[tuple[Arc, Observation]]]) -> list[list[tuple[Arc, Observation]]]:
+    """The arcs between two swaps of the feet; where swaps lie within a cycle, its last swing goes on in its first."""
+    swings = list[list[tuple[Arc, Observation]]]()
+    for pairs in steps:
+        starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and not arc.struck.is_named]
+        groups = [pairs[i:k] for i, k in pairwise([0, *starts, len(pairs)])]
+        swings += groups if len(groups) == 1 else [groups[-1] + groups[0], *groups[1:-1]]
+    return swings
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:

@@ -112,16 +112,20 @@ class ImpactRecord(ReadOnlyArrays):
         return abs(tangential) / normal if normal else None
 
 
-def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) -> ImpactRecord:
+def impact_record(
+    dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode, *, lands: bool | None = None
+) -> ImpactRecord:
     """The end of a step, after which the foot is in ``mode``, from the state ``z_minus`` just before it, shape (n_z,).
 
     Parameters
     ----------
     before : mode just before it.
+    lands : whether it is a landing, after which the feet swap roles; by default if cycles end so.
     """
     system, walker, p, x = dynamics.system, dynamics.system.walker, dynamics.p, dynamics.system.n_shape
+    lands = system.cycle_end == TOUCHDOWN if lands is None else lands
     impulse, stick_impulse, state = np.zeros(2 * len(walker.contact_names())), np.zeros(2), z_minus.copy()
-    if system.cycle_end == TOUCHDOWN:
+    if lands:
         struck = walker.swapped(mode)
         landing = [name for name in struck.touching if name not in before.touching]
         held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
@@ -136,7 +140,7 @@ def impact_record(dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode) 
         step_length=length,
         impulse=impulse,
         stick_impulse=stick_impulse,
-        push_work=push_work(dynamics, before, z_minus) if system.cycle_end == TOUCHDOWN else 0.0,
+        push_work=push_work(dynamics, before, z_minus) if lands else 0.0,
     )
 
 
@@ -159,10 +163,10 @@ class Step:
 
     @property
     def phases(self) -> tuple[tuple[Mode, float], ...]:
-        """Modes and durations [s]; arcs of the same mode across a breakpoint of the control are one phase."""
+        """Modes and durations [s]; arcs of one mode without an impact between them are one phase."""
         merged: list[tuple[Mode, float]] = []
         for arc in self.arcs:
-            if merged and merged[-1][0] is arc.mode:
+            if merged and merged[-1][0] is arc.mode and arc.struck is None:
                 merged[-1] = (arc.mode, merged[-1][1] + arc.duration)
             else:
                 merged.append((arc.mode, arc.duration))
@@ -170,7 +174,7 @@ class Step:
 
     @property
     def landings(self) -> dict[int, Mode]:
-        """For every phase that begins with the impact of a named contact, by its index, the mode just after that."""
+        """For every phase that begins with the landing of a contact, by its index, the mode just after that."""
         arcs = zip(self.arc_phases, self.arcs, strict=True)
         return {phase: arc.struck for phase, arc in arcs if arc.struck is not None}
 
@@ -183,7 +187,7 @@ class Step:
     @property
     def arc_phases(self) -> tuple[int, ...]:
         """For every arc the index of its phase; a breakpoint of the control starts an arc, but no phase."""
-        new = [first.mode is not second.mode for first, second in pairwise(self.arcs)]
+        new = [first.mode is not second.mode or second.struck is not None for first, second in pairwise(self.arcs)]
         return tuple(int(k) for k in np.cumsum([0, *new]))
 
     @property

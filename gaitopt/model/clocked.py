@@ -4,7 +4,7 @@
     oscillating    u = kp (r - a) + kd (dr/dt - da/dt),    r = mean + amplitude sin(2 pi t / T)
 
 a is the angle, or the length, on which an actuator acts. Where a period ends a cycle (``gait: {section: clock}``), time
-starts from zero there, which makes no difference; elsewhere it starts from zero at every impact, as for every law.
+starts from zero there, which makes no difference; elsewhere it starts from zero at the end of every step.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,7 +12,7 @@ from math import pi
 from typing import Annotated
 
 import numpy as np
-from casadi import SX, cos, jtimes, sin
+from casadi import SX, cos, sin
 from pydantic import Field
 
 from gaitopt.arrays import Array
@@ -100,11 +100,11 @@ class Oscillating(Control):
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """Feedback on the error of each actuator's angle."""
         robot, mean, amplitude = now.robot, vars(now.p.mean), vars(now.p.amplitude)
-        torques, omega = dict[str, SX](), 2 * pi / self.cycle
-        for name, angle in zip(robot.walker.actuators, robot.mechanism.motors, strict=True):
+        torques, omega, rates = dict[str, SX](), 2 * pi / self.cycle, robot.E.T @ robot.dq
+        for k, (name, angle) in enumerate(zip(robot.walker.actuators, robot.mechanism.motors, strict=True)):
             size = amplitude.get(name, SX(0))
             error = mean.get(name, SX(0)) + size * sin(omega * now.t) - angle
-            rate = size * omega * cos(omega * now.t) - jtimes(angle, robot.q, robot.dq)
+            rate = size * omega * cos(omega * now.t) - rates[k]
             torques[name] = now.p.kp * error + now.p.kd * rate
         return torques
 

@@ -56,8 +56,8 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
     type : the name used in problem files.
     version : part of the digest of a problem if the law is from another package; change it with the equations.
     jumps : whether the torques may jump at breakpoints; otherwise they must be continuous there.
-    restarts : whether the law's clock restarts at every impact; if not, the law has a ``period``, with which the cycle
-        of a walker with several contacts ends, ``gait: {section: clock}``.
+    restarts : whether the law's clock restarts at every impact; if not, the law has a ``period``, with which a cycle
+        ends, ``gait: {section: clock}``.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)

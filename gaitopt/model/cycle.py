@@ -43,13 +43,14 @@ class ModeSequence:
     phases : modes.
     impact : the mode just after the impact; where a step ends without one, the contacts of its last phase.
     timed : indices of the timed phases, ascending.
-    landings : of the phases that begin with the landing of a named contact within the step, each its index and the mode
-        just after that impact.
+    landings : of the phases that begin with the landing of a contact within the step, each its index and the mode just
+        after that impact. A foot on which the walker then stands alone has swapped roles with the other one.
 
     Raises
     ------
     ValueError
-        If there is no phase, if two neighbours are equal, or if a flight of a foot is not the last phase.
+        If there is no phase, if two neighbours without a landing between them are equal, or if a flight of a foot does
+        not end with an impact.
     """
 
     phases: tuple[Mode, ...]
@@ -60,14 +61,23 @@ class ModeSequence:
     def __post_init__(self) -> None:
         if not self.phases:
             raise ValueError("a step needs at least one phase: stick, slip_forward, slip_backward or flight")
+        landed = {k for k, _ in self.landings}
         for k, (first, second) in enumerate(pairwise(self.phases), start=1):
+            if k in landed:
+                continue
             if first is second:
                 raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
             if second.touching and not first.touching and not first.is_named:
                 raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:
-        return f"{mode_words(self.phases, self.timed)}; {self.impact.brief}"
+        alone = [k for k, landed in self.landings if not landed.is_named]
+        parts = [self.phases[i:k] for i, k in pairwise([0, *alone, len(self.phases)])]
+        if len(parts) == 1:
+            return f"{mode_words(self.phases, self.timed)}; {self.impact.brief}"
+        landed = [dict(self.landings)[k].brief for k in alone]
+        words = [f"{mode_words(part)} ({impact})" for part, impact in zip(parts[:-1], landed, strict=True)]
+        return f"{', '.join([*words, mode_words(parts[-1])])}; {self.impact.brief}"
 
 
 @dataclass(frozen=True)
@@ -114,6 +124,8 @@ class Cycle:
             struck = ((k, phase[IMPACT]) for k, phase in enumerate(phases) if IMPACT in phase)
             landings = [
                 (k, modes[k].with_states({name: after.get(name, OFF) for name in modes[k].contacts}))
+                if isinstance(after, Mapping)
+                else (k, Mode(after))
                 for k, after in struck
             ]
             steps.append(ModeSequence(tuple(modes), Mode.from_record(step["impact"]), tuple(timed), tuple(landings)))
@@ -157,6 +169,18 @@ class Cycle:
     def first_phases(self) -> tuple[int, ...]:
         """Index of the first phase of every step."""
         return tuple(accumulate((len(step.phases) for step in self.steps[:-1]), initial=0))
+
+    @cached_property
+    def swings(self) -> tuple[int, ...]:
+        """For every phase, how often the feet have swapped roles before it: where steps end, and within them."""
+        within = (
+            (first, k)
+            for first, step in zip(self.first_phases, self.steps, strict=True)
+            for k, landed in step.landings
+            if not landed.is_named
+        )
+        starts = {*self.first_phases[1:], *(first + k for first, k in within)}
+        return tuple(accumulate(phase in starts for phase in range(len(self.phases))))
 
     def step_of(self, phase: int) -> int:
         """Index of the step of a phase."""

@@ -355,13 +355,14 @@ class Expressions:
 
     def after(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
         """As ``reset``, with the base point where it is and without a projection; see also ``impact``."""
-        lands = any(name not in before.touching for name in mode.touching)
-        if ends_step and lands and self.walker.stands_on_one():
+        landing = {name for name in mode.touching if name not in before.touching}
+        if landing and self.walker.stands_on_one():
             return self._on_other_foot(mode, before)
-        strikes = lands or (not ends_step and mode.locked != before.locked)
+        strikes = landing or (not ends_step and mode.locked != before.locked)
         z = self.state_after(mode, before) if strikes else SX(self.z)
-        relabels = ends_step and self.transitions.cycle_end == TOUCHDOWN
-        return substitute(self.relabelled, self.z, z) if relabels else z
+        ends = self.transitions.cycle_end == TOUCHDOWN
+        swaps = ends_step if ends else bool(landing & {*self.walker.ending_contacts()})
+        return substitute(self.relabelled, self.z, z) if swaps else z
 
     def _on_other_foot(self, mode: Mode, before: Mode) -> SX:
         """The state after the impact of a walker on one foot: the base point is the foot that has landed."""

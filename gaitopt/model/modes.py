@@ -192,7 +192,9 @@ class Mode(str):
         state = {"type": "string", "enum": list(STATES)}
         foot = {**word, "description": "what the stance foot does"}
         of_mode = {"anyOf": [foot, contacts]}
-        stops = {"type": "object", "properties": {"mode": of_mode}, "required": ["mode"], "additionalProperties": state}
+        landing = {"type": "string", "enum": [*CONTACTS], "description": "what a foot does that lands within the cycle"}
+        keys = {"mode": of_mode, IMPACT: {"anyOf": [landing, touching]}}
+        stops = {"type": "object", "properties": keys, "required": ["mode"], "additionalProperties": state}
         return {"anyOf": [word, stops, contacts]}
 
     @classmethod

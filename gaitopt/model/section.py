@@ -295,11 +295,14 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     places += gaps
     modes, rates, others = (after,) if event == TOUCHDOWN else (before, after), list[SX](), list[SX]()
     for name in on_ground:
-        velocity = jtimes(contacts[name].position, q, dq)
+        velocity = contacts[name].velocity
         touching = [mode for mode in modes if name in mode.touching]
         rates += [velocity[1]] if touching else []
         rates += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
     rates += gap_rates
+    if walker.massless_feet and not on_ground:  # a massless foot keeps its place in flight
+        rates.append(dq[names.index("x")])
+    places, rates = ([row for row in rows if not SX(row).is_zero()] for rows in (places, rates))
     if event not in (TOUCHDOWN, CLOCK):
         others.append(eom.sections[event])
     if "energy" in walker.model_fields:
@@ -334,7 +337,7 @@ def _closed_stops(walker: type[Walker], before: Mode) -> tuple[list[SX], list[SX
 def _in_order(walker: type[Walker]) -> list[int]:
     """Indices of the state in the order of section coordinates: the shape, y, then their rates, dx the last."""
     names = walker.state_names()
-    order = (*walker.shape, "y", "x")
+    order = [name for name in (*walker.shape, "y", "x") if name in names]
     return [names.index(name) for name in (*order, *(f"d{name}" for name in order))]
 
 
@@ -353,7 +356,7 @@ def _solved_coordinates(
 
     def preferred(stated: Sequence[str]) -> list[int]:
         order = sorted([*own, "x", "y", *shape], key=lambda name: name in stated)
-        return [names.index(name) for name in order if names.index(name) not in stale]
+        return [names.index(name) for name in order if name in names and names.index(name) not in stale]
 
     places, rates = preferred(walker.section), [k + n for k in preferred(walker.section_rates or ())]
     evaluated = Function("section", [eom.z, eom.p], [densify(c), densify(jacobian(c, eom.z))])

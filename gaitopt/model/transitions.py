@@ -35,7 +35,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import product
 
 from gaitopt.model.contacts import TANGENTIAL, constraint_structure, shares_of
 from gaitopt.model.cycle import BREAKPOINT, Cycle, ModeSequence
@@ -96,11 +96,13 @@ class Reset:
     Attributes
     ----------
     of : the contact that lands, or the stop that locks.
-    ends_step : whether the feet swap roles: the step ends, and time and x start from zero.
+    ends_step : whether the step ends, and time and x start from zero.
+    swaps : whether the feet swap roles, where a step ends or within it.
     """
 
     of: str
     ends_step: bool
+    swaps: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -437,9 +439,14 @@ class Transitions:
 
     def struck(self, cycle: Cycle, phase: int) -> Mode | None:
         """The impact that ends a phase, with the contacts as they are called before it; None without an impact."""
-        impact = cycle.reset_after(phase)
-        relabelled = impact is not None and cycle.after(phase) is None and self.cycle_end == TOUCHDOWN
-        return self.walker.swapped(impact) if impact is not None and relabelled else impact
+        impact, within = cycle.reset_after(phase), cycle.after(phase) is not None
+        if impact is None or (not within and self.cycle_end != TOUCHDOWN):
+            return impact
+        return self.struck_within(impact) if within else self.walker.swapped(impact)
+
+    def struck_within(self, landed: Mode) -> Mode:
+        """An impact within a step, with the contacts as called before it: a lone foot lands as the other one."""
+        return landed if landed.is_named or landed.locked else self.walker.swapped(landed)
 
     def landings(self, row: Transition, mode: Mode) -> Mapping[Mode, Mode]:
         """The mode after each impact that may end a step in ``mode``, by the impact.
@@ -479,12 +486,15 @@ class Transitions:
     def _leading(self, mode: Mode, after: Mode | None, struck: Mode | None) -> list[Transition]:
         """The transitions that explain a change of modes, the best first."""
         rows, reached = self.of(mode), [m for m in (after, struck) if m is not None]
+        landed = [name for m in reached for name in m.touching if name not in mode.touching]
+        gaps = (rows.get(self.name("gap", name)) for name in landed)
+        lands = [row for row in gaps if row is not None and row.ends_step is (after is None)]
+        if any(row.reset is not None and row.reset.swaps for row in lands):
+            return lands
         for name, state in () if after is None else after.stops.items():
             if state != mode.stops[name]:
                 return [rows[name]] if name in rows and after in rows[name].candidates else []
-        landed = [name for m in reached for name in m.touching if name not in mode.touching]
-        gaps = (rows.get(self.name("gap", name)) for name in landed)
-        if lands := [row for row in gaps if row is not None and row.ends_step is (after is None)]:
+        if lands:
             return lands
         parts = set[tuple[str, str]]()
         for name, word in after.contacts.items() if after is not None and not landed else ():
@@ -570,7 +580,8 @@ class Transitions:
         following, partner = self.of(cycle.phases[(phase + 1) % len(cycle.phases)]), dict[str, str]()
         struck = self.struck(cycle, phase)
         landed = [] if struck is None else [n for n in struck.touching if n not in cycle.phases[phase].touching]
-        if cycle.after(phase) is None and self.cycle_end == TOUCHDOWN:
+        reset = self.ending(cycle, phase).reset
+        if reset is not None and reset.swaps:
             partner = self.walker.partners()
         landed = [partner.get(name, name) for name in landed if name in self.walker.weightless()]
         forces = [self.name(force, name) for name in landed for force in GROUND_FORCES]
@@ -610,20 +621,26 @@ class Transitions:
             return
         model, start = self.walker.model, self.landed[0].stops
         for step in cycle.steps:
+            swaps = {k for k, landed in step.landings if not landed.is_named}
             if self.cycle_end != TOUCHDOWN and step.phases[-1].stops != start:
-                raise ValueError(f"nothing releases the stops of the {model}: only a landing that ends a step does")
+                raise ValueError(f"nothing releases the stops of the {model}: only a landing that swaps the feet does")
             self._check_modes(step, start)
-            if step.phases[0].stops != start:
-                raise ValueError(ONE_AT_A_TIME)
-            for mode, after in pairwise(step.phases):
-                changed = [name for name in start if after.stops[name] != mode.stops[name]]
+            for k, after in enumerate(step.phases):
+                if k in swaps or not k:
+                    changed = []
+                    if after.stops != start:
+                        raise ValueError(ONE_AT_A_TIME)
+                else:
+                    changed = [name for name in start if after.stops[name] != step.phases[k - 1].stops[name]]
                 if len(changed) > 1 or any(after.stops[name] == start[name] for name in changed):
                     raise ValueError(ONE_AT_A_TIME)
-            if not self.may_land(step.phases[-1]):
-                raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
-            if any(kind(guard) == "clearance" for guard in self.of(step.phases[-1])):
-                stops = "all stops" if self.walker.stands_on_one() else ", ".join(self._closing)
-                raise ValueError(f"{stops} must lock before the foot comes down")
+            ends = {len(step.phases)} if self.cycle_end == TOUCHDOWN else set[int]()
+            for last in (step.phases[k - 1] for k in sorted(swaps | ends)):
+                if not self.may_land(last):
+                    raise ValueError(f"the {model} lands after a flight: the last phase of a step must be flight")
+                if any(kind(guard) == "clearance" for guard in self.of(last)):
+                    stops = "all stops" if self.walker.stands_on_one() else ", ".join(self._closing)
+                    raise ValueError(f"{stops} must lock before the foot comes down")
         for phase, mode in enumerate(cycle.phases):
             self.between(mode, cycle.after(phase), self.struck(cycle, phase))
             reset = cycle.reset_after(phase)
@@ -655,7 +672,7 @@ class Transitions:
                 form = "{" + ", ".join([f"mode: {stated}", *(f"{k}: {v}" for k, v in start.items())]) + "}"
                 words = form if start else stated
                 raise ValueError(f"{mode.brief} does not fit the stops of the {model}: write {words}")
-        if alone and not step.impact.touching:
+        if alone and self.cycle_end == TOUCHDOWN and not step.impact.touching:
             raise ValueError("after an impact the foot is on the ground: stick, slip_forward or slip_backward")
         if step.impact.stops:
             raise ValueError(f"write the impact {step.impact.contact}: the impact of the foot frees all stops")
@@ -712,14 +729,14 @@ class Transitions:
 
     def _of_landing(self, mode: Mode, name: str) -> Transition:
         """The row of a contact that is off: it lands, or may not land in this mode."""
-        ends_step = name in self.walker.ending_contacts() and self.cycle_end == TOUCHDOWN
+        swaps = name in self.walker.ending_contacts()
         lands_on_ground = mode.touching or not self.walker.stands_on_one()
-        if ends_step and lands_on_ground and {*mode.free} & {*self._closing}:
+        if swaps and lands_on_ground and {*mode.free} & {*self._closing}:
             return self._row(self.name("clearance", name))
         landed = self._candidates(mode, _at_rest(mode), landing=name)
-        if ends_step:
+        if swaps:
             landed = tuple(self.walker.released(self.walker.swapped(after.contact)) for after in landed)
-        reset = Reset(of=name, ends_step=ends_step)
+        reset = Reset(of=name, ends_step=swaps and self.cycle_end == TOUCHDOWN, swaps=swaps)
         return self._row(self.name("gap", name), reset=reset, candidates=landed, zeros_after=self.unloaded)
 
     def _of_contact(self, mode: Mode, name: str, *, is_shared: bool) -> list[Transition]:

@@ -117,6 +117,11 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
     except ProblemError as error:
         yield Fault(("control",), str(error))
         return
+    at_margin = problem.cycle_end not in (TOUCHDOWN, CLOCK) and walker.stands_on_one()
+    if at_margin and (law.breakpoints or function.jac_sparsity(0, 0).nnz()):
+        words = f"{type(law).__name__} depends on the time since the last landing, which lies within the cycle"
+        yield Fault(("gait", "section"), f"{words}: end the cycle with a landing or the clock")
+        return
     z = np.zeros(system.n_z) if problem.start is None else np.array([*problem.start.state.values()])
     p, times, name = system.values(problem.parameters), law.breakpoints, type(law).__name__
     jumps = () if type(law).__module__.startswith(OWN_PACKAGE) else jumping_operations(function)

@@ -22,7 +22,7 @@ from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import is_default, joint_limits
 from gaitopt.model.foreign import calling
-from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
+from gaitopt.model.modes import CONTACTS, IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, has_stated_sections, section_of
@@ -115,9 +115,6 @@ class _StatementReader:
         fields["cycle_end"] = self._cycle_end
         if self._control and self._model and not self._control.restarts and self._cycle_end != CLOCK:
             why = "end the cycle with its period, gait: {section: clock}"
-            if not self._model.contacts:
-                why = f"its phase at the start of a step of the {self._model.model} is unknown"
-                why += "; walkers with several contacts may end a cycle with its period, gait: {section: clock}"
             self._fault(("control", "type"), f"the clock of {self._control.type} does not restart at impacts: {why}")
         if self._model:
             objective, constraints = self._read_objective(), self._read_constraints()
@@ -351,8 +348,11 @@ class _StatementReader:
         if isinstance(data, Mapping) and data.get("phases") == OPEN:
             return self._read_open_gait(data)
         landings: list[tuple[tuple[int, Mode], ...]] = []
-        if self._model is not None and self._model.contacts and isinstance(data, Mapping):
-            data, landings = self._with_contacts(self._model, data)
+        if self._model is not None and isinstance(data, Mapping):
+            if self._model.contacts:
+                data, landings = self._with_contacts(self._model, data)
+            elif data.get("section", TOUCHDOWN) != TOUCHDOWN:
+                data, landings = self._with_landings(data)
         several = isinstance(data, Mapping) and "steps" in data
         section: type[CycleSection] | type[GaitSection] = CycleSection if several else GaitSection
         gait = self._section(section, data, ("gait",))
@@ -517,6 +517,33 @@ class _StatementReader:
             landings.append(tuple(struck))
         return ({**data, **steps[0]} if is_step and steps else {**data, "steps": steps}), landings
 
+    def _with_landings(self, data: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
+        """The data of a gait of a lone foot that ends elsewhere than with a landing, and the landings within it.
+
+        A phase that begins with a landing states it: ``{mode: stick, impact: stick}``.
+        """
+        if not isinstance(data.get("phases"), list | tuple):
+            if "steps" in data:
+                self._fault(("gait", "steps"), "a cycle that ends without a landing is one step: state all its phases")
+            return dict(data), []
+        phases, landings = list[Any](), list[tuple[int, Mode]]()
+        for k, phase in enumerate(data["phases"]):
+            plain = dict(phase) if isinstance(phase, Mapping) else phase
+            if isinstance(plain, dict) and IMPACT in plain:
+                word, path = plain.pop(IMPACT), ("gait", "phases", k, IMPACT)
+                if word not in CONTACTS:
+                    self._fault(path, f"{shown(word)} is not what a foot does when it lands: {', '.join(CONTACTS)}")
+                elif not k:
+                    self._fault(path, "the cycle begins there: leave it out")
+                else:
+                    landings.append((k, Mode(word)))
+            phases.append(plain)
+        last, stated = phases[-1] if phases else None, data.get("impact")
+        word = last.get("mode") if isinstance(last, dict) else last
+        if stated is not None and stated != word:
+            self._fault(("gait", "impact"), "the cycle ends without an impact: leave it out")
+        return {**data, "phases": phases, "impact": word}, [tuple(landings)]
+
     def _contact_mode(self, model: type[Walker], entry: Any, path: Key, *words: str) -> Mode:
         """The mode of named contacts, which do one of ``words``: a mapping, or under ``mode`` where there are stops."""
         devices, nothing = dict[str, str](), Mode.of_contacts(dict.fromkeys(model.contacts, OFF))
@@ -553,9 +580,9 @@ class _StatementReader:
                 words = "write section: clock, or section: {margin: NAME}; to simulate it alone, leave gait out"
                 self._fault(path, f"the {model.model} has no landing contacts: {words}")
             return TOUCHDOWN
-        if not model.contacts:
-            self._fault(path, f"{shown(end)} is for walkers with several contacts: a step of the {model.model} ends "
-                        "with a touchdown; leave it out")  # fmt: skip
+        if model.exchanged:
+            words = "differ, and would swap their roles within a cycle; leave it out"
+            self._fault(path, f"{shown(end)} is not possible: the legs of the {model.model} {words}")
             return TOUCHDOWN
         if model.landing_contacts:
             landing = " and ".join(model.landing_contacts)
@@ -633,6 +660,10 @@ class _StatementReader:
             self._fault(path, "with phases: auto the guess is a state; state the phases, or leave the guess out")
             return sequence, None
         self._cycle_end = self._read_cycle_end(gait.section)
+        if self._model is not None and self._cycle_end != TOUCHDOWN and not several:
+            words = f"auto ends every cycle of the {self._model.model} with a landing: state the phases"
+            self._fault(("gait", "phases"), f"{words}, or leave section out")
+            return sequence, None
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
         if several and gait.guess is None:
             self._fault(path, "is missing: with several contacts the search starts around a guess")
@@ -846,15 +877,14 @@ class _StatementReader:
         if unknowns and isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
             remedy = "give numbers instead of free parameters, or a gait of one step"
             self._fault(("gait", "steps"), f"a design cannot have several steps: {remedy}")
-        if unknowns and self._model and self._model.contacts:
-            words = f"a design of the {self._model.model}, which has several contacts, is not possible"
-            self._fault(tuple(next(iter(self._free), "control").split(".")), f"{words}: give a number")
+        reason = "" if self._model is None else _no_design(self._model, self._cycle_end)
+        if unknowns and reason:
+            self._fault(tuple(next(iter(self._free), "control").split(".")), f"{reason}: give a number")
         equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
         if not unknowns and (objective or constraints):
             path: Key = ("objective",) if objective else ("constraints",)
             words = "too few unknowns: the gait has no free parameter to choose"
-            if self._model and self._model.contacts:
-                reason = f"a design of the {self._model.model}, which has several contacts, is not possible"
+            if reason:
                 self._fault(path, f"{words}, and {reason}: leave it out")
             elif isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
                 self._fault(path, f"{words}, and a design cannot have several steps: leave it out")
@@ -874,6 +904,13 @@ def _with(data: Mapping[str, Any], keys: tuple[str, ...], value: object) -> dict
     """The data with another value below some keys."""
     key, *rest = keys
     return {**data, key: _with(data[key], (*rest,), value) if rest else value}
+
+
+def _no_design(model: type[Walker], cycle_end: str) -> str:
+    """Why a gait of a walker cannot be a design; empty if it can."""
+    if model.contacts:
+        return f"a design of the {model.model}, which has several contacts, is not possible"
+    return "" if cycle_end == TOUCHDOWN else "a design of a cycle that ends without a landing is not possible"
 
 
 def _at(section: BaseModel, keys: tuple[str, ...]) -> Any:

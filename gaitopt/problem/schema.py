@@ -131,8 +131,8 @@ class MarginSection(Section):
 CycleEnd = Annotated[
     Literal["touchdown", "clock"] | MarginSection,
     Field(
-        description="what ends a cycle of a walker with several contacts: the landing of a foot (touchdown), the end "
-        "of the control law's period (clock), or a margin that falls to zero"
+        description="what ends a cycle: the landing of a foot (touchdown), a period of the control law (clock), whose "
+        "time then does not restart at landings, or a margin that falls to zero"
     ),
 ]
 

@@ -286,11 +286,13 @@ class ProblemStatement(Tabulated):
         Raises
         ------
         ProblemError
-            If it has several contacts.
+            If it has several contacts, or its cycle ends elsewhere than with the landing of a foot.
         """
         if self.walker.contacts:
             words = f"{what} is for walkers that stand on one foot at a time"
             raise ProblemError(f"{self.name}: {words}; the {self.walker.model} has several contacts")
+        if self.cycle_end != TOUCHDOWN:
+            raise ProblemError(f"{self.name}: {what} is for cycles that end with a landing; leave gait.section out")
 
     def check_gait(self) -> None:
         """Check that the problem states a gait.
@@ -401,8 +403,11 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
 def _phase_data(mode: Mode, struck: Mode | None) -> str | dict[str, Any]:
     """A phase as in a problem file; ``struck`` are the contacts just after an impact at its start."""
     data = mode.data
-    if struck is None or isinstance(data, str):
+    if struck is None:
         return data
+    if not struck.is_named:
+        return {**mode.record, IMPACT: struck.words}
+    assert isinstance(data, dict)
     return {**data, IMPACT: {name: word for name, word in struck.contacts.items() if word != OFF}}
 
 

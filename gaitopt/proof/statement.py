@@ -28,6 +28,7 @@ from gaitopt.model.friction import Friction
 from gaitopt.model.modes import CONTACTS
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import FORMS, FreeCurves, FreeMotion, GaitCurves, GaitMotion, Reference, TableCurves
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Transitions
 from gaitopt.model.urdf import UrdfWalker
@@ -376,6 +377,8 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
         unknown.append("a posture after its impact that Newton's method solves for")
     if unknown:
         raise NotProved(f"{problem.name}: a {walker.model} has {' and '.join(unknown)}; proofs do not cover that")
+    if problem.cycle_end != TOUCHDOWN:
+        raise NotProved(f"{problem.name}: its cycle ends without a landing; proofs do not cover that")
     for mode in (*problem.cycle.phases, *problem.cycle.impacts):
         if mode not in CONTACTS:
             raise NotProved(f"{problem.name}: proofs do not cover a phase or an impact with {mode}")

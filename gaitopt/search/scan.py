@@ -36,7 +36,9 @@ EMPTY = "the return map has no fixed point"
 
 def scanned(problem: Problem) -> bool:
     """Whether the section of a problem is small enough to be scanned."""
-    if problem.is_open or problem.is_design or problem.walker.contacts or problem.walker.steps_per_cycle() > 1:
+    if problem.is_open or problem.is_design or problem.walker.steps_per_cycle() > 1:
+        return False
+    if not problem.map_section.stated:
         return False
     coordinates = len(problem.walker.section_names(slipping=problem.cycle.impact.slips))
     known = coordinates == 1 or (coordinates == 2 and choose_engine(Engine.AUTO, steps=MANY) is Engine.HEYOKA)

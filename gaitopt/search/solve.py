@@ -106,7 +106,7 @@ def solve_attractor(
         )
     dynamics = problem_dynamics(problem, should_stop=should_stop)
     simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.system.walker.steps_per_cycle()
-    if problem.walker.contacts:
+    if not problem.map_section.stated:
         walked = simulator.run(attractor.state, n_steps).steps
         complete = len(walked) == n_steps and walked[-1].impact is not None
     else:

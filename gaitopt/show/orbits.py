@@ -20,6 +20,7 @@ from gaitopt.building import building
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Gait, trajectory_header, trajectory_rows
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.scalars import state_unit, unit_of
 
@@ -174,6 +175,8 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     eom, mechanism, n = expressions.eom, expressions.eom.mechanism, len(walker.shape)
     if walker.contacts:
         raise ProblemError(f"{gait.problem.name}: {walker.model} has several contacts; an orbit has one foot at a time")
+    if system.cycle_end != TOUCHDOWN:
+        raise ProblemError(f"{gait.problem.name}: its cycle ends without a landing, where the steps of an orbit end")
     names = parameter_names(system)
     symbols = dict(zip((*names.values(), "t"), ca.vertsplit(vertcat(expressions.p, expressions.t)), strict=True))
     symbols |= {f"r{k}": expressions.r[k] for k in range(system.n_r)}

@@ -35,7 +35,6 @@ from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import ImpactLaw
 from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
-from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import AT_REST, CANNOT_SLIP, CONE, PHASE_MARGINS, Ending, Transition, grounded
 from gaitopt.simulation.clear_cases import ClearCases, is_within_cone
 from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
@@ -355,6 +354,14 @@ class ContactResolver:
         Forces then decide about the motion.
         """
         assert transition.reset is not None
+        if transition.reset.swaps:
+            swapped = self.impact(mode, transition, z_minus)
+            if isinstance(swapped, Termination):
+                return swapped
+            z = swapped.state.copy()
+            z[self.system.n_shape] = swapped.step_length  # x goes on within a step
+            started = self.start(z, anywhere=False)
+            return started if isinstance(started, Termination) else (started[0], z)
         of, candidates = transition.reset.of, transition.candidates
         if of in self._names and (fault := self._push_fault(mode, z_minus)):
             return fault
@@ -369,10 +376,10 @@ class ContactResolver:
         return chosen, reset(z_minus, self._dynamics.p)[0].copy()
 
     def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
-        """The end of a step in ``mode`` and state ``z_minus``: an impact with the feet swapped after it, or none."""
+        """The impact of a foot in ``mode`` and state ``z_minus`` with the feet swapped after it; or no impact."""
         assert transition.reset is not None
-        if self.system.cycle_end != TOUCHDOWN:
-            return impact_record(self._dynamics, mode.contact, z_minus, mode)
+        if not transition.reset.swaps:
+            return impact_record(self._dynamics, mode.contact, z_minus, mode, lands=False)
         if fault := self._push_fault(mode, z_minus):
             return fault
         landed = self._clear_impact(mode, transition.candidates, z_minus)
@@ -382,7 +389,7 @@ class ContactResolver:
             if isinstance(chosen, Termination):
                 return chosen
             landed = landings.get(chosen) or self.system.walker.swapped(chosen)  # where others landed with it
-        return impact_record(self._dynamics, landed.contact, z_minus, mode)
+        return impact_record(self._dynamics, landed.contact, z_minus, mode, lands=True)
 
     def _pushing(self, mode: Mode) -> tuple[str, ...]:
         """The contacts that push off if another one lands in a mode."""

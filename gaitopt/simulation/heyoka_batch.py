@@ -137,6 +137,8 @@ class BatchSimulator:
         """Continue the given rows after the impact of a contact or a stop within the step."""
         modes, endings, motions.states[rows] = self._resolver.strike(mode, transition, motions.states[rows])
         motions.choose(rows, modes, endings)
+        assert transition.reset is not None
+        motions.swapped[rows] = transition.reset.swaps
         self._continue(motions, rows[endings == 0])
 
     def _continue(self, motions: "_Motions", rows: Indices) -> None:
@@ -186,11 +188,14 @@ class _Motions:
         self.modes = np.full(n, NONE)
         self.endings, self.impacts = np.full(n, -1), np.full(n, NONE)
         self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
+        self.swapped = np.zeros(n, dtype=np.bool_)  # whether a landing has just swapped the feet
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
         """Record arcs in one mode: a phase continues across a breakpoint, and an empty arc is not a phase."""
         base, most = len(self._all_modes) + 1, max_phases(self._all_modes)
-        new = rows[(arrivals.times > self.times[rows]) & (self.phases[rows] % base != code + 1)]
+        moved = arrivals.times > self.times[rows]
+        new = rows[moved & ((self.phases[rows] % base != code + 1) | self.swapped[rows])]
+        self.swapped[rows[moved]] = False
         self._n_phases[new] += 1
         self.phases[new] = np.where(self._n_phases[new] > most, 0, self.phases[new] * base + code + 1)
         self.times[rows], self.states[rows] = arrivals.times, arrivals.states
@@ -262,7 +267,7 @@ class BatchResolver:
         """
         n, landings = len(states), defaultdict[tuple[Mode, str], list[int]](list)
         modes, endings = np.full(n, NONE), np.zeros(n, dtype=np.int64)
-        if self._clear is not None:
+        if self._clear is not None and self._system.cycle_end == TOUCHDOWN:
             states = states.copy()
             states[np.abs(states[:, -1]) <= self._slowest, -1] = 0.0
             stick, *slips = (self._modes.index(mode) for mode in self._one_by_one.system.transitions.landed)

@@ -320,7 +320,8 @@ class Simulator:
             if isinstance(landed, Termination):
                 return landed, z, None
             after, z = landed
-            return self._continued(after, time, z, segment), z, after if after.is_named else None
+            struck = after if after.is_named else after.contact if transition.reset.swaps else None
+            return self._continued(after, time, z, segment), z, struck
         return self._resolver.following(transition, time, z, segment), z, struck
 
     def _arc(

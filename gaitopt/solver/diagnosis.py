@@ -178,8 +178,8 @@ def _impossible_motion(at: Solution) -> Cause | None:
     per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
     period = float(at.durations.sum())
     causes = list[Cause]()
-    # phase, times and values on each arc of a step, by the name of each margin that rises before it falls
-    rising: list[dict[str, list[tuple[int, Array, Array]]]] = [{} for _ in cycle.steps]
+    # phase, times and values on each arc of a swing, by the name of each margin that rises before it falls
+    rising: list[dict[str, list[tuple[int, Array, Array]]]] = [{} for _ in range(cycle.swings[-1] + 1)]
 
     def cause(name: str, phase: int, time: float) -> Cause:
         words = f"{margin(name).lost}, about {time:.4f} s after the impact"
@@ -191,7 +191,7 @@ def _impossible_motion(at: Solution) -> Cause | None:
         values = dynamics.margins(arc.mode, arc.segment, times, states) / dynamics.margin_units(arc.mode)
         for name, column in zip(table.margin_names(arc.mode), values.T, strict=True):
             if margin(name).rises:
-                rising[cycle.step_of(arc.phase)].setdefault(name, []).append((arc.phase, times, column))
+                rising[cycle.swings[arc.phase]].setdefault(name, []).append((arc.phase, times, column))
             elif times[-1] - times[0] > curves.SHORT_ARC * period:
                 place, excess = curves.maximum(-column)
                 if excess > SLACK:
@@ -213,25 +213,28 @@ def _impossible_motion(at: Solution) -> Cause | None:
 
 
 def _lands_from_below(at: Solution) -> Cause | None:
-    """A step at whose end the swing foot moves away from the ground; None if there is none.
+    """A phase at whose end the swing foot moves away from the ground; None if there is none.
 
     The guard of touchdown vanishes where two legs have opposite angles. The foot then comes down in a step forward, and
     comes up through the ground in a step backward. Named contacts land where their height falls to zero.
     """
-    equations, cycle = at.equations, at.equations.mesh.cycle
+    equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
     if equations.system.walker.contacts:
         return None
     per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
-    for step, after in enumerate((*cycle.first_phases[1:], len(cycle.phases))):
-        index = max(k for k, arc in enumerate(equations.mesh.arcs) if arc.phase == after - 1)
+    last_arcs = {arc.phase: index for index, arc in enumerate(equations.mesh.arcs)}
+    for phase, index in last_arcs.items():
+        reset = table.ending(cycle, phase).reset
+        if reset is None or not reset.swaps:
+            continue
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
-        landing = buffered(equations.system.approach(cycle.phases[after - 1]))
-        approach = landing(states[-1], per_phase[after - 1].p)[0].item()
+        landing = buffered(equations.system.approach(cycle.phases[phase]))
+        approach = landing(states[-1], per_phase[phase].p)[0].item()
         if not approach < 0:
             words = f"the swing foot touches the ground from below, {times[-1]:.4f} s after the impact"
             return Cause(
-                what="landing", words=f"{words}: its normal velocity is {approach:.4g} m/s", phase=after - 1, step=step,
-                time=float(times[-1]), needed=0.0, available=approach,
+                what="landing", words=f"{words}: its normal velocity is {approach:.4g} m/s", phase=phase,
+                step=cycle.step_of(phase), time=float(times[-1]), needed=0.0, available=approach,
             )  # fmt: skip
     return None
 

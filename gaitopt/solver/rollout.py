@@ -23,7 +23,7 @@ from gaitopt.model.buffered import Buffers, buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import CLOCK
+from gaitopt.model.section import CLOCK, has_stated_sections
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import LANDINGS
 from gaitopt.problem.problem import Problem
@@ -310,11 +310,11 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, until the first joint reaches the shape that the impact maps back.
 
     If no joint moves, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so that A and b
-    follow from any one state, unless the walker itself places its massless feet; then, and with several contacts, it is
-    the natural unit of time as well.
+    follow from any one state, unless the walker itself places its massless feet; then, and where no class states the
+    section, it is the natural unit of time as well.
     """
     system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
-    if system.walker.massless_feet or system.walker.contacts:
+    if system.walker.massless_feet or not has_stated_sections(system.walker, system.cycle_end):
         return time
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
     struck, last = system.walker.swapped(cycle.impact), cycle.phases[-1]
@@ -341,7 +341,8 @@ class _ModeFlow:
         # or the clearance, while a stop is free; several contacts have none that must come last
         self._touchdown = next((row for row, name in enumerate(names) if name in LANDINGS), None)
         self._ending = None if guard == CLOCK else names.index(guard)
-        self._may_jump = after is not mode and after in table.at_breakpoint(mode).candidates
+        continuous = cycle.reset_after(phase) is None
+        self._may_jump = continuous and after in table.at_breakpoint(mode).candidates
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
         self._within, self._margins = shooting_step(system.shared, mode), buffered(system.margins(mode))

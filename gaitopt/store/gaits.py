@@ -168,7 +168,7 @@ def _integrated(
         mode = Mode.from_record(phase)
         struck = Mode.from_record(phase["impact"]) if "impact" in phase else None
         if arcs and struck is not None:
-            z = dynamics.after_impact(struck, z, arcs[-1].mode, ends_step=False)
+            z = dynamics.after_impact(system.transitions.struck_within(struck), z, arcs[-1].mode, ends_step=False)
         elif arcs and mode.locked != arcs[-1].mode.locked:  # a stop has locked
             z = dynamics.after_impact(mode, z, arcs[-1].mode, ends_step=False)
         if mode.fixes_x:

@@ -162,7 +162,7 @@ class ReturnMap:
                 if after is None or after.segment == arc.segment or _switches_at_breakpoint(arc, after):
                     deviations = _event_matrix(arc, after, step.final_impact.mode) @ deviations
             last = step.arcs[-1]
-            impact = system.reset_jacobian(_struck(system, step.final_impact.mode), last.mode)
+            impact = system.reset_jacobian(_swapped(system, step.final_impact.mode), last.mode)
             deviations = _matrix(impact, last.states[-1], simulator.dynamics.p) @ deviations
             deviations[system.n_shape] = 0.0  # x is counted from the new stance foot
         return deviations
@@ -366,13 +366,18 @@ def _switches_at_breakpoint(arc: Arc, after: Arc) -> bool:
     if after.mode is arc.mode:
         return False
     dynamics, table = arc.dynamics, arc.dynamics.system.transitions
-    name = table.between(arc.mode, after.mode, after.struck).guard
+    name = table.between(arc.mode, after.mode, _struck(arc.dynamics.system, after)).guard
     margins = dynamics.margins(arc.mode, arc.segment, arc.times[-1:], arc.states[-1:])[0]
     unit = margin_unit(name, dynamics.scales)
     return bool(abs(margins[table.margin_names(arc.mode).index(name)]) <= AT_EVENT * unit)
 
 
-def _struck(system: HybridSystem, impact: Mode) -> Mode:
+def _struck(system: HybridSystem, arc: Arc) -> Mode | None:
+    """The landing with which an arc begins, with the contacts as they are called before it."""
+    return None if arc.struck is None else system.transitions.struck_within(arc.struck)
+
+
+def _swapped(system: HybridSystem, impact: Mode) -> Mode:
     """The impact at the end of a step, with the contacts as they are called before it."""
     return system.walker.swapped(impact) if system.cycle_end == TOUCHDOWN else impact
 
@@ -380,7 +385,7 @@ def _struck(system: HybridSystem, impact: Mode) -> Mode:
 def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
     """Matrix by which the event at the end of an arc of a step with a final ``impact`` maps deviations; (n_z, n_z)."""
     system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
-    data, struck = system.data(arc.segment), _struck(system, impact) if after is None else after.struck
+    data, struck = system.data(arc.segment), _swapped(system, impact) if after is None else _struck(system, after)
     transition = system.transitions.between(arc.mode, None if after is None else after.mode, struck)
     if transition.guard == CLOCK:
         return np.eye(z.size)

@@ -427,14 +427,18 @@ def magnification(gait: Gait) -> float:
 def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
     """Largest difference of the states at the times of the gait's arcs, in natural units.
 
-    Simulated arcs are found by time, among those with the same stops locked: where a switch falls on a breakpoint of
-    the control, rounding decides which comes first.
+    Simulated arcs are found by time, among those after as many swaps of the feet and with the same stops locked: where
+    a switch falls on a breakpoint of the control, rounding decides which comes first.
     """
 
-    def states_at(step: Step, ours: Arc) -> Array:
-        arcs = [
-            arc for arc in step.arcs if arc.mode.locked == ours.mode.locked and arc.mode.touching == ours.mode.touching
-        ]
+    def between_impacts(step: Step) -> Iterator[tuple[Arc, tuple[object, ...]]]:
+        landed = 0
+        for arc in step.arcs:
+            landed += arc.struck is not None and not arc.struck.is_named
+            yield arc, (landed, arc.mode.locked, arc.mode.touching)
+
+    def states_at(step: Step, ours: Arc, where: tuple[object, ...]) -> Array:
+        arcs = [arc for arc, place in between_impacts(step) if place == where]
         outside = [np.maximum(np.maximum(arc.start - ours.times, ours.times - arc.end), 0.0) for arc in arcs]
         index = np.argmin(outside, axis=0)  # the first of those that contain the time, or else the closest one
         states = np.empty(ours.states.shape)
@@ -445,9 +449,9 @@ def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
         return states
 
     return max(
-        float(np.abs((states_at(step, arc) - arc.states) / gait.dynamics.state_units).max())
+        float(np.abs((states_at(step, arc, where) - arc.states) / gait.dynamics.state_units).max())
         for step, solved in zip(walked, gait.steps, strict=True)
-        for arc in solved.arcs
+        for arc, where in between_impacts(solved)
     )
 
 

@@ -1,0 +1,247 @@
+"""Cycles of a lone foot that end at a margin or with a free clock, with the landings within them.
+
+Where along a gait its section lies makes no difference to the period and to the multipliers that are not zero.
+"""
+
+import json
+from dataclasses import replace
+from math import pi
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import numpy as np
+import pytest
+from casadi import SX, cos, sin
+from named import named
+from pydantic import Field
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.impacts import impact_records
+from gaitopt.model.clocked import Period
+from gaitopt.model.control import Control
+from gaitopt.model.instant import Instant
+from gaitopt.model.mechanism import Mechanism
+from gaitopt.model.units import Finite
+from gaitopt.model.walkers.compass_biped import CompassBiped
+from gaitopt.model.walkers.slip_runner import SlipRunner
+from gaitopt.model.walkers.unequal_compass import UnequalCompass
+from gaitopt.problem.problem import Problem, parse_problem
+from gaitopt.problem.statement import problem_data
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap
+
+SLIP = {"mode": "slip_forward", "impact": "stick"}
+
+
+class MidCompass(CompassBiped):
+    """The compass, with a margin that falls to zero where the stance leg is normal to the slope."""
+
+    model = "mid_compass"
+    sections = ("middle",)
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the compass."""
+        return replace(super().mechanism(q, p), sections={"middle": lambda dq: -q.theta1})
+
+
+class ApexRunner(SlipRunner):
+    """The runner on a massless leg, with a margin that falls to zero where its body is highest."""
+
+    model = "apex_runner"
+    sections = ("apex",)
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        """That of the runner; the foot on the ground, or the last one that was, is where (x, y) is."""
+        leg = p.leg_length - q.shortening
+        rise = {"apex": lambda dq: -dq.shortening * cos(q.theta) - leg * dq.theta * sin(q.theta)}
+        return replace(super().mechanism(q, p), sections=rise)
+
+
+class HipClock(Control):
+    """A spring in the hip whose rest length oscillates, whatever the feet do."""
+
+    type = "hip_clock"
+    restarts = False
+
+    cycle: Period
+    stiffness: Annotated[Finite, Field(description="torque per angle [N m/rad]")] = 0.3
+    size: Annotated[Finite, Field(description="amplitude [rad]")] = 0.3
+    shift: Annotated[Finite, Field(description="phase at the start of the cycle [rad]")] = 0.0
+
+    @property
+    def period(self) -> float:
+        """Of the clock."""
+        return self.cycle
+
+    def torques(self, now: Instant) -> dict[str, SX]:
+        """Towards the sine."""
+        angle = now.robot.mechanism.motors[now.robot.walker.actuators.index("hip")]
+        return {"hip": now.p.stiffness * (now.p.size * sin(2 * pi * now.t / self.cycle + now.p.shift) - angle)}
+
+
+def restated(name: str, **changes: Any) -> Problem:
+    """A named problem with other keys."""
+    data = problem_data(named(name).problem)
+    return parse_problem(json.dumps(data | changes), walkers=[MidCompass, UnequalCompass], controls=[HipClock])
+
+
+def mid_stride() -> Problem:
+    """Gait A of the paper, from mid-stride to mid-stride."""
+    plain = problem_data(named("compass-passive-a").problem)
+    state = {"theta2": 0.1603, "dtheta1": 0.2451, "dtheta2": 0.7388}
+    phases = ["stick", "slip_backward", SLIP, "stick"]
+    gait = {"section": {"margin": "middle"}, "phases": phases, "guess": {"state": state}}
+    return restated("compass-passive-a", walker=plain["walker"] | {"model": "mid_compass"}, gait=gait)
+
+
+def clocked(**control: float) -> dict[str, Any]:
+    """The control of a compass whose hip follows a clock with the period of gait A."""
+    return {"type": "hip_clock", "cycle": named("compass-passive-a").scalar("period"), **control}
+
+
+def entrained() -> Gait:
+    """Gait A with a hip that follows a clock, from the middle of a stride."""
+    state = {"theta1": -0.0751, "theta2": -0.1479, "dtheta1": 0.3936, "dtheta2": 0.3549}
+    gait = {"section": "clock", "phases": ["stick", "slip_backward", SLIP, "stick"], "guess": {"state": state}}
+    return go.solve(restated("compass-passive-a", control=clocked(), gait=gait), progress=False)
+
+
+def test_a_section_in_mid_stride_has_the_period_and_the_multipliers_of_the_gait() -> None:
+    gait, plain = go.solve(mid_stride(), progress=False), named("compass-passive-a")
+    assert gait.converged, gait.message
+    assert gait.problem.section_names == ("theta2", "dtheta1", "dtheta2")
+    for name in ("period", "step_length", "speed", "slip_distance", "required_friction", "foot_clearance"):
+        assert gait.scalar(name) == pytest.approx(plain.scalar(name), rel=1e-10), name
+    np.testing.assert_allclose(gait.multipliers, plain.multipliers, atol=1e-10)
+    assert go.verify(gait).passed
+
+
+def test_a_cycle_with_a_landing_in_it_is_read_back_from_its_file_and_its_record(tmp_path: Path) -> None:
+    problem = mid_stride()
+    again = parse_problem(json.dumps(problem_data(problem)), walkers=[MidCompass])
+    assert (again.digest, again.cycle) == (problem.digest, problem.cycle)
+    assert str(problem.cycle) == "stick, slip_backward (stick), slip_forward, stick; stick"
+    gait = go.solve(problem, output=tmp_path, progress=False)
+    phases = gait.to_record()["phases"]
+    assert [phase.get("impact") for phase in phases] == [None, None, "stick", None]
+    stored = go.load_run(tmp_path, walkers=[MidCompass])
+    assert stored.cycle == gait.cycle
+    for ours, theirs in zip(gait.arcs, stored.arcs, strict=True):
+        np.testing.assert_allclose(ours.states[[0, -1]], theirs.states[[0, -1]], atol=1e-9)
+
+
+def test_every_landing_within_a_cycle_has_its_impulse() -> None:
+    starts = go.solve(mid_stride(), progress=False), named("compass-passive-a")
+    impacts, plain = ([*impact_records(go.simulate(gait, steps=2).trajectory)] for gait in starts)
+    assert [(entry["of"], entry["impact"]) for entry in impacts] == [(["swing_foot"], "stick")] * 2
+    assert np.diff([entry["time"] for entry in impacts]) == pytest.approx(np.diff([each["time"] for each in plain]))
+    assert impacts[0]["impulse"] == pytest.approx(plain[0]["impulse"], rel=1e-9)
+
+
+def test_a_free_clock_entrains_a_gait_wherever_its_period_begins() -> None:
+    first = entrained()
+    assert first.converged, first.message
+    assert first.scalar("period") == pytest.approx(named("compass-passive-a").scalar("period"), rel=1e-12)
+    assert go.verify(first).passed
+    assert first.multipliers.size == 4  # one more than without a clock, whose phase counts
+    slips = first.arcs[2]
+    passed = slips.start + slips.duration / 2
+    state = go.simulate(first, dense=True).trajectory.at(passed)
+    gait = {
+        "section": "clock",
+        "phases": ["slip_forward", "stick", "slip_backward", SLIP],
+        "guess": {"state": {name: state[name] for name in first.system.state_names if name != "x"}},
+    }
+    shift = 2 * pi * passed / first.scalar("period")
+    second = go.solve(restated("compass-passive-a", control=clocked(shift=shift), gait=gait), progress=False)
+    assert second.converged, second.message
+    assert go.verify(second).passed
+    assert second.multipliers.size == 5  # dx is free there, and a deviation in it vanishes where the foot sticks
+    np.testing.assert_allclose(second.multipliers, [*first.multipliers, 0.0], atol=1e-9)
+    assert second.scalar("step_length") == pytest.approx(first.scalar("step_length"), rel=1e-10)
+
+
+def test_a_runner_has_the_same_multiplier_from_apex_to_apex() -> None:
+    data, plain = problem_data(named("slip-run").problem), named("slip-run")
+    state = {"theta": 0.5145, "shortening": -0.074, "dtheta": 1.0027, "dshortening": -0.6088}
+    phases = ["flight", {"mode": "stick", "impact": "stick"}, "flight"]
+    data["gait"] = {"section": {"margin": "apex"}, "phases": phases, "guess": {"state": state}}
+    data["walker"]["model"] = ApexRunner.model
+    gait = go.solve(parse_problem(json.dumps(data), walkers=[ApexRunner]), progress=False)
+    assert gait.converged, gait.message
+    assert gait.scalar("period") == pytest.approx(plain.scalar("period"), rel=1e-11)
+    np.testing.assert_allclose(gait.multipliers, [*plain.multipliers, 0.0], atol=1e-10)
+    assert go.verify(gait).passed
+
+
+@pytest.mark.slow
+def test_families_from_either_section_pass_the_same_special_points() -> None:
+    found = [
+        [
+            (special.type, special.value)
+            for target in (0.2, 0.1)
+            for special in go.continuation(start, "friction", to=target, progress=False).specials
+        ]
+        for start in (go.solve(mid_stride(), progress=False), named("compass-passive-a"))
+    ]
+    kinds = [kind for kind, _ in found[0]]
+    assert kinds == ["mode_change", "mode_change", "end", "neimark_sacker", "end"]
+    assert [kind for kind, _ in found[1]] == kinds
+    assert [value for _, value in found[0]] == pytest.approx([value for _, value in found[1]], abs=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
+def test_many_states_return_to_the_section_as_one_does(engine: str) -> None:
+    if engine == "heyoka":
+        pytest.importorskip("heyoka")
+    for gait in (go.solve(mid_stride(), progress=False), entrained()):
+        section = gait.system.section(gait.cycle)
+        xi = gait.state[section.indices] * np.linspace(1, 1.002, 3)[:, None]
+        returned = go.return_map(gait, xi, engine=engine)
+        assert returned.completed.all()
+        assert [returned.sequence(row) for row in range(3)] == [gait.cycle.phases] * 3
+        one_by_one = ReturnMap(Simulator(gait.dynamics), section, 1, gait.state)
+        np.testing.assert_allclose(returned.states, [one_by_one(row).xi for row in xi], atol=1e-10)
+
+
+def test_legs_that_differ_cannot_swap_within_a_cycle() -> None:
+    plain = problem_data(go.load_problem("compass-unequal"))
+    gait = {"section": "clock", "phases": ["stick", SLIP], "guess": {"state": {}}}
+    with pytest.raises(ProblemError, match=r"clock. is not possible: the legs of the unequal_compass differ"):
+        parse_problem(json.dumps(plain | {"gait": gait}))
+
+
+def test_a_law_whose_time_restarts_at_landings_ends_no_cycle_at_a_margin() -> None:
+    data = problem_data(mid_stride())
+    data["control"] = {"type": "oscillating", "cycle": 0.7, "kp": 0.3, "kd": 0, "mean": {}, "amplitude": {"hip": 0.3}}
+    with pytest.raises(ProblemError, match=r"gait.section: Oscillating depends on the time since the last landing"):
+        parse_problem(json.dumps(data), walkers=[MidCompass])
+
+
+def test_a_landing_at_the_start_of_the_cycle_or_in_an_unknown_word_is_refused_with_its_place() -> None:
+    data = problem_data(mid_stride())
+    for phase, words in (
+        ({"mode": "stick", "impact": "stick"}, r"gait.phases\[0\].impact: the cycle begins there: leave it out"),
+        (
+            {"mode": "stick", "impact": "flight"},
+            r"gait.phases\[0\].impact: .flight. is not what a foot does",
+        ),
+    ):
+        data["gait"]["phases"] = [phase, "slip_backward", SLIP, "stick"]
+        with pytest.raises(ProblemError, match=words):
+            parse_problem(json.dumps(data), walkers=[MidCompass])
+
+
+def test_designs_and_searches_of_cycles_without_a_final_landing_are_refused_by_name() -> None:
+    data = problem_data(mid_stride())
+    with pytest.raises(ProblemError, match=r"auto ends every cycle of the mid_compass with a landing"):
+        parse_problem(
+            json.dumps(data | {"gait": {"phases": "auto", "section": {"margin": "middle"}}}), walkers=[MidCompass]
+        )
+    with pytest.raises(ProblemError, match="attractors is for cycles that end with a landing"):
+        go.attractors(mid_stride(), over={"friction": (0.13, 0.14, 2)}, progress=False)
