@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from contact_problems import PointFeet
 from foot_impacts import around
 
 from gaitopt import Cycle, Mode
 from gaitopt.model.control import NoControl
-from gaitopt.model.friction import STATIC_KINETIC
+from gaitopt.model.friction import STATIC_KINETIC, shared_friction
 from gaitopt.model.registry import registered_walkers
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import FOOT, MARGINS, Ending, margin, transitions
@@ -175,3 +176,11 @@ def test_feet_swap_places_and_back() -> None:
     for walker in REGISTERED:
         for mode in walker.foot_modes():
             assert walker.swapped(walker.swapped(mode)) is mode
+
+
+def test_static_friction_may_hold_a_slipping_impact_on_one_contact_whatever_its_name() -> None:
+    laws = shared_friction(PointFeet.contacts, STATIC_KINETIC)
+    slips, before = Mode("foot: off, other: slip_forward"), Mode("foot: stick, other: off")
+    assert "impact_onset.other" in transitions(PointFeet, laws).of_impact(slips, before)
+    slips, before = CompassBiped.swapped(Mode.SLIP_FORWARD), Mode.STICK
+    assert "impact_onset" in transitions(CompassBiped, STATIC_KINETIC).of_impact(slips, before)
