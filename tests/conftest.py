@@ -1,6 +1,7 @@
 """Settings of the whole test suite: generated examples are the same in every run; and what tests of commands share."""
 
 import gc
+import importlib.util
 import os
 import signal
 import sys
@@ -39,6 +40,17 @@ def forked_workers():
     """Workers are forked from a process that has imported Dask, within a tenth of a second; commands spawn theirs."""
     method = "forkserver" if sys.platform == "linux" else "spawn"
     with dask.config.set({"distributed.worker.multiprocessing-method": method}):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def short_series_unrolled():
+    """The series of wheels and runners are compiled as in commands, longer ones as loops: in a third of the time."""
+    if importlib.util.find_spec("heyoka") is None:
+        yield
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitopt.simulation.heyoka_code.LONGEST_UNROLLED", 100)
         yield
 
 

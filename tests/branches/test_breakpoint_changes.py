@@ -1,6 +1,7 @@
 """Families whose switches meet and leave breakpoints of the control, where the torques jump."""
 
 import json
+from functools import cache
 
 import jumping
 import numpy as np
@@ -41,6 +42,12 @@ class Polygon(jumping.Staircase):
 def family(gait, to, **options):
     """The records of a family in friction, every point confirmed by the simulator."""
     return list(follow_family(gait, Request(parameter="friction", to=(to,), verify_every=1, **options)))
+
+
+@cache
+def short():
+    """A family that leaves its breakpoint."""
+    return tuple(family(jumping.gait(0.1665, *SLIPPING), 0.169))
 
 
 def specials(records):
@@ -142,8 +149,7 @@ def test_monitors_tell_how_far_a_switch_is_from_the_breakpoint():
 
 
 def test_records_tell_which_phases_end_at_a_breakpoint_and_are_read_back():
-    gait = jumping.gait(0.1665, *SLIPPING)
-    records = family(gait, 0.169)
+    gait, records = jumping.gait(0.1665, *SLIPPING), short()
     first, change = records[0], specials(records)[0]
     record = json.loads(json.dumps(first.to_record()))
     assert [phase.get("until") for phase in record["phases"]] == [BREAKPOINT, None, None]
@@ -176,7 +182,7 @@ def test_an_interrupted_family_goes_on_with_its_timed_phases():
 
 
 def test_a_branch_of_such_gaits_has_frames_and_columns():
-    branch = collected("friction", family(jumping.gait(0.1665, *SLIPPING), 0.169))
+    branch = collected("friction", short())
     assert len(branch.special("mode_change")) == 1
     assert np.isfinite(branch.column("period")).all()
 

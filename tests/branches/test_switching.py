@@ -82,12 +82,25 @@ def test_a_gait_walked_twice_has_the_squared_multipliers() -> None:
     assert multipliers == pytest.approx(gait.multipliers**2, abs=1e-6)
 
 
-def test_a_doubled_family_ends_where_its_halves_become_equal() -> None:
-    branch = continuation(doubled()[1].gait, SLOPE, radians(5.2), verify_every=0)
-    end = branch.specials[-1]
+def check_that_halves_become_equal(start: Gait, parameter: str, to: float, doubling: SpecialPoint) -> None:
+    """The family of two steps ends at the doubling, with the cycle of one step."""
+    (end,) = continuation(start, parameter, to, verify_every=0).special("end")
     assert (end.type, end.status) == ("end", "converged")
-    assert end.value == pytest.approx(DOUBLING, abs=AGREEMENT)
-    assert (end.before, end.after) == (Cycle(stick()[0].gait.problem.cycle.steps * 2), stick()[0].gait.problem.cycle)
+    assert end.value == pytest.approx(doubling.value, abs=AGREEMENT)
+    assert (end.before, end.after) == (Cycle(doubling.gait.cycle.steps * 2), doubling.gait.cycle)
+
+
+def test_a_doubled_family_ends_where_its_halves_become_equal() -> None:
+    attack = "walker.attack"
+    (doubling,) = continuation(go.solve("slip-run"), attack, radians(68.6), verify_every=0).special("period_doubling")
+    runs = continuation(doubling, attack, radians(67), max_points=3, verify_every=0)
+    check_that_halves_become_equal(runs[2].gait, attack, radians(68.6), doubling)
+
+
+@pytest.mark.slow
+def test_a_doubled_family_of_a_compass_ends_where_its_halves_become_equal() -> None:
+    (doubling,) = stick().special("period_doubling")
+    check_that_halves_become_equal(doubled()[1].gait, SLOPE, radians(5.2), doubling)
 
 
 def test_a_gait_walked_twice_meets_the_doubled_family_at_a_branch_point() -> None:

@@ -57,7 +57,7 @@ def test_table_has_a_row_for_every_record(run):
     assert rows[-1]["type"] == "end"
 
 
-@pytest.mark.parametrize("kept", [2, 11, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 12))])
+@pytest.mark.parametrize("kept", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 5, 12))])
 def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
     run(*COMMAND)
     whole = stored()
@@ -71,7 +71,7 @@ def test_an_interrupted_branch_resumes_and_is_the_same(run, kept):
     assert stored() == whole
 
 
-@pytest.mark.parametrize("limit", [("--max-points", "4"), ("--max-seconds", "0")])
+@pytest.mark.parametrize("limit", [("--max-points", "4"), pytest.param(("--max-seconds", "0"), marks=pytest.mark.slow)])
 def test_a_limit_of_points_or_time_only_pauses_a_branch(run, limit):
     run(*COMMAND)
     whole = stored()

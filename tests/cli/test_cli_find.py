@@ -33,6 +33,7 @@ def test_find_lists_gaits_and_resumes_where_it_stopped(run, wheel):
     assert "stable" in table
 
 
+@pytest.mark.slow
 def test_find_without_a_gait_is_exit_4_with_an_empty_list(run, wheel):
     arguments = ("--set", "walker.slope=-5deg", "--starts", "1", "--workers", "1", "--json", "--quiet")
     code, out, _ = run("find", wheel, *arguments)

@@ -72,7 +72,7 @@ BASIN = ("basin", WHEEL, "--over", "dtheta=0.4:1.4:100000", "--engine", "scipy",
     [
         pytest.param(ATTRACTORS, signal.SIGTERM, 143, id="attractors-terminated", marks=pytest.mark.slow),
         pytest.param(SWEEP, signal.SIGINT, 130, id="sweep-interrupted"),
-        pytest.param(BASIN, signal.SIGTERM, 143, id="basin-terminated"),
+        pytest.param(BASIN, signal.SIGTERM, 143, id="basin-terminated", marks=pytest.mark.slow),
         pytest.param(SWEEP, signal.SIGTERM, 143, id="sweep-terminated", marks=pytest.mark.slow),
         pytest.param(BASIN, signal.SIGINT, 130, id="basin-interrupted", marks=pytest.mark.slow),
     ],

@@ -77,7 +77,7 @@ def test_other_causes_are_named_for_what_they_are(name, overrides, what):
     assert describe_causes(gait.causes) in gait.message
 
 
-@pytest.mark.parametrize("beyond_end", ["hold", "off"])
+@pytest.mark.parametrize("beyond_end", ["hold", pytest.param("off", marks=pytest.mark.slow)])
 def test_on_the_moon_the_reference_is_too_short_for_the_step(beyond_end):
     overrides = {"walker.gravity": 1.6, "control.reference.beyond_end": beyond_end}
     cause = solve(load_problem("compass-pd-impact-slip").replace(overrides)).causes[0]

@@ -133,7 +133,10 @@ def test_a_runner_whose_foot_sticks_moves_as_in_cartesian_equations() -> None:
     assert _by_hand(gait) == pytest.approx(section, abs=1e-9)
 
 
-@pytest.mark.parametrize(("name", "spread"), [("hopper", 0.3), ("slip-run", 0.1), ("slip-run-foot", 0.05)])
+@pytest.mark.parametrize(
+    ("name", "spread"),
+    [("hopper", 0.3), pytest.param("slip-run", 0.1, marks=pytest.mark.slow), ("slip-run-foot", 0.05)],
+)
 def test_engines_agree_on_steps_with_flight(name: str, spread: float) -> None:
     pytest.importorskip("heyoka")
     from gaitopt.simulation.heyoka_batch import BatchSimulator

@@ -145,7 +145,9 @@ def test_the_knee_needs_the_friction_at_which_its_strike_begins_to_slip():
         assert after.contact == contact
 
 
-@pytest.mark.parametrize("friction", [0.27, 0.255, 0.24])
+@pytest.mark.parametrize(
+    "friction", [pytest.param(0.27, marks=pytest.mark.slow), pytest.param(0.255, marks=pytest.mark.slow), 0.24]
+)
 def test_gaits_whose_knee_strike_slides_are_verified(friction):
     """The simulator, from the gait with more friction, changes the modes by itself; both methods agree on its gait."""
     phases = {

@@ -398,7 +398,9 @@ def test_more_than_two_feet_are_one_sentence(problem_file: Path, feet: str) -> N
         go.parse_problem(text, problem_file)
 
 
-@pytest.mark.parametrize("name", ["control", "friction", "speed", "work"])
+@pytest.mark.parametrize(
+    "name", ["control", *(pytest.param(name, marks=pytest.mark.slow) for name in ("friction", "speed", "work"))]
+)
 def test_a_link_with_the_name_of_a_key_or_a_scalar_has_its_column_and_unit(tmp_path: Path, name: str) -> None:
     pytest.importorskip("pandas")
     (tmp_path / "robots").mkdir()

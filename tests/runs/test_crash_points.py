@@ -88,18 +88,18 @@ def everything():
 
 
 @pytest.mark.parametrize(
-    ("kind", "again"),
-    [("kill", True), *(pytest.param(*case, marks=pytest.mark.slow) for case in REST)],
+    ("kind", "again", "every"),
+    [("kill", True, 3), *(pytest.param(*case, 1, marks=pytest.mark.slow) for case in (("kill", True), *REST))],
     ids=lambda value: {True: "replaced", False: "new"}.get(value, value),
 )
 @pytest.mark.usefixtures("empty_folder")
-def test_store_is_completed_after_a_crash_at_any_point(kind, again):
+def test_store_is_completed_after_a_crash_at_any_point(kind, again, every):
     write_everything()
     whole = everything()
     shutil.rmtree("run")
     code, points = forked(kind, 0, write_everything)
     assert (code, points > 5) == (0, True)
-    for n in range(1, points + 1):
+    for n in range(1, points + 1, every):
         if not again:
             shutil.rmtree("run", ignore_errors=True)
         code, _ = forked(kind, n, write_everything)

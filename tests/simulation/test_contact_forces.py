@@ -89,7 +89,7 @@ def test_the_chosen_mode_agrees_with_the_torques_that_the_law_has_in_it() -> Non
     )
     system = HybridSystem(Inchworm, LAW, friction=shared_friction(Inchworm.contacts, COULOMB))
     rng, lifted, refused = np.random.default_rng(3), 0, 0
-    for _ in range(60):
+    for _ in range(15):
         offset, gain = rng.uniform(-8, 8), rng.uniform(-0.3, 0.3)
         dynamics = Dynamics.of(
             system,

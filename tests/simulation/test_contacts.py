@@ -643,7 +643,7 @@ def test_engines_agree_on_a_step_over_heel_and_toe(friction: float) -> None:
 @pytest.mark.parametrize(
     ("factors", "ending"),
     [
-        ((1.354, 1.009, 1.381), Ending.FALL),
+        pytest.param((1.354, 1.009, 1.381), Ending.FALL, marks=pytest.mark.slow),
         ((1.265, 0.889, 1.162), Ending.FALL),
         ((0.55, 0.84, 0.56), Ending.SCUFFING),  # the swing foot is 46 um below the ground where it begins to count
     ],

@@ -24,17 +24,17 @@ from gaitopt.verification.return_map import ReturnMap
 AGREEMENT = 1e-10
 DESIGNS = [name for name in problem_names() if load_problem(name).is_design]
 GAITS = [name for name in problem_names() if name not in DESIGNS]
-INTRICATE = (
-    *("compass-passive-a", "compass-pd-impact-slip", "compass-torque-impact-slip", "compass-torque-slip"),
-    *("kneed-passive", "slip-run-foot", "telescopic-passive", "torso-passive"),
-    *("rabbit-hzd", "rabbit-hzd-slip", "rabbit-tracked", "inchworm"),
-    *("heel-toe", "heel-toe-slip", "heel-toe-impact-slip", "bounding-overlap"),
+EXTENDED = ("rimless-wheel-slip", "compass-unequal", "hopper", "crawler")
+"""Gaits whose integrators compile quickly in extended precision."""
+QUICK = (
+    *("compass-passive-a", "compass-passive-static-kinetic", "compass-shaped", "compass-unequal", "compass-push-off"),
+    *("rimless-wheel-slip", "kneed-passive", "slip-run-foot", "hopper", "crawler", "bounding", "heel-toe-slip"),
 )
-"""Gaits whose integrators take long to compile in extended precision."""
+"""One gait for every kind of phase, impact, control and leg."""
 
 
 @pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=pytest.mark.slow if name == "inchworm" else ()) for name in GAITS]
+    scope="module", params=[pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in GAITS]
 )
 def gait(request):
     return named(request.param)
@@ -63,8 +63,9 @@ def test_engines_agree_on_every_named_gait(gait):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name.startswith("compass-pd") else ()) for name in DESIGNS]
-)  # whose references take long to compile
+    "name",
+    [pytest.param(name, marks=() if name == "compass-torque-efficient" else pytest.mark.slow) for name in DESIGNS],
+)
 def test_engines_agree_on_every_named_design_at_its_guess(name):
     """With the numbers that its file guesses for what is free: a step need not be a gait to be walked, or varied."""
     problem = load_problem(name)
@@ -80,7 +81,7 @@ def test_engines_agree_on_every_named_design_at_its_guess(name):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in INTRICATE else ()) for name in GAITS]
+    "name", [pytest.param(name, marks=() if name in EXTENDED else pytest.mark.slow) for name in GAITS]
 )
 def test_extended_precision_confirms_thirteen_digits_of_heyoka(name):
     gait = named(name)
