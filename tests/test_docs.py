@@ -28,7 +28,8 @@ def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
 
 
 LONG = re.compile("--starts|reproduce")
-COMMANDS = [line[2:] for block in blocks("console") for line in block.splitlines() if line.startswith("$ ")]
+LINES = [line for block in blocks("console") for line in block.splitlines()]
+COMMANDS = [*dict.fromkeys(line[2:] for line in LINES if line.startswith("$ "))]
 FILES = {matched[1]: text for text in blocks("yaml") if (matched := re.match(r"name: (\S+)", text))}
 
 

@@ -413,13 +413,6 @@ def test_a_class_that_is_wrong_in_another_way_is_refused(case: str) -> None:
     assert words in line
 
 
-def test_there_are_hundreds_of_bad_classes() -> None:
-    machine = (
-        len(BAD_PARTS) + 4 * len(STRANGE) + len(METHODS) * (len(RETURNS) + len(RAISES)) + len(LISTS) * len(BAD_LISTS)
-    )
-    assert machine + len(BY_HAND) > 400
-
-
 @pytest.mark.parametrize("walkers", [None, CompassBiped, "compass", [None], [3], [CompassBiped, "x"], [Walker]])
 def test_what_is_no_list_of_classes_is_refused(walkers: Any) -> None:
     with pytest.raises(ProblemError, match=r"walker"):

@@ -1,6 +1,7 @@
 """Impact: eqs (8)-(11) in NumPy, momentum and energy balance, the swap of the feet, the wheel's closed forms."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -41,8 +42,13 @@ class Collision:
     painleve: float
 
 
+@cache
+def system_of(walker: type, law: ImpactLaw) -> HybridSystem:
+    return HybridSystem(walker, NoControl(), law)
+
+
 def collide(case: Case, mode: Mode, law: ImpactLaw, z: Array) -> Collision:
-    system = HybridSystem(type(case.walker), NoControl(), law)
+    system = system_of(type(case.walker), law)
     z_plus, impulse, slip, lift, painleve = numbers(foot_impact(system, mode)(z, case.p))
     q, dq = case.coordinates(z)
     W = case.oracle.swing_foot.jacobian(q)

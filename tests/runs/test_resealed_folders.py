@@ -266,7 +266,7 @@ def check_commands(copy, run, name, share):
 
 @pytest.mark.parametrize("name", SAMPLE)
 def test_no_command_ends_in_an_internal_error_or_another_result(copy, run, name):
-    check_commands(copy, run, name, 0.005)
+    check_commands(copy, run, name, 0.002)
 
 
 @pytest.mark.slow
