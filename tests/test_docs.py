@@ -6,6 +6,7 @@ import shlex
 import shutil
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,15 +28,18 @@ def blocks(language: str, pages: list[Path] = PAGES) -> list[str]:
     return [block for page in pages for block in re.findall(pattern, page.read_text(), re.MULTILINE | re.DOTALL)]
 
 
-LONG = re.compile("--starts|reproduce")
+LONG = re.compile(r"--starts|reproduce|find\(|rabbit-optimal|urdf:|my-cheap-walk")
+"""What is shown and takes long: run with ``-m slow``, as before every merge."""
 LINES = [line for block in blocks("console") for line in block.splitlines()]
 COMMANDS = [*dict.fromkeys(line[2:] for line in LINES if line.startswith("$ "))]
 FILES = {matched[1]: text for text in blocks("yaml") if (matched := re.match(r"name: (\S+)", text))}
 
 
-@pytest.mark.parametrize(
-    "command", [pytest.param(line, marks=pytest.mark.slow if LONG.search(line) else ()) for line in COMMANDS]
-)
+def shown(texts: list[str]) -> list[Any]:
+    return [pytest.param(text, marks=pytest.mark.slow if LONG.search(text) else ()) for text in texts]
+
+
+@pytest.mark.parametrize("command", shown(COMMANDS))
 def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for name, text in FILES.items():
@@ -47,7 +51,7 @@ def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch,
     assert capsys.readouterr().out
 
 
-@pytest.mark.parametrize("program", blocks("python", PAGES[1:]))
+@pytest.mark.parametrize("program", shown(blocks("python", PAGES[1:])))
 def test_library_calls_that_are_shown_work(program, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "docs" / "examples" / "rabbit.urdf", tmp_path)
@@ -89,15 +93,14 @@ def test_the_energy_of_virtual_passive_walking_grows_with_the_position_of_the_ma
 
 
 @pytest.mark.portable
-@pytest.mark.parametrize(
-    "text", [pytest.param(text, marks=pytest.mark.slow if "urdf:" in text else ()) for text in blocks("yaml")]
-)
+@pytest.mark.parametrize("text", shown(blocks("yaml")))
 def test_a_problem_file_that_is_shown_has_a_verified_gait(text):
     gait = solve(parse_problem(text, ROOT / "docs" / "examples" / "shown.yaml"))
     assert gait.converged, gait.message
     assert verify(gait).passed
 
 
+@pytest.mark.slow
 def test_the_notebook_runs_from_top_to_bottom(tmp_path):
     nbformat = pytest.importorskip("nbformat")
     NotebookClient = pytest.importorskip("nbclient").NotebookClient

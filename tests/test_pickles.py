@@ -20,7 +20,6 @@ from gaitopt import (  # fmt: skip
     basin,
     continuation,
     explain,
-    find,
     load_problem,
     multistart,
     prove,
@@ -31,6 +30,7 @@ from gaitopt import (  # fmt: skip
     verify,
 )
 from gaitopt.model.walkers.rimless_wheel import RimlessWheel
+from gaitopt.search.find import gaits_of
 from gaitopt.workers.cluster import connected
 
 
@@ -61,6 +61,7 @@ def results():
     wheel, gait = named(WHEEL), named("compass-passive-a")
     section = gait.state[gait.system.section(Mode.SLIP_FORWARD).indices]
     branch = continuation(wheel, "friction", to=0.9, progress=False)
+    candidate = {**wheel.to_record(), "steps": [wheel.to_record()], "start": "test"}
     return {
         "problem": load_problem("compass-pd-impact-slip"),
         "gait": gait,
@@ -75,8 +76,11 @@ def results():
         "point": branch[0],
         "special point": branch.specials[0],
         "returns": return_map(gait, section[None]),
-        "explanation": explain(wheel.problem.replace({"walker.slope": "-1 deg"}), progress=False),
-        "gaits": find(wheel.problem, starts=4, progress=False),
+        "explanation": explain(wheel.problem.replace({"friction": 0.8}), seconds=0, progress=False),
+        "gaits": gaits_of(
+            wheel.problem.replace({"gait.phases": "auto"}),
+            [{"method": "simulation", "starts": 1, "candidates": [candidate]}],
+        ),
     }
 
 
