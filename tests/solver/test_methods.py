@@ -18,20 +18,16 @@ SAME = 1e-9
 """In natural units, and of freed parameters."""
 FLAT = {"compass-pd-slippery": 1e-7}
 """A design whose optimum is so flat that the optimality conditions, met to 1e-7, fix its parameters no better."""
-LONG = (
-    "compass-pd-designed",
-    "compass-pd-slippery",
-    "rabbit-optimal",
-    "rabbit-hzd",
-    "rabbit-hzd-slip",
-    "rabbit-tracked",
+QUICK = (
+    *("compass-passive-a", "compass-pd-impact-slip", "compass-push-off", "compass-torque-efficient", "compass-unequal"),
+    *("crawler", "heel-toe-slip", "hopper", "kneed-passive", "rimless-wheel-slip", "slip-run-foot"),
 )
-"""Designs, and gaits of walkers with many links, that take seconds."""
+"""One problem for every kind of phase, impact, control and leg."""
 FOR_IPOPT = ("compass-passive-static-kinetic", "compass-push-off", "compass-torque-efficient", "hopper")
 """Gaits, one the start of a design, whose guess is too far away for Newton's method."""
 OPEN_LOOP = ("rabbit-optimal",)
 """Torques that a collocation finds, of which Newton's method knows nothing."""
-PROBLEMS = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in go.problem_names()]
+PROBLEMS = [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in go.problem_names()]
 
 
 def assert_same(first, second):
