@@ -4,10 +4,12 @@ import io
 import json
 import sys
 from contextlib import redirect_stderr, redirect_stdout
+from itertools import product
 from pathlib import Path
 
 import pytest
 from named import named, verification
+from samples import sampled
 
 from gaitopt import __version__, load_problem, parse_problem, problem_names
 from gaitopt.cli.main import main
@@ -53,8 +55,10 @@ def test_console_shows_them_in_texts_and_tables(terminal, monkeypatch):
     assert r"\x1b[31mred" in written.getvalue()
 
 
-@pytest.mark.parametrize("columns", ["0", "-5", "abc", "", "\u0663", "9" * 200])
-@pytest.mark.parametrize("terminal", [True, False])
+WIDTHS = ("0", "-5", "abc", "", "\u0663", "9" * 200)
+
+
+@pytest.mark.parametrize(("columns", "terminal"), sampled(product(WIDTHS, (True, False))))
 def test_a_width_that_is_none_hides_nothing(columns, terminal, monkeypatch):
     written = io.StringIO()
     written.isatty = lambda: terminal

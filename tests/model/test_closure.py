@@ -216,6 +216,7 @@ class RelativeRabbit(Walker):
         )
 
 
+@pytest.mark.slow
 def test_a_robot_whose_author_states_no_closure_and_no_section_walks_as_rabbit() -> None:
     """In other coordinates, with another section, whose multipliers are the same."""
     gait = named("rabbit-hzd")

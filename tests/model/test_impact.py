@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from casadi import Function
 from foot_impacts import around, foot_impact
 from oracles import CASES, FRICTION, SLIPS, WHEEL, Case, differences, numbers
 
@@ -43,13 +44,12 @@ class Collision:
 
 
 @cache
-def system_of(walker: type, law: ImpactLaw) -> HybridSystem:
-    return HybridSystem(walker, NoControl(), law)
+def impact_of(walker: type, mode: Mode, law: ImpactLaw) -> Function:
+    return foot_impact(HybridSystem(walker, NoControl(), law), mode)
 
 
 def collide(case: Case, mode: Mode, law: ImpactLaw, z: Array) -> Collision:
-    system = system_of(type(case.walker), law)
-    z_plus, impulse, slip, lift, painleve = numbers(foot_impact(system, mode)(z, case.p))
+    z_plus, impulse, slip, lift, painleve = numbers(impact_of(type(case.walker), mode, law)(z, case.p))
     q, dq = case.coordinates(z)
     W = case.oracle.swing_foot.jacobian(q)
     dq_plus = dq + np.linalg.solve(case.oracle.M(q), W.T @ impulse)  # eq. (8)

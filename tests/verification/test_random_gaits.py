@@ -132,7 +132,7 @@ def count_judged(problems: Iterator[go.Problem], count: int) -> int:
     return sum(1 for _ in islice(filter(judged, gaits(problems)), count))
 
 
-@pytest.mark.parametrize("name", ["compass-passive-a", "rimless-wheel-slip", "hopper", "compass-push-off"])
+@pytest.mark.parametrize("name", ["rimless-wheel-slip", "hopper", "compass-push-off"])
 def test_some_random_gaits_are_not_refused(name: str) -> None:
     assert count_judged(variants(name, seed=1), 3) == 3
 
