@@ -288,7 +288,7 @@ class ProblemStatement(Tabulated):
         ProblemError
             If it has several contacts, or its cycle ends elsewhere than with the landing of a foot.
         """
-        if self.walker.contacts:
+        if "several contacts" in self.walker.features():
             words = f"{what} is for walkers that stand on one foot at a time"
             raise ProblemError(f"{self.name}: {words}; the {self.walker.model} has several contacts")
         if self.cycle_end != TOUCHDOWN:

@@ -29,8 +29,9 @@ from gaitopt.requests import AttractorsRequest, entries
 from gaitopt.runs.grid import Axis, Grid, at_point, check_room
 from gaitopt.runs.jobs import Plan, ResultFile
 from gaitopt.search.attractors import settled
-from gaitopt.search.candidates import family, start_box
+from gaitopt.search.candidates import family
 from gaitopt.search.solve import solve
+from gaitopt.search.starts import start_box
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run

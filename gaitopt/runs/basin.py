@@ -414,8 +414,4 @@ def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop
     names = plan.problem.map_section.names
     xi = np.column_stack([values.get(name, np.full(len(numbers), plan.base.get(name))) for name in names])
     mapped, xi = step_map(plan.problem, plan.p, plan.chosen_engine), section_coordinates(plan.problem, xi)
-    if (
-        not plan.problem.map_section.stated
-    ):  # a walk may leave the section of its gait, where more contacts slip or touch
-        return follow(mapped.walk, mapped.lift(xi), plan.steps, should_stop=should_stop)
-    return follow(mapped, xi, plan.steps, should_stop=should_stop)
+    return follow(*mapped.closed(xi), plan.steps, should_stop=should_stop)

@@ -1,6 +1,7 @@
 """Searches for gaits: the one that ``solve`` returns, all gaits of a problem, and why a gait does not exist.
 
 - ``solve``: the gait of a problem, with one meaning for all callers.
+- ``starts``: where the walks of a search begin.
 - ``candidates``: proposals for gaits of unknown mode sequence, by simulation and along families.
 - ``candidate``: one cycle as its mode sequence and first state, not solved yet.
 - ``scan``: where the return map can have fixed points, over a section of one or two coordinates.

@@ -21,20 +21,12 @@ from gaitopt.gait.records import CandidateRecord, SearchRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import has_stated_sections
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method, SearchRequest
 from gaitopt.search.candidate import SAME
-from gaitopt.search.candidates import (
-    WALL,
-    SearchJob,
-    StartBox,
-    Within,
-    box_around,
-    find_candidates,
-    natural_limits,
-    start_box,
-    walks_of,
-)
+from gaitopt.search.candidates import SearchJob, find_candidates, walks_of
+from gaitopt.search.starts import StartBox, Within, box_around, natural_limits, start_box
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import recorded_claims, verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
@@ -47,6 +39,8 @@ BOXES = 5
 """Maximum number of boxes of start states; the second one mostly contains all gaits with room to spare."""
 PART = 4
 """A box around gaits gets this fraction of the start states of the first box: most walks that start there go on."""
+WALL = 0.1
+"""Distance from the wall of a box, relative to its width, below which a state lies near the wall."""
 SAME_GAIT = 1e-6
 """Relative difference of states below which two gaits of one mode sequence are the same."""
 
@@ -243,9 +237,10 @@ class SearchPlan(SearchRequest):
         ProblemError, UnknownNameError
             If it has several contacts, or ``within`` names something that is not a section coordinate.
         """
-        if self.problem.walker.contacts and self.within:
-            self.problem.check_one_foot("a range of start states")
-        names = self.problem.map_section.names if self.within else ()
+        if not self.within:
+            return
+        self.problem.check_one_foot("a range of start states")
+        names = self.problem.map_section.names
         unknown = [name for name in self.within if name not in names]
         if unknown:
             raise UnknownNameError(
@@ -325,7 +320,7 @@ def search(
         return replace(jobs, progress=finished).complete(find_candidates, pending, len(pending))
 
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // walks_of(plan.problem))
-    if problem.walker.contacts:  # starts lie around the guess; families of friction have other sections
+    if not has_stated_sections(type(problem.walker), problem.cycle_end):  # families of friction have other sections
         results += complete([plan.job(problem, "simulation", number) for number in range(walks)])
         gaits = list_gaits(results)
         return replace(gaits, searched={**gaits.searched, "complete": len(results) == walks})

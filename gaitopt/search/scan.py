@@ -15,7 +15,7 @@ from gaitopt.arrays import Array
 from gaitopt.model.modes import Mode
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine
-from gaitopt.search.candidates import ANGLE, FASTEST, SLIP
+from gaitopt.search.starts import ANGLE, FASTEST, SLIP
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.verification.step_map import step_map
 

@@ -21,7 +21,6 @@ from gaitopt.search.find import find_best
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.following import follow
 from gaitopt.systems import problem_dynamics, solve_sequence
-from gaitopt.verification.return_map import ReturnMap
 
 CACHED = 16
 """Number of gaits of files that a process remembers; all points of a sweep follow the same one."""
@@ -106,14 +105,10 @@ def solve_attractor(
         )
     dynamics = problem_dynamics(problem, should_stop=should_stop)
     simulator, n_steps = Simulator(dynamics), attractor.period * dynamics.system.walker.steps_per_cycle()
-    if not problem.map_section.stated:
-        walked = simulator.run(attractor.state, n_steps).steps
-        complete = len(walked) == n_steps and walked[-1].impact is not None
-    else:
-        xi, mode = attractor.state, attractor.impact
-        outcome = ReturnMap(simulator, mode, n_steps)(xi if mode.slips else xi[:-1])
-        walked, complete = outcome.steps, outcome.xi is not None
-    if not complete:
+    section = problem.map_section
+    start = section.lift(attractor.state, dynamics.p) if section.stated else attractor.state
+    walked = simulator.run(start, n_steps).steps
+    if len(walked) < n_steps or walked[-1].impact is None:
         raise SolveError(f"{problem.name}: the simulator does not walk the attractor's {attractor.period} steps")
     guessed = problem.with_gait(cycle_record(dynamics.system, walked, "attractor"))
     return solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)

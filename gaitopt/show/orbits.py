@@ -173,7 +173,7 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     """The equations of a gait, with all parameters; arguments and errors as for ``orbit_record``."""
     system, walker, expressions = gait.system, gait.system.walker, gait.system.expressions
     eom, mechanism, n = expressions.eom, expressions.eom.mechanism, len(walker.shape)
-    if walker.contacts:
+    if "several contacts" in walker.features():
         raise ProblemError(f"{gait.problem.name}: {walker.model} has several contacts; an orbit has one foot at a time")
     if system.cycle_end != TOUCHDOWN:
         raise ProblemError(f"{gait.problem.name}: its cycle ends without a landing, where the steps of an orbit end")

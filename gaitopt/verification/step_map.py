@@ -23,6 +23,7 @@ from gaitopt.systems import problem_dynamics
 from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
+RowLift = Callable[[Array, Array, Array | None], Array]
 UNDEFINED = StepOutcome(
     step=None, ending=Ending.NUMERICAL, message="the section coordinates belong to no state of the walker"
 )
@@ -100,22 +101,41 @@ def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array],
 
 
 class StepMap:
-    """The return map of one system at fixed parameters for arrays of section coordinates (n, k)."""
+    """The return map of one system at fixed parameters for arrays of section coordinates (n, k).
+
+    Attributes
+    ----------
+    names, indices : of the section coordinates, and of these in the state; of all states if modes are open, from which
+        the section follows.
+    is_stated : whether any step leads back to these coordinates, and they determine the state.
+    """
 
     def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem) -> None:
         self.dynamics, self.engine = dynamics, engine
-        section, names = problem.map_section, dynamics.system.state_names
-        self.names, self._indices, self._lift = section.names, section.indices, section.row_lift()
+        self.names = names = dynamics.system.state_names
+        self.indices, self.is_stated = np.arange(len(names)), False
+        self._lift: RowLift = lambda xi, p, near: xi
+        if problem.section is not None:
+            section = problem.map_section
+            self.names, self.indices, self.is_stated = section.names, section.indices, section.stated
+            self._lift = section.row_lift()
         self._near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
 
     def __call__(self, xi: Array) -> StepOutcomes:
         """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
         walked = self.walk(self.lift(xi))
-        return replace(walked, names=self.names, states=walked.states[:, self._indices])
+        return replace(walked, names=self.names, states=walked.states[:, self.indices])
 
     def lift(self, xi: Array) -> Array:
         """The whole states with these section coordinates, shape (n, n_z)."""
         return self._lift(xi, self.dynamics.p, self._near)
+
+    def closed(self, xi: Array) -> tuple[Callable[[Array], StepOutcomes], Array]:
+        """A map that can follow any walk, and its states from section coordinates.
+
+        A walk may leave the section of a gait, where more contacts slip or touch: then it maps whole states.
+        """
+        return (self, xi) if self.is_stated else (self.walk, self.lift(xi))
 
     def walk(self, states: Array) -> StepOutcomes:
         """Walk from whole states, shape (n, n_z), to whole states, which may leave the section."""

@@ -7,7 +7,7 @@ import pytest
 
 from gaitopt import Status, find, load_problem, solve
 from gaitopt.errors import GaitoptWarning, UnknownNameError
-from gaitopt.search.candidates import SearchJob, box_around, find_candidates, natural_limits, start_box
+from gaitopt.search.candidates import SearchJob, find_candidates
 from gaitopt.search.find import (
     BOXES,
     SearchPlan,
@@ -18,6 +18,7 @@ from gaitopt.search.find import (
     near_walls,
     with_open_modes,
 )
+from gaitopt.search.starts import box_around, natural_limits, start_box
 from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 

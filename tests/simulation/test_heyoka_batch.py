@@ -18,7 +18,7 @@ from gaitopt.model.modes import CONTACTS
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import Ending
 from gaitopt.model.walkers.compass_biped import CompassBiped
-from gaitopt.search.contact_walks import on_ground
+from gaitopt.search.starts import on_ground
 from gaitopt.simulation.heyoka_batch import BatchResolver, BatchSimulator
 from gaitopt.simulation.heyoka_stepper import HeyokaStepper
 from gaitopt.simulation.outcomes import ENDINGS, max_phases, phase_code, phase_names, stack_outcomes

@@ -1,0 +1,163 @@
+"""Where walks of a search begin: in a box of section coordinates, or around the state of a guess.
+
+A walker whose class states its section has a box of start states. The sections of other walkers differ with what their
+contacts do, so that starts are sampled around one state: that of the guess.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import ceil, floor, log10
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.errors import ProblemError
+from gaitopt.model.buffered import RowMap
+from gaitopt.model.checks import swing_foot
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import OFF, Mode
+from gaitopt.problem.problem import Problem
+
+Within = Mapping[str, tuple[float, float]]
+
+ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
+"""Half widths of the default box of start states, in rad and natural units."""
+RATE_OF_FLIGHT = 2.0
+"""Half width of rates for walkers that fly, which come down from some height."""
+FASTEST = 5.0
+"""Bound of the rates and slip velocities of a box that grows, in natural units; a running person reaches three."""
+MARGIN, SMALLEST_MARGIN = 0.5, 5e-3
+"""Distance of a box from the gaits that it surrounds, relative to their largest angle or rate, and at least, in natural
+units."""
+SMALLEST_SCALE = 0.3
+"""Smallest size of the sampled boxes relative to the default box: walkers make small steps too."""
+NEAR_PLACE, NEAR_RATE = 0.1, 0.3
+"""Range of the starts around a guess, in natural units of coordinates and rates."""
+TOUCHING = 1e-3
+"""A contact of the guess touches the ground if its height and velocity are below this, in natural units."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StartBox:
+    """Range of the start states by section coordinate; chosen by the user, or the walker's ``default``."""
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    default: bool
+
+    @property
+    def sizes(self) -> Array:
+        """Widths, shape (n_xi,)."""
+        return self.upper - self.lower
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Minimum and maximum by name."""
+        return dict(zip(self.names, zip(self.lower.tolist(), self.upper.tolist(), strict=True), strict=True))
+
+
+def start_box(problem: Problem, dynamics: Dynamics, within: Within) -> StartBox:
+    """The box of start states: that of the walker, changed by ``within``."""
+    names = problem.walker.section_names(slipping=True)
+    units = dict(zip(dynamics.system.state_names, dynamics.state_units, strict=True))
+    sizes = {"dx": SLIP} | dict.fromkeys(type(problem.walker).section, ANGLE)
+    rate = RATE_OF_FLIGHT if problem.walker.leaves_ground() else RATE
+    half = np.array([sizes.get(name, rate) * units[name] for name in names])
+    centre = np.array([problem.walker.posture.get(name, 0.0) for name in names])
+    lower, upper = centre - half, centre + half
+    for name, span in within.items():
+        lower[names.index(name)], upper[names.index(name)] = span
+    return StartBox(names=names, lower=lower, upper=upper, default=not within)
+
+
+def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
+    """A box that surrounds section states, so that none lies near its wall; numbers have two digits.
+
+    Two digits make the box, and the search in it, independent of the rounding of the states.
+
+    Parameters
+    ----------
+    states : ndarray, shape (n, n_xi), n > 0.
+    """
+    walker = problem.walker
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
+    natural, n = states / units, len(type(walker).section)
+    margins = np.repeat(
+        [
+            MARGIN * max(np.abs(part).max(initial=0.0), SMALLEST_MARGIN / MARGIN)
+            for part in np.split(natural, [n], axis=1)
+        ],
+        [n, units.size - n],
+    )
+    lower, upper = (natural.min(axis=0) - margins) * units, (natural.max(axis=0) + margins) * units
+    for k, width in enumerate(upper - lower):
+        digits = 1 - floor(log10(width))
+        lower[k] = round(floor(lower[k] * 10.0**digits) / 10.0**digits, digits)
+        upper[k] = round(ceil(upper[k] * 10.0**digits) / 10.0**digits, digits)
+    names = walker.section_names(slipping=True)
+    return StartBox(names=names, lower=lower, upper=upper, default=False)
+
+
+def natural_limits(problem: Problem, dynamics: Dynamics) -> Array:
+    """Largest size of every section coordinate in a box that grows, shape (n_xi,)."""
+    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
+    n = len(type(problem.walker).section)
+    return units * np.repeat([problem.walker.largest_angle, FASTEST], [n, units.size - n])
+
+
+def box_samples(dynamics: Dynamics, box: StartBox, count: int, rng: np.random.Generator) -> Array:
+    """Start states, every other one at rest, in boxes of all sizes if the box is the default; shape (count, n_xi)."""
+    walker = dynamics.system.walker
+    xi = rng.uniform(box.lower, box.upper, (count, box.lower.size))
+    if box.default:
+        xi *= rng.uniform(SMALLEST_SCALE, 1.0, (count, 1))
+        if not walker.leaves_ground():
+            _turn_forward(dynamics, xi)
+    if not any(mode.slips for mode in walker.foot_modes()):
+        xi[:, -1] = 0.0
+    elif box.lower[-1] <= 0 <= box.upper[-1]:
+        xi[::2, -1] = 0.0
+    return xi
+
+
+def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
+    """Mirror the postures in ``xi``, shape (n, n_xi), whose step would lead backward."""
+    system, walker, p = dynamics.system, dynamics.system.walker, dynamics.p
+    (lifted,) = RowMap(system.lift)(xi, p)
+    shapes, parameters = lifted[:, : system.n_shape], p[: len(walker.model_fields)]
+    feet = np.array([swing_foot(walker, shape, parameters) for shape in shapes])
+    xi[feet[:, 0] > 0, : len(walker.section)] *= -1
+
+
+def around_guess(problem: Problem, dynamics: Dynamics, count: int, rng: np.random.Generator, *, exact: bool) -> Array:
+    """Start states around that of the guess, which is the first if ``exact``; NaN where there is none; (count, n_z)."""
+    guess = np.array([problem.guess.state[name] for name in dynamics.system.state_names])
+    spread = dynamics.state_units * np.repeat([NEAR_PLACE, NEAR_RATE], guess.size // 2)
+    states = np.empty((count, guess.size))
+    for k in range(count):
+        size = 0.0 if exact and k == 0 else rng.uniform(SMALLEST_SCALE, 1.0)
+        states[k] = on_ground(dynamics, guess, size * spread * rng.uniform(-1, 1, guess.size))
+    return states
+
+
+def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
+    """A state with its coordinates changed, in which the contacts that touch the ground still do; NaN if there is none.
+
+    They touch it with what they do in ``state``: they stick, or slip.
+    """
+    system, scales, p = dynamics.system, dynamics.scales, dynamics.p
+    heights, velocities, _ = (np.asarray(value).ravel() for value in system.contact_points(state, p))
+    words = dict[str, str]()
+    for name, height, (v_t, v_n) in zip(system.walker.contacts, heights, velocities.reshape(-1, 2), strict=True):
+        touches = abs(height) < TOUCHING * scales.length and abs(v_n) < TOUCHING * scales.speed
+        slip = "stick" if abs(v_t) < TOUCHING * scales.speed else str(Mode.slip(v_t))
+        words[name] = ("stick" if name in system.walker.massless_contacts else slip) if touches else OFF
+    mode = Mode.of_contacts(words)
+    try:
+        section = system.section(mode)
+    except ProblemError:  # its contacts do not reach the ground together
+        return np.full(state.size, np.nan)
+    near = state.copy()
+    near[section.indices] += change[section.indices]
+    return section.lift(near[section.indices], p, near)
