@@ -10,7 +10,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import packages_distributions, version
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, TypedDict
 
 import numpy as np
@@ -53,6 +53,8 @@ from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 
 UNCOVERED = ("several contacts", "joint stops", "flight", "switches", "a push-off")
 """Features of walkers whose resets and conditions are not among the claims."""
+MOST_INTERVALS = 10
+"""Parameters of one theorem that have intervals: their corners are all examined, 2^10 in a few seconds."""
 LARGEST_JUMP = 1e-9
 """Largest jump of a tracked angle where two of its pieces meet, in natural units; and of its rate, times the length of
 the piece."""
@@ -404,6 +406,7 @@ def _parameter_texts(
             objection = key in problem.parameters and problem.objection(key, float(ball(end).mid()))
             if objection:
                 raise ValueError(f"{key} cannot be {end}: {objection}")
+    _check_corners(problem, designed, {key: text for key, text in intervals.items() if key in problem.parameters})
     given = {**designed, **intervals}
     texts = {key: given[key] if key in given else exact(key, known[key]) for key in system.parameters}
     law = system.friction
@@ -413,6 +416,20 @@ def _parameter_texts(
         if not equal and not ball(kinetic) <= ball(static):
             raise ValueError(f"kinetic friction, {kinetic}, may be above static friction, {static}")
     return texts
+
+
+def _check_corners(problem: Problem, designed: Mapping[str, str], intervals: Mapping[str, str]) -> None:
+    """Refuse intervals with values that the rules between parameters exclude, at any of their corners."""
+    if len(intervals) > MOST_INTERVALS:
+        raise ValueError(f"{len(intervals)} parameters have intervals, at most {MOST_INTERVALS} may have one")
+    if problem.free:
+        problem = problem.with_fixed({key: float(ball(designed[key]).mid()) for key in problem.free})
+    ends = ([float(ball(end.strip()).mid()) for end in text.split(INTERVAL)] for text in intervals.values())
+    for corner in product(*ends):
+        try:
+            problem.replace(dict(zip(intervals, corner, strict=True)))
+        except ProblemError as error:
+            raise ValueError(f"the intervals contain values that contradict each other: {error}") from error
 
 
 def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, control: Control) -> list[OrbitArc]:

@@ -149,6 +149,14 @@ def test_two_coefficients_say_that_sticking_is_chosen():
 # units, and equal steps
 
 
+def test_intervals_whose_corner_breaks_a_rule_between_parameters_are_refused():
+    """Each end is possible with the other parameters of the file; only both together put the mass beyond the hip."""
+    gait = go.solve(go.load_problem("compass-passive-stick"))
+    intervals = {"walker.leg_com": "0.8..1.0", "walker.leg_length": "0.9..1.7"}
+    with pytest.raises(go.GaitoptError, match="contradict each other: .*leg_com = 1 m must be less than leg_length"):
+        go.prove(gait, intervals, progress=False)
+
+
 @pytest.mark.parametrize("size", [1e-6, pytest.param(1e6, marks=pytest.mark.slow)])
 def test_a_proof_does_not_depend_on_the_unit_of_length(size):
     problem = go.load_problem("rimless-wheel-slip")
