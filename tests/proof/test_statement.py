@@ -153,7 +153,7 @@ def test_intervals_whose_corner_breaks_a_rule_between_parameters_are_refused():
     """Each end is possible with the other parameters of the file; only both together put the mass beyond the hip."""
     gait = go.solve(go.load_problem("compass-passive-stick"))
     intervals = {"walker.leg_com": "0.8..1.0", "walker.leg_length": "0.9..1.7"}
-    with pytest.raises(go.GaitoptError, match="contradict each other: .*leg_com = 1 m must be less than leg_length"):
+    with pytest.raises(go.GaitoptError, match=r"contradict each other: .*leg_com = 1 m must be less than leg_length"):
         go.prove(gait, intervals, progress=False)
 
 
