@@ -125,15 +125,16 @@ def _open_loop_gait(problem: Problem, start: Gait | None, progress: Valued, shou
     """The optimum over open-loop torques, which are then fixed in time; on intervals that are short enough."""
     from gaitopt.design.open_loop import MESHES, finished, keeps_contact, optimise  # most problems have no such torques
 
-    system, gait, iterations = build_system(problem), start, 0.0
+    system, iterations = build_system(problem), 0.0
     for intervals in MESHES:
-        end = optimise(problem, system, start=gait, intervals=intervals, progress=progress, should_stop=should_stop)
+        end = optimise(problem, system, start=start, intervals=intervals, progress=progress, should_stop=should_stop)
         gait = end if isinstance(end, Gait) else finished(end, build_system(end.problem))
         iterations += float(gait.solver["iterations"])
         gait = replace(gait, solver={**gait.solver, "iterations": iterations})
-        if not gait.converged or keeps_contact(gait):
+        slips = gait.status is Status.INFEASIBLE or (gait.converged and not keeps_contact(gait))
+        if isinstance(end, Gait) or not slips:
             break
-    assert gait is not None
+        start = gait if gait.converged else start  # an optimum whose exact motion slips is no motion to start from
     return gait
 
 
