@@ -231,6 +231,18 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return f"{what}.{cls.label(contact)}".rstrip(".")
 
     @classmethod
+    def contact_mode(cls, words: Mapping[str, str]) -> Mode:
+        """The mode, without stops, in which every contact does what ``words`` say by its name."""
+        if cls.stands_on_one():
+            return Mode.FLIGHT if words[FOOT] == OFF else Mode(words[FOOT])
+        return Mode.of_contacts(words)
+
+    @classmethod
+    def step_ends(cls) -> tuple[str, ...]:
+        """Names of the points whose landing ends a step, after which the feet swap roles."""
+        return (SWING_FOOT,) if cls.stands_on_one() else cls.landing_contacts
+
+    @classmethod
     def weightless(cls) -> tuple[str, ...]:
         """Names of the points at the end of massless parts that may touch the ground: some contacts, or both feet."""
         return cls.landing_points() if cls.massless_feet else cls.massless_contacts

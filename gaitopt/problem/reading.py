@@ -576,7 +576,7 @@ class _StatementReader:
         model, path = self._model, ("gait", "section")
         end: str = section if isinstance(section, str) else section.margin
         if model is None or end == TOUCHDOWN:
-            if model is not None and model.contacts and not model.landing_contacts:
+            if model is not None and not model.step_ends():
                 words = "write section: clock, or section: {margin: NAME}; to simulate it alone, leave gait out"
                 self._fault(path, f"the {model.model} has no landing contacts: {words}")
             return TOUCHDOWN

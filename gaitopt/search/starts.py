@@ -149,11 +149,12 @@ def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
     system, scales, p = dynamics.system, dynamics.scales, dynamics.p
     heights, velocities, _ = (np.asarray(value).ravel() for value in system.contact_points(state, p))
     words = dict[str, str]()
-    for name, height, (v_t, v_n) in zip(system.walker.contacts, heights, velocities.reshape(-1, 2), strict=True):
+    points = zip(heights, velocities.reshape(-1, 2), strict=True)
+    for name, (height, (v_t, v_n)) in zip(system.walker.contact_names(), points, strict=False):
         touches = abs(height) < TOUCHING * scales.length and abs(v_n) < TOUCHING * scales.speed
         slip = "stick" if abs(v_t) < TOUCHING * scales.speed else str(Mode.slip(v_t))
-        words[name] = ("stick" if name in system.walker.massless_contacts else slip) if touches else OFF
-    mode = Mode.of_contacts(words)
+        words[name] = ("stick" if name in system.walker.weightless() else slip) if touches else OFF
+    mode = system.walker.contact_mode(words)
     try:
         section = system.section(mode)
     except ProblemError:  # its contacts do not reach the ground together

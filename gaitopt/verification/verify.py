@@ -310,7 +310,7 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
 
 def _unloads(gait: Gait) -> bool:
     """Whether the force on a foot falls to zero in every step, as it does without a mass of the foot."""
-    return bool("normal_force" in gait.system.transitions.unloaded or gait.system.walker.massless_contacts)
+    return bool(gait.system.walker.weightless())
 
 
 def phase_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:

@@ -145,9 +145,8 @@ def simulate(
 
 
 def is_endless(dynamics: Dynamics) -> bool:
-    """Whether no event ends a step: several contacts, none of which swaps the feet, and no other section."""
-    walker = dynamics.system.walker
-    return bool(walker.contacts) and not walker.landing_contacts and dynamics.system.cycle_end == TOUCHDOWN
+    """Whether no event ends a step: no landing swaps the feet, and there is no other section."""
+    return dynamics.system.cycle_end == TOUCHDOWN and not dynamics.system.walker.step_ends()
 
 
 def states_after_impacts(gait: Gait) -> Array:
