@@ -32,6 +32,7 @@ from named import named
 import gaitopt as go
 from gaitopt import Gait, Walker
 from gaitopt.errors import ProblemError
+from gaitopt.model.walkers.slip_walker import SlipWalker
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,16 @@ gait:
   guess:
     state: {dy: -1.4, dx: 0}
 """
+RUN = """
+name: run
+walker: {model: slip_walker, mass: 1.0, leg_length: 1.0, stiffness: 20.0, attack: 68 deg, energy: 1.7, gravity: 1.0}
+friction: 0.6
+gait:
+  phases: [{front: stick}, {}]
+  impact: {front: stick}
+  guess:
+    state: {dx: 1.237, dy: -0.124, y: 0.9272, front_x: 0.3746, front_y: -0.9272}
+"""
 TOE_PUSH = """
 name: toe-push
 walker: {model: toe_push, push: 0.5, leg_length: 1.0, leg_mass: 5.0, leg_com: 0.5, hip_mass: 10.0, heel: 0.02,
@@ -191,6 +202,7 @@ CASES = {
     "stop": Case(NamedKneed, KNEED, "kneed-passive"),
     "stop, switch, flight": Case(NamedHopper, HOPPER, "hopper"),
     "rolling feet": Case(NamedRound, ROUND, "round-feet-passive"),
+    "massless foot, flight": Case(SlipWalker, RUN, "slip-run"),
     "unequal legs": Case(NamedUnequal, UNEQUAL, "compass-unequal"),
     "push-off, stop": Case(KneedPush, KNEED_PUSH),
     "push-off, four contacts": Case(ToePush, TOE_PUSH),
