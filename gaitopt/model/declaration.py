@@ -84,10 +84,6 @@ REMEDIES = {
     "model": ': write model = "NAME" in its body; problem files name the walker by it',
     "shape": ': write shape = ("theta1", ...) in its body, the names of its coordinates',
 }
-WITHOUT_CONTACTS = {
-    "massless_feet": "name the contacts at the end of massless parts in massless_contacts",
-}
-"""Class attributes that walkers with several contacts do not have, each with a remedy."""
 MODEL = re.compile(r"\w[\w.-]*")
 _PASSED: WeakSet[type[Walker]] = WeakSet()
 """Classes that have passed ``check_class``; every point of a branch builds a problem of the same class."""
@@ -534,9 +530,9 @@ def _name_faults(walker: type[Walker]) -> Iterator[str]:
 
 def _contact_faults(walker: type[Walker]) -> Iterator[str]:
     """Messages about attributes of a walker with named contacts."""
-    for name, remedy in WITHOUT_CONTACTS.items():
-        if getattr(walker, name):
-            yield f"{name} is {shown(getattr(walker, name))}, but has no effect on a walker with contacts yet: {remedy}"
+    if walker.massless_feet:
+        remedy = "name the contacts at the end of massless parts in massless_contacts"
+        yield f"massless_feet is True, but has no effect on a walker with contacts: {remedy}"
     if walker.exchanged and not walker.landing_contacts:
         yield "exchanged names legs that swap places, but nothing lands that ends a step: name it in landing_contacts"
     pushes, able = walker.pushes, [name for name in walker.contacts if name not in walker.massless_contacts]

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from casadi import SX, vertcat
 
 from gaitopt.errors import ProblemError
 from gaitopt.model.cycle import Cycle
@@ -113,19 +114,28 @@ def test_a_wrong_statement_is_one_sentence(old: str, new: str, words: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("name", "words"),
+    ("attributes", "push", "words"),
     [
-        ("pushes", "must be a tuple of those contacts with a mass that push off"),
-        ("massless_feet", "has no effect on a walker with contacts"),
+        ({"massless_feet": True}, None, "massless_feet is True, but has no effect on a walker with contacts: name the"),
+        ({"pushes": True}, vertcat(0, 1), "pushes is True, but must be a tuple of those contacts with a mass"),
+        ({"pushes": ("ankle",)}, {"ankle": vertcat(0, 1)}, "possible: heel, toe, swing_heel, swing_toe"),
+        ({"pushes": ("toe",)}, vertcat(0, 1), "must be a mapping from the names of pushes, ('toe',)"),
+        ({"pushes": ("toe",)}, None, "pushes is ('toe',), but Mechanism.push is missing"),
+        ({"pushes": ("toe",)}, {"toe": SX(1)}, "Mechanism.push['toe'] has shape (1, 1), but must be a column of 2"),
     ],
 )
-def test_what_is_of_one_foot_alone_is_refused_with_named_contacts(name: str, words: str) -> None:
+def test_a_wrong_statement_about_named_contacts_is_refused(
+    attributes: dict[str, object], push: object, words: str
+) -> None:
+    def mechanism(cls: type, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
+        return replace(HeelToe.mechanism.__func__(cls, q, p), push=push)
+
     landing = classmethod(lambda cls, q, dq, p: ((0, 0), (0, 0)))
-    attributes = {"model": "bad", name: True, "landing": landing}
-    bad = type("Bad", (HeelToe,), {"__module__": __name__, "__qualname__": "Bad", **attributes})
+    parts = {"model": "bad", "mechanism": classmethod(mechanism), "landing": landing, **attributes}
+    bad = type("Bad", (HeelToe,), {"__module__": __name__, "__qualname__": "Bad", **parts})
     with pytest.raises(ProblemError) as caught:
         parse_problem(HEEL_TOE.replace("model: heel_toe", "model: bad"), walkers=[bad])
-    assert f"Bad: {name} is True, but {words}" in str(caught.value)
+    assert words in str(caught.value)
 
 
 @pytest.mark.parametrize(
