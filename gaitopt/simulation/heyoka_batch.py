@@ -519,8 +519,10 @@ class _Lanes:
             for lane, (outcome, _, _, steps) in enumerate(taylor.propagate_res):
                 counts[lane] += steps
                 code = int(outcome)
-                # where a motion becomes infinite, heyoka takes steps of no length, which it does not count
-                stands = outcome == hy.taylor_outcome.step_limit and not steps
+                # where a motion becomes infinite, heyoka takes steps of no length, which it does not count; it takes
+                # none either in a lane that has arrived
+                arrived = taylor.time[lane] >= self._stops[lane]
+                stands = outcome == hy.taylor_outcome.step_limit and not steps and not arrived
                 if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS or stands:
                     if (row := rows[lane]) >= 0:
                         arrivals.times[row], arrivals.states[row] = taylor.time[lane], self._state[lane]
