@@ -41,10 +41,12 @@ def hasty():
 
 
 def in_threads(work, arguments):
-    """The results of ``work`` in order, from eight threads that start at once."""
-    start = threading.Barrier(THREADS)
-    with ThreadPoolExecutor(THREADS, initializer=start.wait) as threads:
-        return list(threads.map(work, arguments))
+    """The results of ``work`` in order, from up to eight threads that start at once."""
+    jobs = list(arguments)
+    count = min(THREADS, len(jobs))  # a pool starts no more threads than it has jobs
+    start = threading.Barrier(count)
+    with ThreadPoolExecutor(count, initializer=start.wait) as threads:
+        return list(threads.map(work, jobs))
 
 
 def digits(gait):
