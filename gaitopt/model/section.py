@@ -295,7 +295,8 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     places += gaps
     modes, rates, others = (after,) if event == TOUCHDOWN else (before, after), list[SX](), list[SX]()
     for name in on_ground:
-        velocity = contacts[name].velocity
+        # as a directional derivative: its rounding is part of a lifted guess, and with it of digests
+        velocity = jtimes(contacts[name].position, eom.z, vertcat(eom.z[n:], SX.zeros(n)))
         touching = [mode for mode in modes if name in mode.touching]
         rates += [velocity[1]] if touching else []
         rates += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []

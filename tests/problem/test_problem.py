@@ -337,3 +337,28 @@ def test_a_walker_on_one_foot_has_no_other_modes(mode):
     text = load_problem("compass-passive-a").text.replace("[slip_forward, stick,", f"[{mode}, stick,")
     with pytest.raises(ProblemError, match=r"14:\d+ gait.phases\[0\].* is not one of the choices"):
         parse_problem(text)
+
+
+DIGESTS = {
+    "compass-passive-a": "68abd7defd4bad77",
+    "compass-passive-two-step": "5a49801242de47c5",
+    "compass-pd-designed": "2d676001e2b94c4a",
+    "compass-push-off": "cf5d2b35b5826bac",
+    "compass-table": "3ee321e1a53a8a0a",
+    "compass-torque-efficient": "a7faa3600abfa70a",
+    "compass-unequal": "926c41d9a8fc8b38",
+    "compass-virtual-constraint": "45393799c488cdab",
+    "hopper": "14b0b6f8e0b35ccf",
+    "kneed-passive": "f780c1770908ca77",
+    "rabbit-optimal": "1d719403d7571b23",
+    "rabbit-tracked": "0426cea1fe55063b",
+    "rimless-wheel-slip": "cedc66dd6e45be6a",
+    "slip-run": "50dea467b983579e",
+    "crawler": "5ba2942668654835",
+}
+"""The first digits of digests of version 0.2, by which its run folders have their names."""
+
+
+@pytest.mark.parametrize("name", DIGESTS)
+def test_run_folders_of_version_0_2_keep_their_names(name):
+    assert load_problem(name).digest.startswith(DIGESTS[name])
