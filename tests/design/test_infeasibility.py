@@ -77,7 +77,10 @@ def test_a_bound_below_presses_with_a_negative_multiplier():
 
 @pytest.mark.parametrize(
     ("name", "module", "label"),
-    [("compass-torque-efficient", "smoothed", "phase 1"), ("rabbit-optimal", "open_loop", "clearance at node")],
+    [
+        ("compass-torque-efficient", "smoothed", "phase 1"),
+        pytest.param("rabbit-optimal", "open_loop", "clearance at node", marks=pytest.mark.slow),
+    ],
 )
 def test_a_search_that_runs_out_of_iterations_says_what_limits_it(monkeypatch, name, module, label):
     monkeypatch.setattr(f"gaitopt.design.{module}.MAX_ITERATIONS", 6)
