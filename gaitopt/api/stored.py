@@ -63,7 +63,7 @@ def check_problem_file(path: str | Path) -> Path:
     """
     file = Path(path)
     if file.suffix not in SUFFIXES:
-        raise StorageError(f"cannot write {file}: a problem file ends in .yaml").concerning("output")
+        raise StorageError(f"cannot write {file}: give the name of a .yaml file").concerning("output")
     if file.exists():
         raise StorageError(f"cannot write {file}: it exists; choose another name").concerning("output")
     check_file(file)
