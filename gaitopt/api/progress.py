@@ -70,13 +70,13 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
     """
     if not _is_live(console):
         console.print(what)
-        calls = 0
+        calls, due = 0, 1
 
         def tell(iteration: int, violation: float) -> None:
-            nonlocal calls
+            nonlocal calls, due
             calls += 1
-            doublings = calls // LINES
-            if doublings == 0 or (calls % LINES == 0 and doublings & (doublings - 1) == 0):
+            if calls == due:
+                due = calls + 1 if calls < LINES else 2 * calls
                 console.print(f"  iteration {iteration}, violation {violation:.1e}")
 
         yield tell

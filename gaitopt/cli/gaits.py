@@ -262,8 +262,9 @@ def stabilise(
     from gaitopt.api import stored, verbs
     from gaitopt.show.tables import print_stabilised
 
-    if law is not None:
-        choice(FeedbackLaw, law)
+    # wrong options are refused before a gait is solved
+    kind = None if law is None else choice(FeedbackLaw, law)
+    StabiliseRequest(law=kind, phase=phase, degree=degree, radius=radius)
     if output is not None:
         stored.check_problem_file(output)
     gait, _, _ = gait_of(run, changes, None, terminal)

@@ -130,6 +130,12 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     return values
 
 
+def peak_torques(arcs: Sequence[Arc]) -> dict[str, float]:
+    """The largest torque of each motor along arcs, by name [N m]."""
+    torques, names = [observe(arc).torque for arc in arcs], arcs[0].dynamics.system.walker.actuators
+    return {name: max(_peak(torque[:, k]) for torque in torques) for k, name in enumerate(names)}
+
+
 def exceeded_limits(steps: Sequence[Step]) -> Iterator[str]:
     """Sentences about joints that leave the range of their links, and motors that exceed the effort of their joints."""
     system = steps[0].arcs[0].dynamics.system
@@ -137,17 +143,15 @@ def exceeded_limits(steps: Sequence[Step]) -> Iterator[str]:
     if not any(limit for pair in limits.values() for limit in pair):
         return
     turned = [buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy() for arc in arcs]
-    torques = [observe(arc).torque for arc in arcs]
+    peaks = peak_torques(arcs)
     for name, (span, effort) in limits.items():
         if span is not None:
             columns = [angles[:, system.angle_names.index(name)] for angles in turned]
             low, high = min(-curves.maximum(-c)[1] for c in columns), max(curves.maximum(c)[1] for c in columns)
             if low < span[0] - AT_LIMIT or high > span[1] + AT_LIMIT:
                 yield f"{name} turns from {low:.4g} to {high:.4g} rad, beyond its range from {span[0]:g} to {span[1]:g}"
-        if effort is not None and name in system.walker.actuators:
-            peak = max(_peak(torque[:, system.walker.actuators.index(name)]) for torque in torques)
-            if peak > effort * (1 + AT_LIMIT):
-                yield f"{name} takes {peak:.4g} N m, more than the effort {effort:g} N m of its joint"
+        if effort is not None and peaks.get(name, 0.0) > effort * (1 + AT_LIMIT):
+            yield f"{name} takes {peaks[name]:.4g} N m, more than the effort {effort:g} N m of its joint"
 
 
 def control_record(steps: Sequence[Step]) -> dict[str, Any]:

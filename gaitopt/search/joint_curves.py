@@ -231,8 +231,9 @@ def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) 
     step = joints.slopes[[0, -1]] * (end - start) / degree
     points[:, ENDS] = np.stack([h[0], h[0] + step[0], h[-1] - step[1], h[-1]], axis=1)
     acceleration = second * x1**2 + first * x2  # of a joint that moves along one control point's curve
-    du = np.einsum("nij,nk->nijk", joints.inverse, acceleration)
-    gait = -np.einsum("nij,nj->ni", joints.inverse, h2)
+    inverse = joints.inverse
+    du = np.einsum("nij,nk->nijk", inverse, acceleration)
+    gait = -np.einsum("nij,nj->ni", inverse, h2)
     return _fitted(joints, points, [*range(2, degree - 1)], du, gait, values, largest, ANGLES["constraints"])
 
 
@@ -293,10 +294,10 @@ def _constraints(joints: Joints, U: Array, u0: Array, largest: Mapping[str, floa
     """Rows A and bounds b of A x >= b: the cone where the foot sticks, the normal force, and the largest torques."""
     f = joints.force + np.einsum("nij,nj->ni", joints.force_response, u0)
     F = np.einsum("nij,njx->nix", joints.force_response, U)
-    rows, bounds = list[Array](), list[Array]()
-    for where, direction in ((joints.sticks, (1, joints.friction)), (joints.sticks, (-1, joints.friction))):
-        rows.append(np.einsum("nix,i->nx", F[where], direction) / joints.weight)
-        bounds.append(MARGIN * joints.friction - f[where] @ direction / joints.weight)
+    rows, bounds, sticks = list[Array](), list[Array](), joints.sticks
+    for direction in ((1, joints.friction), (-1, joints.friction)):
+        rows.append(np.einsum("nix,i->nx", F[sticks], direction) / joints.weight)
+        bounds.append(MARGIN * joints.friction - f[sticks] @ direction / joints.weight)
     rows.append(F[:, 1] / joints.weight)
     bounds.append(MARGIN - f[:, 1] / joints.weight)
     for k, motor in enumerate(joints.motors):

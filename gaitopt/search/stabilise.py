@@ -23,7 +23,7 @@ from gaitopt.display import Tabulated, counted
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.measures import observe
+from gaitopt.gait.measures import peak_torques
 from gaitopt.gait.records import GaitRecord
 from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import joint_limits
@@ -102,7 +102,7 @@ class Stabilised(Tabulated):
             words.append("the simulation does not confirm the gait")
         if gait.scalar("spectral_radius") >= self.bound:
             words.append(f"spectral radius {gait.scalar('spectral_radius'):.4g}, must be below {self.bound:g}")
-        peaks = {name: peak for name, peak in _peaks(gait).items() if peak > efforts.get(name, np.inf)}
+        peaks = {name: peak for name, peak in peak_torques(gait.arcs).items() if peak > efforts.get(name, np.inf)}
         return (*words, *(f"{name} needs {peak:.4g} N m, has {efforts[name]:g}" for name, peak in peaks.items()))
 
     def to_record(self) -> dict[str, Any]:
@@ -121,7 +121,8 @@ class Stabilised(Tabulated):
                 "distance": self.distance,
                 "invariance": self.invariance,
                 "torques": {
-                    name: {"needed": peak, "available": efforts.get(name)} for name, peak in _peaks(self.gait).items()
+                    name: {"needed": peak, "available": efforts.get(name)}
+                    for name, peak in peak_torques(self.gait.arcs).items()
                 },
                 "given": {"problem": self.given.problem.name, **{key: given[key] for key in compared}},
                 "objections": list(self.objections),
@@ -213,14 +214,8 @@ def _driven(gait: Gait) -> tuple[str, ...]:
     names = walker.actuators
     if len(names) == len(walker.shape):
         smallest = NO_TORQUE * gait.dynamics.scales.energy
-        names = tuple(name for name, torque in _peaks(gait).items() if torque > smallest)
+        names = tuple(name for name, torque in peak_torques(gait.arcs).items() if torque > smallest)
     return names if len(names) == len(walker.shape) - 1 else ()
-
-
-def _peaks(gait: Gait) -> dict[str, float]:
-    """The largest torque of each motor in a gait [N m]."""
-    peaks = np.concatenate([np.abs(observe(arc).torque) for arc in gait.arcs]).max(axis=0)
-    return dict(zip(gait.system.walker.actuators, peaks.tolist(), strict=True))
 
 
 def _efforts(walker: WalkerType) -> dict[str, float]:
