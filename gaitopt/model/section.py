@@ -157,6 +157,16 @@ class Section:
         matrix[self._solved] = slopes.reshape(len(self._solved), -1, order="F")
         return matrix
 
+    def by_parameters(self, z: Array, p: Array) -> Array:
+        """Derivative of ``lift`` by the walker's parameters at fixed section coordinates, shape (n_z, n_p)."""
+        if self.stated:
+            (flat,) = buffered(_stated_by_parameters(self._walker))(z[self.every_step.indices], p[: self._n_p])
+            return flat.reshape(z.size, -1, order="F").copy()
+        matrix = np.zeros((z.size, self._n_p))
+        (slopes,) = buffered(self._slopes_by_parameters)(z, p[: self._n_p])
+        matrix[self._solved] = slopes.reshape(len(self._solved), -1, order="F")
+        return matrix
+
     def holds(self, before: Mode, impact: Mode) -> bool:
         """Whether a step that ends in the mode ``before``, with the contacts ``impact`` after it, leads there."""
         if self.stated:
@@ -192,6 +202,13 @@ class Section:
         J = jacobian(self._c[self._rows], self._z)
         slopes = -solve(J[:, self._solved], densify(J[:, self.indices.tolist()]))
         return BUILT.watch(Function("section_slopes", [self._z, self._p], [densify(slopes)]))
+
+    @cached_property
+    @building
+    def _slopes_by_parameters(self) -> Function:
+        c = self._c[self._rows]
+        slopes = -solve(jacobian(c, self._z)[:, self._solved], densify(jacobian(c, self._p)))
+        return BUILT.watch(Function("section_by_parameters", [self._z, self._p], [densify(slopes)]))
 
 
 class Cyclic(Protocol):
@@ -269,6 +286,13 @@ def _stated_tangent(walker: type[Walker]) -> Function:
     """(xi, p) -> d z / d xi of ``stated_state``; the column of dx is the last."""
     xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
     return Function("tangent", [xi, p], [cse(densify(jacobian(stated_state(walker, xi, p), xi)))])
+
+
+@built_once(maxsize=8)
+def _stated_by_parameters(walker: type[Walker]) -> Function:
+    """(xi, p) -> d z / d p of ``stated_state``."""
+    xi, p = SX.sym("xi", len(walker.section_names(slipping=True))), SX.sym("p", len(walker.model_fields))
+    return Function("by_parameters", [xi, p], [cse(densify(jacobian(stated_state(walker, xi, p), p)))])
 
 
 def _filled(xi: Array, size: int) -> Array:

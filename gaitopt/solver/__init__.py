@@ -25,4 +25,5 @@ Other uses of the same equations:
 
 arclength     curves of solutions of any equations: predictor, corrector, location of zeros
 following     a known gait at other parameter values: ``follow``, ``Family``
+return_map    derivatives of the return map of a gait by its state and by parameters
 """

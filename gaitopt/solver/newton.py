@@ -326,26 +326,62 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
     returned : ndarray, shape (n_xi, n_xi) - derivative of the return map: the deviation after the cycle.
     adjoint : maps weights (n_xi, n_xi) of ``returned`` to weights (n, n_xi) of the equations of ``response``.
     """
-    equations = at.equations
-    system, n_z, n = equations.system, equations.system.n_z, at.residual.size
-    last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
-    section = system.section(equations.mesh.cycle)
-    indices = section.indices
-    reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
-    columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
-    data[columns][pattern.rows[columns] >= n - n_z] = 0.0
-    opened = at.scaled_as_square(SparseMatrix(pattern=pattern, data=data))
+    equations, n_z = at.equations, at.equations.system.n_z
+    opened, reset = opened_cycle(at)
+    n, last = at.residual.size, slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z)
+    section = equations.system.section(equations.mesh.cycle)
     full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
-    right = np.zeros((n, indices.size))
+    right = np.zeros((n, section.indices.size))
     right[n - n_z :] = section.tangent(at.w[:n_z], full)
     response = opened.solve(right)
 
     def adjoint(weights: Array) -> Array:
-        end = np.zeros((n, indices.size))
+        end = np.zeros((n, section.indices.size))
         end[last] = reset.T @ weights
         return opened.solve_transposed(end)
 
     return response, reset @ response[last], adjoint
+
+
+def parameter_sensitivity(at: Solution) -> Array:
+    """Derivative of the return map by the freed parameters at fixed section coordinates, shape (n_xi, n_free).
+
+    They act in the whole cycle: on the state that the section coordinates determine, along the motion, and in the last
+    reset.
+    """
+    equations, n_z = at.equations, at.equations.system.n_z
+    opened, reset = opened_cycle(at)
+    n, last = at.residual.size, slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z)
+    section = equations.system.section(equations.mesh.cycle)
+    full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
+    by_free = at.jacobian.dense(n, at.w.size)
+    by_lift = section.by_parameters(at.w[:n_z], full)
+    places = {name: k for k, name in enumerate(equations.system.parameters)}
+    right = -by_free
+    right[n - n_z :] = 0.0
+    for column, name in enumerate(equations.free):
+        if places[name] < by_lift.shape[1]:
+            right[n - n_z :, column] = by_lift[:, places[name]]
+    response = opened.solve(right)
+    return np.asarray(reset @ response[last] - by_free[n - n_z :][section.indices])
+
+
+def opened_cycle(at: Solution) -> tuple[ScaledMatrix, Array]:
+    """The equations of a cycle that starts from a given state instead of the last reset, and that reset's derivative.
+
+    Returns
+    -------
+    opened : ``square`` in which the last rows do not depend on the last node.
+    reset : ndarray, shape (n_xi, n_z) - derivative of the section coordinates after the last reset by the last node.
+    """
+    equations = at.equations
+    system, n_z, n = equations.system, equations.system.n_z, at.residual.size
+    last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
+    indices = system.section(equations.mesh.cycle).indices
+    reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
+    columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
+    data[columns][pattern.rows[columns] >= n - n_z] = 0.0
+    return at.scaled_as_square(SparseMatrix(pattern=pattern, data=data)), reset
 
 
 def _resampled(coarse: Solution, intervals: Sequence[int]) -> Solution:
