@@ -15,9 +15,9 @@ largest value in the step, so that the motion remains a walk. The same values ar
 In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. From its solution
 ``conflicts`` reads which constraints cannot be met and, by the multipliers, which others are in their way.
 
-Direct collocation is no substitute yet. With exact second derivatives it misses two of the six optima of the compass: a
-bound of the spectral radius leads it elsewhere. With secants and a certified radius it finds all six, as fast or up to
-three times faster, but it states no timed phases, slips from rest, unloaded feet without mass and static cones.
+Direct collocation is no substitute: with secants it finds the six optima of the compass, in 0.5 to 2.3 times the time,
+but it has one step, and no timed phases, slips from rest, unloaded feet without mass and static cones, which the
+equations of shooting state for every cycle.
 """
 
 from collections.abc import Callable, Iterator
@@ -42,7 +42,7 @@ from gaitopt.solver.collocation_elements import SMOOTHING
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
 from gaitopt.solver.ipopt import MAX_ITERATIONS, TOLERANCE, Block, Ipopt, IpoptResult
 from gaitopt.solver.newton import Solution
-from gaitopt.solver.program import ShootingProgram
+from gaitopt.solver.program import EquationSlope, ShootingProgram
 from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
@@ -255,7 +255,14 @@ class SmoothedProblem:
         scales = Dynamics(equations.system, p).scales
         least = np.array([CLEARANCE * label.size(scales) if "cone" in label.name else 0.0 for label in labels])
         blocks = [
-            Block(name="gait", expression=equations.equalities, lower=0.0, upper=0.0, labels=equations.equality_labels),
+            Block(
+                name="gait",
+                expression=equations.equalities,
+                lower=0.0,
+                upper=0.0,
+                labels=equations.equality_labels,
+                slope=EquationSlope(equations),
+            ),
             Block(name="margins", expression=margins, lower=least, labels=labels),
         ]
 
@@ -290,8 +297,8 @@ class SmoothedProblem:
                 blocks.append(Block(name=name, expression=scalar + give, lower=span.minimum, labels=label))
                 blocks.append(Block(name=name, expression=scalar - give, upper=span.maximum, labels=label))
             else:
-                bounded = {"lower": span.minimum, "upper": span.maximum}
-                blocks.append(Block(name=name, expression=scalar, labels=label, **bounded))
+                lowest, highest = span.minimum, span.maximum
+                blocks.append(Block(name=name, expression=scalar, lower=lowest, upper=highest, labels=label))
 
         unknowns, parameters = vertcat(equations.w, *self._extrema.values(), slack), equations.parameters
         self._values = Function("values", [unknowns, parameters], [vertcat(*map(self.scalar, self.names))])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from casadi import DM, MX, Callback, Function, Sparsity, diag, jacobian, nlpsol, nlpsol_out, vertcat
+from casadi import DM, MX, Callback, Function, Sparsity, diag, horzcat, jacobian, nlpsol, nlpsol_out, vertcat
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.building import BUILDING, Freed, building
@@ -80,6 +80,7 @@ class Block:
     lower, upper : one number for all, or ndarray, shape (n,).
     size : typical size, likewise.
     labels : the meaning of each entry; empty if nobody asks.
+    slope : (first unknowns, p) -> Jacobian of rows; CasADi differentiates the expression by default.
     """
 
     name: str
@@ -88,6 +89,14 @@ class Block:
     upper: Array | float = np.inf
     size: Array | float = 1.0
     labels: tuple[Label, ...] = ()
+    slope: Function | None = None
+
+    def jacobian(self, x: MX, p: MX) -> MX:
+        """Derivative in all unknowns of the program."""
+        if self.slope is None:
+            return jacobian(self.expression, x)
+        known = self.slope(x[: self.slope.size1_in(0)], p)
+        return horzcat(known, MX(known.shape[0], x.numel() - known.shape[1]))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -258,7 +267,7 @@ class Ipopt:
             # two functions, for the gradient of one that is both would go back through the constraints too
             value = Function("value", [w, parameters], [f])
             constraints = Function("constraints", [w, parameters], [g])
-            slopes = [jacobian(block.expression, w) for block in program.rows]
+            slopes = [block.jacobian(w, parameters) for block in program.rows]
             slope = Function("slope", [w, parameters], [vertcat(*slopes)])
             scaled = constraints(sizes * x, parameters) / row_sizes
             scaled_slope = diag(1 / row_sizes) @ slope(sizes * x, parameters) @ diag(sizes)

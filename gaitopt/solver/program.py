@@ -7,13 +7,13 @@ has as many rows as x; with some, it is the smoothed problem of ``gaitopt.design
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pickle import PicklingError
 from typing import Any, Self
 
 import numpy as np
-from casadi import DM, MX, Function, mtimes, sum1, vec
+from casadi import DM, MX, Callback, Function, Sparsity, mtimes, sum1, vec
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import building, built_once
@@ -284,6 +284,41 @@ class ShootingProgram(NonlinearProgram):
         return replace(gait, solver={**solver, "objective": objective})
 
 
+class EquationSlope(Callback):
+    """(w, p) -> Jacobian of the equations of a gait: that of ``linearised``, a tenth of the time of CasADi's own.
+
+    Keep it as long as a solver uses it.
+    """
+
+    def __init__(self, equations: MultipleShooting) -> None:
+        super().__init__()
+        self._equations, pattern = equations, equations.jacobian_pattern
+        self._sparsity = Sparsity(*pattern.shape, pattern.pointers.tolist(), pattern.rows.tolist())
+        self.construct("equation_slope", {})
+
+    def get_n_in(self) -> int:
+        """Two inputs."""
+        return 2
+
+    def get_n_out(self) -> int:
+        """One output."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Sparsity:
+        """Shape of an input."""
+        return Sparsity.dense((self._equations.w, self._equations.parameters)[i].numel(), 1)
+
+    def get_sparsity_out(self, i: int) -> Sparsity:
+        """Pattern of the Jacobian."""
+        return self._sparsity
+
+    @overflow_allowed()
+    def eval(self, arg: Sequence[DM]) -> list[DM]:
+        """The Jacobian at a point."""
+        _, matrix = self._equations.linearised(*(np.asarray(value).ravel() for value in arg))
+        return [DM(self._sparsity, matrix.data)]
+
+
 @building
 def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> ShootingProgram:
     """The program of a problem without unknown parameters.
@@ -298,7 +333,7 @@ def feasibility(problem: Problem, start: Solution, *, relaxed: bool = False) -> 
     rows = [
         Block(
             name="equalities", expression=equations.equalities, lower=0.0, upper=0.0, size=units.equalities,
-            labels=equations.equality_labels,
+            labels=equations.equality_labels, slope=EquationSlope(equations),
         ),
         Block(
             name="period", expression=sum1(equations.durations),

@@ -549,7 +549,7 @@ class MultipleShooting:
         by_durations = step[:, :, n_z, None] * times_by[:, None, :] + step[:, :, n_z + 1, None] * lengths_by[:, None, :]
         by_tail = np.concatenate([by_durations, step[:, :, n_z + 2 :]], axis=2)
         joined, joined_by = self._joined_derivatives(*self._joints(w), p)
-        pattern, order = self._jacobian_pattern
+        pattern, order = self._pattern_and_order
         entries = [np.ones(n * n_z), step[:, :, :n_z].ravel(), by_tail.ravel(), joined_by]
         matrix = SparseMatrix(pattern=pattern, data=np.concatenate(entries)[order])
         return np.concatenate([self._defects(w, ends), joined]), matrix
@@ -602,8 +602,13 @@ class MultipleShooting:
         times, lengths = np.transpose(np.array(units) - origin, (1, 2, 0))
         return times, lengths
 
+    @property
+    def jacobian_pattern(self) -> Pattern:
+        """Pattern of the Jacobian of the equalities."""
+        return self._pattern_and_order[0]
+
     @cached_property
-    def _jacobian_pattern(self) -> tuple[Pattern, NDArray[np.intp]]:
+    def _pattern_and_order(self) -> tuple[Pattern, NDArray[np.intp]]:
         """Pattern of the Jacobian, and the permutation that sorts the entries of ``linearised`` by columns."""
         n_z, n, mesh = self.system.n_z, self.mesh.intervals, self.mesh
         n_w, n_tail = self.w.numel(), self.n_phases + len(self.free)
