@@ -127,7 +127,7 @@ def optimise(
             if close and not converged and result.status is not Status.INTERRUPTED:
                 close = False
                 continue
-            more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED)) if converged else ()
+            more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED, beside=BESIDE)) if converged else ()
             if not more:
                 break
             begin, places, again = _begin(collocation, result.w), (*places, *more), (collocation, result)

@@ -33,8 +33,10 @@ from casadi import (
     vertcat,
 )
 
+from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
+from gaitopt.model.buffered import buffered_map
 from gaitopt.model.foreign import calling
 from gaitopt.model.mechanism import Mechanism
 
@@ -163,16 +165,19 @@ def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
     centre = np.array([float(walker.posture.get(name, 0.0)) for name in walker.shape])
     random, spread = np.random.default_rng(0), min(SPREAD, walker.largest_angle)
     choices = list(combinations(range(n), m))
-    values = list[list[float]]()
-    for _ in range(SAMPLES):
-        s = centre + spread * random.uniform(-1, 1, n)
-        for _ in range(NEWTON_STEPS):  # to the nearest touchdown
-            s = s - np.linalg.pinv(np.asarray(slopes(s, p))) @ np.asarray(equations(s, p)).ravel()
-        J = np.asarray(slopes(s, p))
-        if np.isfinite(J).all() and np.abs(J).max(initial=0.0) > 0:
-            J = J / np.linalg.norm(J, axis=1, keepdims=True)
-            values.append([np.linalg.svd(J[:, choice], compute_uv=False).min(initial=1.0) for choice in choices])
-    if m > n or not values or not (middle := np.median(values, axis=0)).max() > 0:
+    residuals, derivatives = buffered_map(equations, SAMPLES), buffered_map(slopes, SAMPLES)
+    s = centre + spread * random.uniform(-1, 1, (SAMPLES, n))
+
+    def jacobians() -> Array:
+        return np.asarray(derivatives(s, p)[0].reshape(SAMPLES, n, m).transpose(0, 2, 1))
+
+    for _ in range(NEWTON_STEPS):  # to the nearest touchdown
+        s = s - (np.linalg.pinv(jacobians()) @ residuals(s, p)[0].reshape(SAMPLES, m, 1))[:, :, 0]
+    J = jacobians()
+    J = J[np.isfinite(J).all(axis=(1, 2)) & (np.abs(J).max(axis=(1, 2), initial=0.0) > 0)]
+    J = J / np.linalg.norm(J, axis=2, keepdims=True)
+    values = [np.linalg.svd(J[:, :, choice], compute_uv=False).min(axis=1, initial=1.0) for choice in choices]
+    if m > n or not len(J) or not (middle := np.median(values, axis=1)).max() > 0:
         raise ProblemError(
             f"{walker.__name__}: touchdown and stops determine no posture just after an impact near its posture "
             f"({', '.join(f'{name} = {value:g}' for name, value in zip(walker.shape, centre, strict=True))}): "

@@ -53,16 +53,20 @@ class AssembledProgram:
 
 
 @built_once(maxsize=256)
-def _derivatives(function: Function) -> tuple[Function, Function, Sparsity, Sparsity]:
-    """(y, c, p) -> gradient of f and entries of the Jacobian of g; (y, c, p, w, l) -> entries of the Hessian."""
+def _derivatives(function: Function) -> tuple[Function | None, Function, Function, Sparsity, Sparsity]:
+    """(y, c, p) -> gradient of f, None if f is zero, and entries of the Jacobian of g; (y, c, p, w, l) -> of the Hessian.
+
+    Few elements have an f, and IPOPT asks for its gradient and the Jacobian one after the other.
+    """
     y, c, p = (SX.sym(name, function.size1_in(k)) for k, name in enumerate("ycp"))
     f, g = function(y, c, p)
+    slope = None if f.is_zero() else Function("slope", [y, c, p], cse([gradient(f, y)]))
     jac = jacobian(g, y)
-    first = Function("first", [y, c, p], cse([gradient(f, y), SX(jac.nz[:])]))
+    first = Function("first", [y, c, p], cse([SX(jac.nz[:])]))
     w, multipliers = SX.sym("w"), SX.sym("l", g.numel())
     bent = hessian(w * f + dot(multipliers, g), y)[0]
     second = Function("second", [y, c, p, w, multipliers], cse([SX(bent.nz[:])]))
-    return first, second, jac.sparsity(), bent.sparsity()
+    return slope, first, second, jac.sparsity(), bent.sparsity()
 
 
 @building
@@ -78,15 +82,17 @@ def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> Asse
     entries.append(MX(DM(known.data)))
     for each in elements:
         count = len(each.columns)
-        first, second, jac, hess = _derivatives(each.function)
+        gradient_of_f, first, second, jac, hess = _derivatives(each.function)
         y, c = reshape(x[each.columns.ravel().tolist()], -1, count), DM(each.constants.T)
         values, added = each.function.map("values", "serial", count, [2], [])(y, c, p)
-        slope, slopes = first.map("first", "serial", count, [2], [])(y, c, p)
+        slopes = first.map("first", "serial", count, [2], [])(y, c, p)
         own = reshape(multipliers[each.rows.ravel().tolist()], -1, count)
         curvature = second.map("second", "serial", count, [2, 3], [])(y, c, p, weight, own)
-        f += mtimes(values, MX.ones(count, 1))
+        if gradient_of_f is not None:
+            f += mtimes(values, MX.ones(count, 1))
+            slope = gradient_of_f.map("slope", "serial", count, [2], [])(y, c, p)
+            gradients += mtimes(_sum(each.columns, n_x), vec(slope))
         g += mtimes(_sum(each.rows, n_g), vec(added))
-        gradients += mtimes(_sum(each.columns, n_x), vec(slope))
         entries.append(vec(slopes))
         bent.append(vec(curvature))
         places.append(_global(each.rows, each.columns, jac))
