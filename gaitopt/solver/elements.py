@@ -54,9 +54,10 @@ class AssembledProgram:
 
 @built_once(maxsize=256)
 def _derivatives(function: Function) -> tuple[Function | None, Function, Function, Sparsity, Sparsity]:
-    """(y, c, p) -> gradient of f, None if f is zero, and entries of the Jacobian of g; (y, c, p, w, l) -> of the Hessian.
+    """Derivatives of an element, and the patterns of the last two.
 
-    Few elements have an f, and IPOPT asks for its gradient and the Jacobian one after the other.
+    (y, c, p) -> gradient of f, None if f is zero; (y, c, p) -> entries of the Jacobian of g; (y, c, p, w, l) -> entries
+    of the Hessian. Few elements have an f.
     """
     y, c, p = (SX.sym(name, function.size1_in(k)) for k, name in enumerate("ycp"))
     f, g = function(y, c, p)
