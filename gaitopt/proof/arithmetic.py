@@ -45,9 +45,9 @@ PRECISION = 128
 RADIUS_BITS = 64
 """Bits of a pickled radius; Arb keeps 30."""
 LARGEST_DENOMINATOR = 360
-"""A constant that is the double of n pi / d, with d up to this and n up to twice this, stands for that multiple."""
+"""A constant is read as n pi / d if it is the double of that number, d is at most this and n at most twice this."""
 EXTRA_DIGITS, MOST_DIGITS = 2, 30
-"""Digits printed beyond the first one in which two bounds differ, and at most."""
+"""Decimal bounds end this many places after the first one in which they differ, and have at most this many places."""
 INTERVAL = ".."
 """Separates the ends of an interval of a parameter, as in ``0.95..1``."""
 UNIT = arb(0, 1)
@@ -121,8 +121,8 @@ class Refuted(NotProved):
     margin : name of the margin that is proved to be negative; empty if it is not a single margin.
     """
 
-    def __init__(self, words: str, margin: str = "") -> None:
-        super().__init__(words)
+    def __init__(self, message: str, margin: str = "") -> None:
+        super().__init__(message)
         self.margin = margin
 
 
@@ -143,7 +143,7 @@ def ball(text: str) -> arb:
     Raises
     ------
     ValueError
-        If it is not a decimal number, with ``deg`` or ``rad`` if it is an angle.
+        If a value is not a decimal number, or one with ``deg`` or ``rad``, or if the ends have different units.
     """
     lower, between, upper = text.partition(INTERVAL)
     if between:
@@ -282,13 +282,13 @@ class BallFunction:
 
     Parameters
     ----------
-    function : with dense inputs.
+    function : a function with dense inputs.
     constants : values of all inputs but the first. Subexpressions of constants are evaluated once, here.
 
     Raises
     ------
     ValueError
-        If an instruction is not analytic; the message names the function.
+        If an instruction of the function is not analytic; the message names the function.
     """
 
     def __init__(self, function: Function, constants: Sequence[Sequence[arb]]) -> None:
@@ -298,7 +298,7 @@ class BallFunction:
         self._steps: list[tuple[int, Callable[..., Number], int, int | None]] = []
         self._inputs: list[tuple[int, int]] = []
         self._outputs: list[tuple[int, int, int]] = []
-        place: dict[int, int] = {}
+        slot: dict[int, int] = {}  # work vector of CasADi -> index in _values
         variable: set[int] = set()
         for k in range(function.n_instructions()):
             operation, operands = function.instruction_id(k), function.instruction_input(k)
@@ -307,32 +307,32 @@ class BallFunction:
                 output, nonzero = results
                 sparsity = function.sparsity_out(output)
                 entry = sparsity.row()[nonzero] + sparsity.get_col()[nonzero] * sparsity.size1()  # column by column
-                self._outputs.append((output, int(entry), place[operands[0]]))
+                self._outputs.append((output, int(entry), slot[operands[0]]))
                 continue
-            place_of_result = len(self._values)
+            result = len(self._values)
             self._values.append(None)
             if operation == ca.OP_CONST:
                 self._values[-1] = exact_constant(function.instruction_constant(k))
             elif operation == ca.OP_INPUT:
                 source, entry = operands
                 if source == 0:
-                    self._inputs.append((place_of_result, entry))
-                    variable.add(place_of_result)
+                    self._inputs.append((result, entry))
+                    variable.add(result)
                 else:
                     self._values[-1] = constants[source - 1][entry]
             else:
-                places = tuple(place[operand] for operand in operands)
-                table: Mapping[int, Callable[..., Number]] = UNARY if len(places) == 1 else BINARY
+                slots = tuple(slot[operand] for operand in operands)
+                table: Mapping[int, Callable[..., Number]] = UNARY if len(slots) == 1 else BINARY
                 if operation not in table:
                     kink = f"CasADi's operation {operation} is not analytic; write the expression without kinks"
                     raise ValueError(f"{self._name}: {kink}")
                 apply = table[operation]
-                if variable.isdisjoint(places):
-                    self._values[-1] = apply(*(self._values[i] for i in places))
+                if variable.isdisjoint(slots):
+                    self._values[-1] = apply(*(self._values[i] for i in slots))
                 else:
-                    variable.add(place_of_result)
-                    self._steps.append((place_of_result, apply, places[0], places[1] if len(places) > 1 else None))
-            place[results[0]] = place_of_result
+                    variable.add(result)
+                    self._steps.append((result, apply, slots[0], slots[1] if len(slots) > 1 else None))
+            slot[results[0]] = result
 
     def __call__(self, variable: Sequence[Number]) -> list[list[Number]]:
         """All outputs; each is a list of its entries, column by column.
@@ -347,23 +347,23 @@ class BallFunction:
             If a divisor may be zero.
         """
         values = self._values
-        for place, entry in self._inputs:
-            values[place] = variable[entry]
+        for slot, entry in self._inputs:
+            values[slot] = variable[entry]
         try:
-            for place, apply, a, b in self._steps:
-                values[place] = apply(values[a]) if b is None else apply(values[a], values[b])
+            for slot, apply, a, b in self._steps:
+                values[slot] = apply(values[a]) if b is None else apply(values[a], values[b])
         except (ZeroDivisionError, ValueError) as failure:  # division of balls, of series
             raise NotProved(f"{self._name}: a divisor may be zero") from failure
         except AttributeError as failure:  # a function that Tilted lacks
             raise NotProved(f"{self._name}: {failure.name} cannot be enclosed along a family") from failure
         outputs: list[list[Number]] = [[arb(0)] * size for size in self._sizes]
-        for output, entry, place in self._outputs:
-            outputs[output][entry] = values[place]
+        for output, entry, slot in self._outputs:
+            outputs[output][entry] = values[slot]
         return outputs
 
 
 def exact_constant(value: float) -> arb:
-    """The exact value of a constant in an expression: n pi / d if the constant is the double of that, else itself."""
+    """The exact value of a constant in an expression: n pi / d if the constant is its double, else the double."""
     if value == 0 or value == int(value):
         return arb(value)
     ratio = Fraction(value / pi).limit_denominator(LARGEST_DENOMINATOR)
@@ -397,14 +397,14 @@ def _decimal(units: int, places: int) -> str:
 
 
 def _reduce(ball: arb) -> tuple[Any, ...]:
-    """A ball in a pickle: mantissa and exponent of its midpoint and of its radius."""
+    """How a ball is pickled: by mantissa and exponent of its midpoint and of its radius."""
     if not ball.is_finite():
         return arb, (str(ball),)
     return _rebuild, tuple((int(m), int(e)) for m, e in (ball.mid().man_exp(), ball.rad().man_exp()))
 
 
 def _rebuild(middle: tuple[int, int], radius: tuple[int, int]) -> arb:
-    """The pickled ball. FLINT rounds every given radius up, even one that it can hold: give it a smaller one."""
+    """The pickled ball. FLINT rounds every given radius up, even one that it can hold, so it gets a smaller one."""
     mantissa, exponent = radius
     if mantissa == 0:
         return arb(middle)

@@ -1,4 +1,4 @@
-"""Certificates: their format.
+"""The format of certificates.
 
 A certificate contains four kinds of data, and nothing else:
 
@@ -25,7 +25,7 @@ from gaitopt.problem.writing import DECIMAL, EXACT_VALUE, ProblemText
 SCHEMA = "gaitopt-proof-6"
 LARGEST_FILE = 64 * 2**20
 """Bytes of a certificate; the longest known family has some 10^6."""
-DEEPEST = 40
+DEEPEST_NESTING = 40
 """Levels of nested lists and objects in a certificate."""
 MOST_BOXES, MOST_ARCS, MOST_UNKNOWNS = 2000, 1000, 3000
 """The largest known certificates have some 30 boxes, 10 arcs and 900 unknowns."""
@@ -54,7 +54,7 @@ class FileRecord(_Record):
 
 
 class ProblemRecord(FileRecord):
-    """A problem as texts; see ``gaitopt.problem.writing.ProblemText``. ``set`` are its ``changes``."""
+    """A problem as texts; see ``gaitopt.problem.writing.ProblemText``. The key ``set`` holds its ``changes``."""
 
     set: Annotated[dict[Name, Any], Field(max_length=1000)]
     files: Annotated[dict[Name, FileRecord], Field(max_length=10)]
@@ -62,7 +62,7 @@ class ProblemRecord(FileRecord):
 
     @classmethod
     def of(cls, source: ProblemText) -> "ProblemRecord":
-        """The record of some texts."""
+        """The record of the texts of a problem."""
         return cls(
             **_hashed(source.text),
             set=json.loads(json.dumps(dict(source.changes))),
@@ -72,12 +72,12 @@ class ProblemRecord(FileRecord):
 
     @property
     def source(self) -> ProblemText:
-        """The texts.
+        """The texts of the problem.
 
         Raises
         ------
         ValueError
-            If a text does not have its SHA-256.
+            If a text does not have the SHA-256 that the record states.
         """
         for name, file in (("the problem", self), *self.files.items()):
             if sha256(file.text) != file.sha256:
@@ -108,7 +108,7 @@ class PieceRecord(_Record):
 
 
 class MotionRecord(_Record):
-    """A tracked motion: its pieces. With ``flow`` the law ends with the last one."""
+    """The pieces of a tracked motion. If the rule beyond its end is ``flow``, the law ends with the last piece."""
 
     pieces: Annotated[list[PieceRecord], Field(min_length=1, max_length=500)]
 
@@ -120,7 +120,7 @@ class DurationRecord(_Record):
 
 
 class ArcRecord(_Record):
-    """An arc: the number of its phase, from 0, and the fractions of ``OrbitArc``."""
+    """An arc: the number of its phase, counted from 0, and its ``OrbitArc.fractions``."""
 
     phase: Annotated[int, Field(ge=0, lt=MOST_ARCS)]
     fractions: Annotated[
@@ -129,7 +129,7 @@ class ArcRecord(_Record):
 
 
 class BoxRecord(_Record):
-    """A box of unknowns; see ``gaitopt.proof.orbit.TiltedBox``. ``interval`` belongs to the varying parameter."""
+    """A box of unknowns; see ``gaitopt.proof.orbit.TiltedBox``. ``interval`` is that of the varying parameter."""
 
     interval: Annotated[list[Value], Field(max_length=2)]
     centre: Entries
@@ -164,7 +164,7 @@ def parse_certificate(content: bytes) -> dict[str, Any]:
     Raises
     ------
     StorageError
-        If it is not JSON, not an object, gives a key twice, or is too large.
+        If the file is too large, is not JSON, contains no object, or gives a key of an object twice.
     """
     if len(content) > LARGEST_FILE:
         raise StorageError(f"a certificate has at most {LARGEST_FILE} bytes")
@@ -194,7 +194,7 @@ def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
     Raises
     ------
     ValueError
-        If it has another format; the message names it.
+        If the certificate has another format; the message names it.
     StorageError
         If a field is missing, unknown, or has a wrong value; the message names the field.
     """
@@ -204,11 +204,11 @@ def read_certificate(certificate: Mapping[str, Any]) -> CertificateRecord:
             f"a certificate of the format {shown(schema)}, not {SCHEMA}: check it with the version that wrote it"
         )
     level: list[Any] = [certificate]
-    for _ in range(DEEPEST):
+    for _ in range(DEEPEST_NESTING):
         containers = [item for item in level if isinstance(item, Mapping | list)]
         level = [entry for item in containers for entry in (item.values() if isinstance(item, Mapping) else item)]
     if any(isinstance(item, Mapping | list) for item in level):
-        raise StorageError(f"its lists and objects are nested in more than {DEEPEST} levels")
+        raise StorageError(f"its lists and objects are nested in more than {DEEPEST_NESTING} levels")
     try:
         return CertificateRecord.model_validate(dict(certificate))
     except ValidationError as error:

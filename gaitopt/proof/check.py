@@ -47,7 +47,7 @@ CONNECTION, SIGN_CHANGE = "connected family", "sign change"
 
 
 def _margins_ending(*tables: Mapping[str, Margin], ending: Ending | None) -> tuple[str, ...]:
-    """The margins whose fall ends a motion in this way; None: by another mode or impact."""
+    """Names of the margins that end a motion in this way when they reach zero; None: another mode or impact follows."""
     return tuple(name for table in tables for name, margin in table.items() if margin.ending == ending)
 
 
@@ -70,13 +70,13 @@ class CheckedBox:
     ----------
     outer : the box of the certificate, in which the orbit is unique.
     interval : ends of the varying parameter as texts; empty if none varies.
-    image : the box under Krawczyk's operator, even if that proves nothing.
-    inner : the image if it holds the orbit; None if something could not be enclosed, and then nothing below is known.
-    state : just after the last impact, by name.
-    durations : of the phases [s].
-    derivatives : of the return map, on parts of the interval.
-    multipliers : largest modulus first.
-    cycle : one cycle of the motion.
+    image : the image of the box under Krawczyk's operator, even if it proves nothing.
+    inner : the image, if it is proved to hold the orbit. None if an enclosure failed; all fields below are then empty.
+    state : bounds of the state just after the last impact, by name.
+    durations : bounds of the durations of the phases [s].
+    derivatives : derivatives of the return map, one for each part of the interval.
+    multipliers : bounds of the multipliers, largest modulus first.
+    cycle : enclosure of one cycle of the motion.
     """
 
     outer: TiltedBox
@@ -100,13 +100,13 @@ class Proof:
     ----------
     problem : name of the problem.
     claims : statements of the theorem; the theorem is proved if all of them are.
-    certificate : the certificate.
-    statement : the hypotheses, and what is not proved; empty if they could not be rebuilt.
+    certificate : the JSON object from which it is proved.
+    statement : the hypotheses, and what is not proved; empty if the certificate gives no valid hypotheses.
     state : bounds of the state just after the impact, by name.
     durations : bounds of the durations of the phases [s].
     measures : bounds of the measures, by name.
-    multipliers : bounds, largest modulus first; empty for a bracket of a special point.
-    minimal_period : whether it is proved that the period is the least one; None if nothing is proved.
+    multipliers : bounds of the multipliers, largest modulus first; empty for a bracket of a special point.
+    minimal_period : whether the period is proved to be the shortest one; None if no orbit is proved.
     """
 
     problem: str
@@ -132,7 +132,8 @@ class Proof:
     @property
     def spectral_radius(self) -> arb | None:
         """Bounds of the largest modulus of a multiplier."""
-        # not cached: until Python 3.12 a cached property has a lock, which would be taken before and after FLINT's
+        # not cached: up to Python 3.11 a cached property takes a lock, and one thread would take it before FLINT's lock
+        # and another one after it
         if not self.multipliers:
             return None
         with precision():
@@ -202,7 +203,7 @@ def check(
     Raises
     ------
     StorageError
-        If it is not a certificate: a field is missing, unknown, or has a wrong value.
+        If a field of the certificate is missing, unknown, or has a wrong value.
     """
     with precision():
         statement: Statement | None = None
@@ -222,7 +223,7 @@ def _checked_boxes(statement: Statement) -> Iterator[CheckedBox]:
     Raises
     ------
     ValueError
-        If there is no box, or one too many, or one does not fit the equations.
+        If there is no box, if several boxes come without a varying parameter, or if a box does not fit the equations.
     """
     records = statement.record.boxes
     if not records:
@@ -239,13 +240,14 @@ def _checked_boxes(statement: Statement) -> Iterator[CheckedBox]:
 def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True, is_source: bool = False) -> CheckedBox:
     """What is proved on one box of a certificate.
 
-    For a single orbit, margins and multipliers are enclosed on the image of the box under Krawczyk's operator. Inside a
-    bracket of a special point multipliers are not needed, and the mode sequence not if the bracket is of a margin.
+    For a single orbit, margins and multipliers are enclosed on the image of the box under Krawczyk's operator. Boxes
+    inside the bracket of a special point need no multipliers. If the special point is a zero of a margin, these boxes
+    need no claims about the mode sequence either.
 
     Parameters
     ----------
     at_end : whether the box is the first or the last one of the certificate.
-    is_source : whether only existence, modes and motion matter, as of a gait that gives law data.
+    is_source : whether the orbit is a gait that gives law data; only existence, mode sequence and motion then matter.
     """
     orbit, outer = restore_box(statement, record)
     box, special = CheckedBox(outer, record.interval), statement.special
@@ -259,9 +261,8 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True, i
         radius = max(w.abs_upper() for w in outer.deviation).str(3, radius=False)
         words = f"exactly one periodic orbit lies within {radius} of the centre in every unknown"
         box = replace(box, claims=(ProofClaim(EXISTENCE, proved=True, words=words),))
-        if (
-            not orbit.is_long and not is_source
-        ):  # the image holds the orbit too, and gives narrower bounds of everything else
+        if not orbit.is_long and not is_source:
+            # the image holds the orbit too, and gives narrower bounds of everything else
             narrow = TiltedBox(outer.centre, outer.tilt, [move.union(arb(0)) for move in deviations(outer, image)])
             cycle = orbit.enclose(narrow)
             inverse = precondition(orbit, cycle)
@@ -292,8 +293,8 @@ def check_box(statement: Statement, record: BoxRecord, *, at_end: bool = True, i
 def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Mapping[str, Any]) -> Proof:
     """What the boxes of a certificate prove together.
 
-    Every box has to prove existence and the claims of the mode sequence. In a bracket of a violated margin only the end
-    at which the orbit is a gait has to prove the latter; the sign change is about the other end.
+    Every box has to prove existence and the claims about the mode sequence. If the special point is a zero of a margin,
+    the latter have to hold only at the end where the orbit is a gait; the claim on the sign change covers the other.
     """
     special = statement.special
     modes = mode_claim_names(statement.system, statement.law, statement.cycle, statement.arcs)
@@ -333,7 +334,7 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
             return proof
         claims.append(connection_claim(boxes, statement.interval))
     if _has_law_data(statement):
-        claims.append(_law_data(statement, boxes))
+        claims.append(_law_data_claim(statement, boxes))
     if special is not None:
         claims.append(sign_change_claim(special, boxes))
     else:
@@ -344,7 +345,7 @@ def conclude(statement: Statement, boxes: Sequence[CheckedBox], certificate: Map
 
 
 def _is_minimal(statement: Statement, box: CheckedBox) -> bool:
-    """Whether the states after the impacts of a cycle differ, so that no part of the cycle is one."""
+    """Whether the period is the shortest one: the states after later impacts differ from the first."""
     assert box.cycle is not None
     cycle = statement.cycle
     starts = [box.cycle.starts[[arc.phase for arc in statement.arcs].index(phase)] for phase in cycle.first_phases]
@@ -352,12 +353,12 @@ def _is_minimal(statement: Statement, box: CheckedBox) -> bool:
 
 
 def _has_law_data(statement: Statement) -> bool:
-    """Whether data of the law come from another gait that has to be proved, or from the orbit itself."""
+    """Whether data of the law come from the orbit itself or from another gait, which then has to be proved too."""
     return isinstance(statement.record.law, DurationRecord) or statement.reference is not None
 
 
-def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
-    """Whether the data of the law that come from another gait fit a proved gait of its problem."""
+def _law_data_claim(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
+    """The claim that law data fit the orbit itself, or a proved gait of the problem from which they come."""
     data, source = statement.record.law, statement.reference
     periods = [sum(box.durations, arb(0)) for box in boxes]
     if statement.own_duration is not None:
@@ -370,7 +371,7 @@ def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
         box = check_box(source, record, is_source=True)
     except ValueError as fault:
         return ProofClaim(LAW_DATA, proved=False, words=f"{name}: its proof has not one box that fits: {fault}")
-    claims = [*box.claims, *([_law_data(source, [box])] if _has_law_data(source) and box.inner else [])]
+    claims = [*box.claims, *([_law_data_claim(source, [box])] if _has_law_data(source) and box.inner else [])]
     needed = (EXISTENCE, *mode_claim_names(source.system, source.law, source.cycle, source.arcs))
     failed = [f"{claim.name}: {claim.words}" for claim in claims if not claim.proved]
     failed += [f"{name} is missing" for name in needed if name not in {claim.name for claim in claims}]
@@ -384,7 +385,7 @@ def _law_data(statement: Statement, boxes: Sequence[CheckedBox]) -> ProofClaim:
 
 
 def _merge_claims(claims_by_box: Iterable[Sequence[ProofClaim]]) -> Iterator[ProofClaim]:
-    """One claim of each name: it fails if it fails on one box, and has the smallest margin of all boxes."""
+    """One claim for each name; it is proved if it is proved on every box, with the smallest margin of all boxes."""
     by_name: dict[str, list[ProofClaim]] = {}
     for claims in claims_by_box:
         for claim in claims:
@@ -401,7 +402,7 @@ def _union(values: Sequence[Any]) -> Any:
 
 
 def connection_claim(boxes: Sequence[CheckedBox], interval: Sequence[str]) -> ProofClaim:
-    """Whether the boxes cover the interval, and neighbours hold the same orbit at the value at which they meet."""
+    """The claim that the boxes cover the interval, and that neighbouring boxes hold the same orbit where they meet."""
 
     def holds(outer: TiltedBox, s: int, inner: TiltedBox, t: int) -> bool:
         pairs = zip(outer.at(arb(s)), inner.at(arb(t)), strict=True)
@@ -423,7 +424,7 @@ def connection_claim(boxes: Sequence[CheckedBox], interval: Sequence[str]) -> Pr
 
 
 def sign_change_claim(kind: str, boxes: Sequence[CheckedBox]) -> ProofClaim:
-    """Whether the test function of a type of special point changes its sign between the first box and the last."""
+    """The claim that the test function of a special point changes its sign between the first box and the last."""
     tests = {"neimark_sacker": _neimark_sacker, "period_doubling": _period_doubling}
     try:
         words = _margin_change(kind, boxes) if kind in MARGIN_CHANGES else tests[kind](boxes)
@@ -461,7 +462,7 @@ def _period_doubling(boxes: Sequence[CheckedBox]) -> str:
 
 
 def _gait_end(boxes: Sequence[CheckedBox]) -> int | None:
-    """The number of the first or last box, if the orbit is a gait of the mode sequence at this end alone."""
+    """Index of the first or last box, whichever end is the only one at which the orbit has its mode sequence."""
     gaits = [k for k in (0, len(boxes) - 1) if all(claim.proved for claim in boxes[k].claims)]
     return gaits[0] if len(gaits) == 1 else None
 

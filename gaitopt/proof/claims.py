@@ -39,7 +39,7 @@ PATTERN_WORDS = {
 MOST_HALVINGS = 14
 """A step of the integration is halved at most this many times; a part that then has no kind fails its claim."""
 RELATIVE_WIDTH = 1e-12
-"""A part is divided no further once its upper bound exceeds the maximum by less than this, relatively."""
+"""A part is not divided further once its upper bound exceeds the known maximum by less than this part of it."""
 SLIPS, CONES = (Mode.SLIP_FORWARD, Mode.SLIP_BACKWARD), ("cone_forward", "cone_backward")
 APPARENT_MASS, TIME_WINDOW, AT_REST = "apparent mass", "time window", "mode at rest"
 
@@ -50,8 +50,8 @@ class ProofClaim:
 
     Attributes
     ----------
-    name : what the claim is about.
-    words : the statement, or why it is not proved.
+    name : the name of the claim: which arc or step it concerns, and which margin.
+    words : the statement in words, or why it is not proved.
     margin : proved lower bound of the quantity that has to be positive, if there is one.
     refuted : whether the contrary is proved.
     violated : the margin that is proved to be negative, if it is a single one.
@@ -74,8 +74,8 @@ class SignPart:
     kind : ``p``, ``n``, ``u``, ``d`` or ``?``.
     start, end : time since the start of the arc [s].
     value : enclosure of the function on the part, divided by t^order.
-    order : of the zero with which the part starts.
-    within : whether the whole part lies before the end of the arc, which is only enclosed.
+    order : order of the zero at the start of the part; 0 if there is none.
+    within : whether the whole part certainly lies before the end of the arc, whose time is only enclosed.
     """
 
     kind: str
@@ -94,12 +94,12 @@ def sign_parts(
     Parameters
     ----------
     steps : the function on every step, and the length of the step [s].
-    order : of the zero with which the function starts.
-    monotone : whether ``u`` and ``d`` are enough; otherwise a part is divided further.
+    order : order of the zero with which the function starts; 0 if it starts with another value.
+    monotone : whether a part may be classified as ``u`` or ``d``; if not, it is divided until its sign is known.
     """
     start_of_step = arb(0)
     for k, (series, h) in enumerate(steps):
-        # the length is a ball: the part up to its upper bound includes every end that the step may have
+        # the length of the step is a ball; the parts cover it up to its upper bound
         pending = [(arb(0), arb(h.upper()), MOST_HALVINGS)]
         while pending:
             start, end, depth = pending.pop()
@@ -123,7 +123,7 @@ def check_pattern(name: str, parts: Sequence[SignPart], pattern: str) -> str:
     Raises
     ------
     NotProved
-        If they do not match; the message gives the time and the values that the function may have there.
+        If the parts do not match the pattern; the message says where, and which values the function may have there.
     Refuted
         If the function is negative where it has to be positive.
     """
@@ -143,7 +143,8 @@ def check_pattern(name: str, parts: Sequence[SignPart], pattern: str) -> str:
 def mode_claim_names(system: HybridSystem, law: ExactLaw, sequence: Cycle, arcs: Sequence[OrbitArc]) -> tuple[str, ...]:
     """The names of all claims that are required for an orbit to be a gait with this mode sequence.
 
-    They are listed independently of ``mode_sequence_claims``: a claim that is not made leaves the theorem unproved.
+    This list does not rely on ``mode_sequence_claims``. A claim that the latter forgets therefore leaves the theorem
+    unproved.
     """
     names, windows = list[str](), bool(law.breakpoints) or law.horizon is not None
     for j, arc in enumerate(arcs):
@@ -182,7 +183,7 @@ def mode_sequence_claims(orbit: Orbit, cycle: CycleEnclosure) -> Iterator[ProofC
 
 
 def _claim(name: str, prove: Callable[..., tuple[str, arb | None]], *arguments: Any) -> ProofClaim:
-    """The claim that ``prove`` proves, or fails to prove."""
+    """The claim of this name: proved if ``prove`` succeeds on the arguments, with the reason if it fails."""
     try:
         words, margin = prove(*arguments)
     except NotProved as failure:
@@ -199,7 +200,7 @@ def _starts_phase(arcs: Sequence[OrbitArc], j: int) -> bool:
 
 
 def _starts_at_rest(sequence: Cycle, arcs: Sequence[OrbitArc], j: int) -> bool:
-    """Whether arc ``j`` starts a phase with the foot at rest: not after an impact with slip."""
+    """Whether arc ``j`` starts a phase with the foot at rest, as any phase but one after an impact with slip does."""
     return _starts_phase(arcs, j) and sequence.impact_before(arcs[j].phase) in (None, Mode.STICK)
 
 
@@ -246,7 +247,7 @@ def _vanishes_after_impact(system: HybridSystem, name: str) -> bool:
 
 
 def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> tuple[str, arb | None]:
-    """Claims 2 and 6: a margin is positive along an arc, ends it, or is a touchdown."""
+    """Claims 2 and 6: a margin is positive along an arc, falls to the zero that ends it, or shows a touchdown."""
     if pattern == POSITIVE and at_end < 0:
         raise Refuted(f"{name} is {at_end.str(6)} at the end of the arc", name)
     kinds = check_pattern(name, parts, pattern)
@@ -259,11 +260,11 @@ def _margin(name: str, parts: Sequence[SignPart], pattern: str, at_end: arb) -> 
 def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, arb | None]:
     """Claim 3: while the foot sticks, its apparent mass C_tt +- mu C_nt is positive with the static coefficient mu.
 
-    A foot that is let go has the normal acceleration -(C_tt f_n - C_nt f_t) / det C with the force f of sticking. It is
-    negative for every f in the static cone: lift-off is not consistent. The apparent masses with the kinetic
+    Without the sticking force f the foot would have the normal acceleration -(C_tt f_n - C_nt f_t) / det C. This is
+    negative for every f in the static cone, so lift-off is not consistent. The apparent masses with the kinetic
     coefficient lie between those with the static one. A slip from rest accelerates the foot by minus the margin of the
-    kinetic cone over the apparent mass, so that inside this cone no slip is consistent. Between the kinetic and the
-    static cone one is, and sticking is chosen.
+    kinetic cone over the apparent mass, so no slip is consistent inside this cone. Between the kinetic and the static
+    cone a slip is consistent too; the model chooses sticking there.
     """
     masses, lengths = orbit.field(orbit.arcs[j].mode, j).apparent_masses, [hull(step.h) for step in cycle.steps[j]]
     bounds = list[arb]()
@@ -278,8 +279,8 @@ def _apparent_mass(orbit: Orbit, cycle: CycleEnclosure, j: int) -> tuple[str, ar
 def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
     """Claim 5: an arc ends before the segment of its control law does.
 
-    It starts after the segment does: the number of its segment is the number of breakpoints at which arcs of this step
-    have ended (``certificate``), durations are positive, and a breakpoint sets the time exactly.
+    That it starts after its segment starts needs no claim: the number of its segment is the number of breakpoints at
+    which arcs of this step have ended (``statement``), durations are positive, and a breakpoint sets the time exactly.
     """
     arc, law = orbit.arcs[j], orbit.law
     edge, time, segment, words = law.edges[arc.segment], y[orbit.system.n_z], arc.segment, ""
@@ -302,12 +303,12 @@ def _time_window(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | Non
 
 
 def seconds(time: arb) -> str:
-    """A time in words, with the digits of a double."""
+    """A time and its unit, printed with the digits of a double."""
     return f"{float(time.mid())!r} s"
 
 
 def _mode_at_rest(orbit: Orbit, j: int, y: Sequence[arb]) -> tuple[str, arb | None]:
-    """Claim 4: a foot at rest does what the arc says, because it cannot do anything else."""
+    """Claim 4: of all modes, only that of the arc is consistent for a foot at rest."""
     arc, table = orbit.arcs[j], orbit.system.transitions
     margins = {
         mode: dict(zip(table.margin_names(mode), orbit.field(mode, j).margins(y)[0], strict=True)) for mode in CONTACTS
@@ -393,12 +394,12 @@ def measure_bounds(orbit: Orbit, cycle: CycleEnclosure, period: arb) -> dict[str
 def largest_force_ratio(steps: Iterable[tuple[Sequence[arb], Sequence[arb], arb, arb]]) -> arb:
     """The maximum of |f_t| / f_n, with f_n > 0, over steps of the integration.
 
-    On a part of a step the maximum is that of its ends if the ratio is monotone there; otherwise it is bounded by the
-    mean value theorem, or the part is halved.
+    If the ratio is monotone on a part of a step, its maximum is at one of the ends. Otherwise the mean value theorem
+    bounds it, or the part is halved.
 
     Parameters
     ----------
-    steps : f_t, f_n, the length of the step [s], and the ratio at its end.
+    steps : f_t and f_n as polynomials in time, the length of the step [s], and the ratio at its end.
     """
     lower, upper = arb(0), arb(0)
     for f_t, f_n, h, at_end in steps:

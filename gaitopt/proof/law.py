@@ -28,19 +28,19 @@ from gaitopt.proof.arithmetic import NotProved, ball
 
 Exact: TypeAlias = Callable[[str, float], str]
 """Dotted key and double -> the decimal that the double stands for; see ``gaitopt.problem.writing.ExactValues``."""
-GUARD = 1e-9
-"""Largest difference between a ball and its double, relative to the largest number of a segment."""
+LARGEST_DISAGREEMENT = 1e-9
+"""Largest difference between the ball of a number and its double, relative to the largest number of its segment."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExactLaw:
-    """What a law reads besides time, state and parameters.
+    """The numbers that a law reads besides time, state and parameters.
 
     Attributes
     ----------
     breakpoints : times at which one segment ends and the next begins [s].
-    horizon : time at which the law ends [s]; None if it does not.
-    data : segment data, by segment.
+    horizon : time at which the law ends [s]; None if it does not end.
+    data : the numbers of each segment.
     """
 
     breakpoints: tuple[arb, ...]
@@ -58,7 +58,7 @@ def exact_law(control: Control, exact: Exact, duration: float | None = None) -> 
 
     Parameters
     ----------
-    duration : of curves or torques, an exact double; None if the texts give it [s].
+    duration : duration of curves or torques [s], an exact double; None if the problem's text states it.
 
     Raises
     ------
@@ -98,11 +98,11 @@ def _in_doubles(control: Control) -> ExactLaw:
 
 
 def _compare(law: ExactLaw, control: Control) -> None:
-    """Require that balls and doubles say the same, up to rounding."""
+    """Require that the balls agree with the doubles of the simulation up to rounding."""
     rows = [*law.data, law.breakpoints]
     doubles = [*(control.data(k) for k in range(len(law.data))), np.array(control.breakpoints, dtype=float)]
     for balls, numbers in zip(rows, doubles, strict=True):
-        scale = GUARD * max(1.0, float(np.abs(numbers).max(initial=0)))
+        scale = LARGEST_DISAGREEMENT * max(1.0, float(np.abs(numbers).max(initial=0)))
         pairs = zip(balls, numbers.tolist(), strict=True)
         if not all(abs(a - arb(b)) < scale for a, b in pairs):
             raise NotProved(f"the numbers of the {control.type} law are too ill-conditioned: a table or a piece of it")
@@ -116,7 +116,7 @@ def exact_pieces(
     Parameters
     ----------
     span : dotted key of the span of curves over a phase.
-    duration : of curves of control points [s]; None if the texts give it.
+    duration : duration of a curve with control points [s]; None if the problem's text states it.
     """
     first, tail = curve.pieces[0], curve.beyond_end if curve.continues else None
     if curve.points and tail is not None:
@@ -170,7 +170,7 @@ def _spline(table: Table) -> list[Piece]:
 
 
 def _spline_slopes(t: Sequence[arb], y: Sequence[arb]) -> list[arb]:
-    """Slopes of the not-a-knot spline at its knots; of a parabola through three, of a line through two."""
+    """Slopes of the not-a-knot spline at its knots. Three knots give a parabola, two a straight line."""
     n, h = len(t), [b - a for a, b in pairwise(t)]
     m = [(b - a) / step for (a, b), step in zip(pairwise(y), h, strict=True)]
     if n == 2:
@@ -179,10 +179,8 @@ def _spline_slopes(t: Sequence[arb], y: Sequence[arb]) -> list[arb]:
     for i in range(1, n - 1):
         A[i, i - 1], A[i, i], A[i, i + 1] = h[i], 2 * (h[i - 1] + h[i]), h[i - 1]
         b[i, 0] = 3 * (h[i] * m[i - 1] + h[i - 1] * m[i])
-    for row, i in (
-        (0, 0),
-        (n - 1, n - 3),
-    ):  # (s_i + s_(i+1) - 2 m_i) / h_i^2 is the same on both pieces; of three, zero
+    # not-a-knot: (s_i + s_(i+1) - 2 m_i) / h_i^2 is the same on both pieces; with three knots it is zero on each
+    for row, i in ((0, 0), (n - 1, n - 3)):
         for sign, k in ((1, i), (-1, i + 1)):
             if n > 3 or k == row // 2:
                 A[row, k] += sign / h[k] ** 2

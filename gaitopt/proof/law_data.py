@@ -1,11 +1,11 @@
-"""Law data that come from another gait fit a proved gait of the problem that the text names.
+"""The claim that law data taken from another gait fit a proved gait of the problem that the text names.
 
-    duration    |duration - T| <= 1e-12 T, with the enclosed period T of that gait; of open-loop torques with that of
-                the orbit itself, within 1e-9 T
+    duration    |duration - T| <= 1e-12 T, where T is the enclosed period of that gait. The duration of open-loop
+                torques is compared with the period of the orbit itself, within 1e-9 T
     motion      |theta_r(t) - theta(t)| <= 1e-9 for every tracked angle, from the impact to the end of the step
 
-On a short part of a Taylor step both angles are polynomials in the time from its middle, u. The sum of |d_k| r^k over
-the coefficients d_k of their difference bounds it for |u| <= r.
+On a short part of a Taylor step both angles are polynomials in the time u from its middle. If d_k are the coefficients
+of their difference, the sum of |d_k| r^k bounds it for |u| <= r.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,14 +31,15 @@ DURATION_ERROR, OWN_DURATION_ERROR = 1e-12, 1e-9
 """Largest relative differences between a duration and the period of the gait that gives it, or of the orbit itself."""
 ANGLE_ERROR = 1e-9
 """Largest difference between a tracked angle and that of the gait, in natural units."""
-MOST_STEPS = 500
-"""Steps of the integration beyond the end of a tracked gait."""
-PART = 1 / 64
-"""Length of a part relative to its piece: polynomials of degree 32 that agree on the piece then stay together."""
+MOST_STEPS_BEYOND_END = 500
+"""Largest number of steps of the integration beyond the end of a tracked gait."""
+PART_LENGTH = 1 / 64
+"""Length of a part relative to its piece. It is so short that polynomials of degree 32 that agree on the piece also
+have nearly the same coefficients about the middle of the part."""
 
 
 def duration_claim(duration: float, period: arb, error: float, whose: str) -> ProofClaim:
-    """Whether a duration is the period of a gait."""
+    """The claim that a duration is the period of a gait."""
     difference = abs(arb(duration) - period)
     words = f"the duration {seconds(arb(duration))} differs by at most {difference.upper().str(3, radius=False)} s"
     words += f" from the period of {whose}"
@@ -46,16 +47,16 @@ def duration_claim(duration: float, period: arb, error: float, whose: str) -> Pr
 
 
 def motion_claim(statement: Statement, orbit: Orbit, cycle: CycleEnclosure, period: arb, until: arb) -> ProofClaim:
-    """Whether the tracked curve is the motion of the gait in ``cycle``, up to the time ``until``.
+    """The claim that the tracked curve is the motion of the gait in ``cycle``, up to the time ``until``.
 
     Parameters
     ----------
-    statement : of the law that tracks the curve.
+    statement : the statement about the gait whose law tracks the curve.
     orbit, cycle, period : equations and enclosures of the tracked gait.
     """
     (completed,), (stated,) = (law.targets.values() for law in (statement.system.control, statement.problem.control))
     motion = completed.motion()
-    if motion.continues:  # beyond the period by a rule
+    if motion.continues:  # a rule of the problem extends the curve beyond the period
         ends = duration_claim(motion.breakpoints[-1], period, DURATION_ERROR, f"a proved gait of {stated.source[0]}")
         if not ends.proved:
             return replace(ends, words=f"the tracked curve does not end with a step: {ends.words}")
@@ -101,30 +102,30 @@ def _angles(system: HybridSystem) -> Function:
 
 
 def _steps(orbit: Orbit, cycle: CycleEnclosure, until: arb) -> Iterator[TaylorStep]:
-    """The steps of a cycle of one step, and those of its last motion without an impact up to a time."""
+    """The integration steps of a cycle with one impact; then those that continue its last arc, without the impact."""
     for steps in cycle.steps:
         yield from steps
     last, y = len(orbit.arcs) - 1, cycle.ends[-1]
     h = max(arb(hull(step.h).upper()) for step in cycle.steps[-1])
-    for _ in range(MOST_STEPS):
+    for _ in range(MOST_STEPS_BEYOND_END):
         if not y[orbit.system.n_z] < until:
             return
         step = expand(orbit.field(orbit.arcs[last].mode, last), y, h, orbit.order)
         yield step
         y = [hull(value) for value in step.end]
-    raise NotProved(f"the motion beyond its end needs more than {MOST_STEPS} steps")
+    raise NotProved(f"the motion beyond its end needs more than {MOST_STEPS_BEYOND_END} steps")
 
 
 def _parts(piece: Piece, start: arb, h: arb) -> Iterator[tuple[arb, arb]]:
     """Middles and half lengths of short parts that cover the time that a step has in common with a piece [s].
 
-    Times count from the start of the step, at ``start``.
+    The middles count from the start of the step, which is at the time ``start``.
     """
     lower, upper = (arb(piece.start) - start).lower(), (arb(piece.end) - start).upper()
     lower, upper = max(arb(lower), arb(0)), min(arb(upper), arb(h.upper()))
     if not lower < upper:
         return
-    n = ceil(float((upper - lower).upper()) / (PART * (piece.end - piece.start)))
+    n = ceil(float((upper - lower).upper()) / (PART_LENGTH * (piece.end - piece.start)))
     width = (upper - lower) / n
     for k in range(n):
         yield (lower + width * (2 * k + 1) / 2).mid(), arb((width * (1 + arb(2) ** -60) / 2).upper())

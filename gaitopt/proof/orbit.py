@@ -55,9 +55,10 @@ BREAKPOINT = "breakpoint"
 UNIT_SQUARED = arb(0.5, 0.5)
 """s^2 for s in [-1, 1]."""
 SPLIT = [arb(2 * k + 1 - 16, 1) / 16 for k in range(16)]
-"""[-1, 1] in 16 parts; multipliers are enclosed on each."""
-NARROWINGS, LEAST_NARROWING = 50, 0.9
-"""The enclosure of F_u^-1 kick is narrowed at most this often, and while its width shrinks by at least this factor."""
+"""16 parts of [-1, 1]; along a family the multipliers are enclosed on each of them."""
+MOST_NARROWINGS, LARGEST_WIDTH_RATIO = 50, 0.9
+"""The enclosure of F_u^-1 kick is narrowed at most this often, and only while its width shrinks at least to this part
+of the last one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ class OrbitArc:
     segment : number of the segment of the control law.
     phase : number of the phase in the mode sequence.
     event : the margin whose zero ends the arc, or ``breakpoint``.
-    fractions : parts of the duration that the steps of the integration take; the last step takes what is left.
+    fractions : lengths of the integration steps relative to the duration, without that of the last step.
     """
 
     mode: Mode
@@ -104,13 +105,13 @@ class TiltedBox:
 
 @dataclass(frozen=True, slots=True)
 class CycleEnclosure:
-    """One cycle from every point of a box.
+    """An enclosure of one cycle from every point of a box.
 
     Attributes
     ----------
-    residual : F at the centre, by the first row of each group of equations.
+    residual : F at the centre, in groups of equations by their first row.
     blocks : dF/du on the box without the unit matrix of the nodes, as (first row, first column, values).
-    steps : steps of the integration, by arc.
+    steps : steps of the integration of every arc.
     starts, ends : boxes of the state y at the start and end of every arc.
     """
 
@@ -130,15 +131,15 @@ class Orbit:
     p : parameters in balls.
     varied : index of the varying parameter; None if none varies.
     interval : middle and half length of the interval of the varying parameter; empty if none varies.
-    arcs : in order of time.
-    order : order of the integration.
+    arcs : the arcs of one cycle, in order of time.
+    order : order of the Taylor series.
 
     Attributes
     ----------
     n : number of unknowns of a node.
     nodes : first entry in u of every node, by arc.
     durations : entry in u of the duration of every arc.
-    size : number of unknowns. The derivative in the parameter is one more column.
+    size : number of unknowns, and index of the column that holds the derivative in the parameter.
     """
 
     def __init__(
@@ -178,7 +179,7 @@ class Orbit:
 
     @cached_property
     def units(self) -> Array:
-        """Natural unit of every entry of a state y, the time included: relative sizes, which need not be exact."""
+        """Natural unit of every entry of a state y, including the time. They only scale and need not be exact."""
         middle = np.array([float(value.mid()) for value in self.p])
         dynamics = Dynamics(self.system, middle)
         return np.append(dynamics.state_units, dynamics.scales.time)
@@ -272,7 +273,7 @@ class Orbit:
 
     @building
     def _event_and_reset_function(self, j: int) -> Function:
-        """(y, p, r, breakpoint) -> what ``_event_and_reset`` gives."""
+        """(y, p, r, breakpoint) -> the outputs of ``_event_and_reset``."""
         arc, following, space = self.arcs[j], (j + 1) % len(self.arcs), self._spaces[j]
         system, n_z, (y, p, values) = self.system, self.system.n_z, space.symbols()
         r, time = SX.sym("r", system.n_r), SX.sym("breakpoint")
@@ -323,9 +324,9 @@ class Preconditioner:
 
     Attributes
     ----------
-    C : shape (size, size).
-    slope : of C along the parameter, of the same shape; None if no parameter varies.
-    E : groups of columns of E by their first column.
+    C : the approximate inverse at s = 0, shape (size, size).
+    slope : derivative of C in s, of the same shape; None if no parameter varies.
+    E : the columns of E, in groups by their first column.
     """
 
     C: np.ndarray
@@ -353,7 +354,7 @@ def exact_matrix(values: np.ndarray) -> arb_mat:
 
 
 def midpoint_jacobian(orbit: Orbit, cycle: CycleEnclosure, s: int = 0) -> np.ndarray:
-    """Doubles next to the middle of dF/du at s, with dF/dmu as the last column; shape (size, size + 1)."""
+    """The middle of dF/du at s in doubles, with dF/dmu as the last column; shape (size, size + 1)."""
     result = np.eye(orbit.size, orbit.size + 1)
     result[orbit.durations, orbit.durations] = 0.0
     for row, first, values in cycle.blocks:
@@ -389,12 +390,12 @@ def precondition(orbit: Orbit, cycle: CycleEnclosure) -> Preconditioner:
 
 
 def krawczyk(orbit: Orbit, box: TiltedBox, line: CycleEnclosure, inverse: Preconditioner) -> TiltedBox:
-    """K as a box about the same centre.
+    """The image K of a box, as a box with the same centre.
 
     Parameters
     ----------
-    line : F and its derivative on the line centre + tilt s, or on the whole box.
-    inverse : on the whole box.
+    line : enclosure of F and its derivative on the line centre + tilt s, or on the whole box.
+    inverse : the preconditioner, with E enclosed on the whole box.
     """
     image = -inverse.error_times(matrix(1, box.deviation))
     for row, values in line.residual.items():
@@ -428,7 +429,7 @@ def require_contraction(orbit: Orbit, box: TiltedBox, image: TiltedBox) -> None:
     Raises
     ------
     NotProved
-        If it does not; the message names the unknown that moves farthest out of the box.
+        If K leaves the interior; the message names the unknown that moves farthest out of the box.
     """
     moves = deviations(box, image)
     outside = [k for k, (w, move) in enumerate(zip(box.deviation, moves, strict=True)) if not w.contains_interior(move)]
@@ -441,9 +442,9 @@ def require_contraction(orbit: Orbit, box: TiltedBox, image: TiltedBox) -> None:
 def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Preconditioner) -> Matrix:
     """Derivative DP of the return map on the section after the last impact, in natural units, shape (n_xi, n_xi).
 
-    A kick to the section coordinates at the start of the cycle moves the periodic orbit by H = (1 - DP)^-1 there. All
-    unknowns move by X = F_u^-1 kick. With Y = C kick, X = Y - E X; and as |E| w < w is proved for the half widths w,
-    |X| <= w max(|Y| / w) / (1 - max(|E| w / w)). From this bound X = Y - E X is iterated.
+    A kick added to the section coordinates at the start of the cycle moves the periodic orbit by H = (1 - DP)^-1 there,
+    and all unknowns by X = F_u^-1 kick. With Y = C kick, X = Y - E X. As |E| w < w is proved for the half widths w,
+    |X| <= w max(|Y| / w) / (1 - max(|E| w / w)). Iterating X = Y - E X narrows this bound.
 
     Raises
     ------
@@ -461,10 +462,10 @@ def return_map(orbit: Orbit, box: TiltedBox, cycle: CycleEnclosure, inverse: Pre
     rows = hull(Y).tolist()
     sizes = [_weighted_norm([row[k] for row in rows], w) / (1 - contraction) for k in range(n_xi)]
     X: Matrix = arb_mat([[arb(0, (r * size).upper()) for size in sizes] for r in w])
-    for _ in range(NARROWINGS):
+    for _ in range(MOST_NARROWINGS):
         width = _width(X)
         X = Y - inverse.error_times(X)
-        if not _width(X) < LEAST_NARROWING * width:
+        if not _width(X) < LARGEST_WIDTH_RATIO * width:
             break
     entries = matrix_entries(X)
     H = matrix(n_xi, [entries[k * n_xi + i] for k in section for i in range(n_xi)])

@@ -37,30 +37,33 @@ from gaitopt.proof.statement import Statement, refuse_uncovered_walkers, restore
 from gaitopt.proof.taylor import expand
 
 ORDER, ORDER_OF_FAMILY = 20, 16
-"""Order of the Taylor series on a narrow box, and on a long one."""
+"""Order of the Taylor series for a single orbit or a bracket, and for a family."""
 SMALLEST_REMAINDER = 1e-300
-"""Avoids a division by zero."""
-SAFETY, LARGEST_GROWTH, LARGEST_CUT = 0.9, 1.5, 0.6
-"""Length of the next step relative to one with a remainder of 10^-order, and its bounds relative to the last step."""
+"""A remainder of zero counts as this, to avoid a division by zero."""
+STEP_SAFETY, LARGEST_STEP_GROWTH, STEP_CUT = 0.9, 1.5, 0.6
+"""Length of the next integration step relative to the one whose remainder would be 10^-order; the largest ratio of two
+lengths; and the ratio below which a step is repeated, shortened by this factor."""
 RADIUS = 1e-11
 """Half width of the box of a single orbit in every unknown, in natural units."""
-TILT_SHARE, LEAST_RADIUS = 0.003, 1e-12
-"""First half widths on a long box: this part of the tilt, and at least this in natural units."""
-INFLATION, INFLATIONS = 1.25, 4
-"""Next half widths, relative to those of the image under Krawczyk's operator; and how often they are tried."""
-GROWTH, CUT = 1.25, 0.6
-"""Length of the next box relative to the last one after a success, and after a failure."""
-LEAST_COVER = 1 / 256
-"""A claim that is not shown on a box shorter than this part of the interval is taken for false."""
-MOST_TRIES = 1000
-"""Boxes that are tried in one walk along a family."""
+TILT_SHARE, SMALLEST_RADIUS = 0.003, 1e-12
+"""The first half widths of a long box are this part of its tilt plus this many natural units."""
+INFLATION_FACTOR, MOST_INFLATIONS = 1.25, 4
+"""Half widths of the next attempt relative to those of the last image under Krawczyk's operator, and the number of
+attempts."""
+BOX_GROWTH, BOX_CUT = 1.25, 0.6
+"""Length of the next box relative to the last one, after a success and after a failure."""
+SHORTEST_DOUBTFUL_BOX = 1 / 256
+"""If a claim is not shown on a box, a shorter one is tried, unless it is already shorter than this part of the
+interval: the claim is then taken for false."""
+MOST_BOX_TRIES = 1000
+"""Largest number of boxes that are tried along one family."""
 Approximation = tuple[Orbit, Sequence[arb], Sequence[arb]]
-"""The equations at one value of the parameter, the unknowns u next to their zero, and the derivative of u there."""
+"""The equations at one value of the parameter, an approximate solution u, and its derivative in the parameter."""
 DIGITS = 30
 """Digits of the numbers in a certificate."""
 BRACKET_WIDTHS = (1e-8, 1e-7, 1e-6, 1e-5)
-"""Widths of brackets of special points, in the order in which they are tried; times a power of ten for parameters
-below 0.01 or above 100."""
+"""Widths of brackets of special points, in the order in which they are tried. They are multiplied by the power of ten
+of a parameter below 0.01 or above 100."""
 Solve: TypeAlias = Callable[[Problem], Gait]
 
 
@@ -103,11 +106,11 @@ def prove_special(
 
     Parameters
     ----------
-    gait : converged, as close to the special point as it is known.
+    gait : a converged gait, as close to the special point as the latter is known.
     parameter : dotted key of the varying parameter.
     kind : one of ``BRACKETED``: a bifurcation, or a change of the mode sequence or of the impact.
     width : width of the bracket in the parameter; None for the narrowest one whose ends can be distinguished.
-    solve, progress : as for ``prove``.
+    solve, progress : see ``prove``.
     """
     value = gait.dynamics.parameter(parameter)
     size = 10.0 ** floor(log10(abs(value))) if value and not 1e-2 <= abs(value) <= 1e2 else 1.0
@@ -134,7 +137,7 @@ def _prove(
     varied: str | None = None,
     special: str | None = None,
 ) -> Proof:
-    """Search for boxes and conclude from them; a proof with a failed claim if there are none."""
+    """Search for boxes and conclude from them; if none are found, the proof contains a failed claim."""
     for key in intervals:
         if key not in gait.dynamics.parameters:
             raise UnknownNameError(f"no parameter is called {key!r}; there are {', '.join(gait.dynamics.parameters)}")
@@ -149,7 +152,7 @@ def _prove(
         statement = _statement(header, gait)
     except NotProved as failure:
         return Proof(gait.problem.name, (ProofClaim(STATEMENT, proved=False, words=str(failure)),), header)
-    except (ValueError, StorageError) as error:  # of an interval: everything else is that of the gait
+    except (ValueError, StorageError) as error:  # caused by an interval: everything else comes from a solved gait
         raise ProblemError(f"{gait.problem.name}: {error}") from error
     source = gait.problem.reference
     if header["law"] is not None and statement.own_duration is None and solve is not None and source is not None:
@@ -174,7 +177,7 @@ def _prove(
 
 
 def _statement(certificate: Mapping[str, Any], gait: Gait) -> Statement:
-    """The statement of a certificate of a gait, whose classes need not be registered."""
+    """The statement of a certificate; the walker and control law of the gait need not be registered."""
     walkers, controls = passed_types(gait.problem)
     with precision():
         return restore_statement(read_certificate(certificate), walkers, controls)
@@ -183,7 +186,7 @@ def _statement(certificate: Mapping[str, Any], gait: Gait) -> Statement:
 def certificate_header(
     gait: Gait, intervals: Mapping[str, str] | None = None, varied: str | None = None, special: str | None = None
 ) -> dict[str, Any]:
-    """All fields of a certificate, without arcs, boxes and the proof of another gait."""
+    """All fields of a certificate; arcs, boxes and the proof of another gait are still empty."""
     problem, intervals = stated_problem(gait), intervals or {}
     unknowns = (*problem.free, *(f"control.{key}" for key in problem.control.unknowns(type(problem.walker))))
     return {
@@ -202,7 +205,7 @@ def certificate_header(
 
 
 def stated_problem(gait: Gait) -> Problem:
-    """The problem that a theorem is about: with open-loop torques that a design finds, that of the design."""
+    """The problem that a theorem is about; if a design found the open-loop torques, the problem of that design."""
     problem, origin = gait.problem, gait.problem.origin
     if origin is not None and isinstance(origin.control, OpenLoop) and origin.control.duration is None:
         return origin
@@ -226,7 +229,7 @@ def law_record(gait: Gait) -> dict[str, Any] | None:
 
 
 def motion_record(motion: Curve) -> dict[str, Any]:
-    """The pieces of a tracked motion; the one beyond the end follows from them, unless the motion flows on."""
+    """The pieces of a tracked motion, without one beyond its end, which the checker derives by the problem's rule."""
     ends = [*motion.breakpoints, *(() if motion.continues else (motion.horizon,))]
     return {
         "pieces": [
@@ -237,7 +240,7 @@ def motion_record(motion: Curve) -> dict[str, Any]:
 
 
 def arc_records(arcs: Sequence[OrbitArc]) -> list[dict[str, Any]]:
-    """Arcs as a certificate states them."""
+    """The records of arcs in a certificate."""
     return [{"phase": arc.phase, "fractions": list(arc.fractions)} for arc in arcs]
 
 
@@ -258,7 +261,7 @@ class _BoxSearch:
 
     Attributes
     ----------
-    statement : with the arcs divided into steps of the integration.
+    statement : the statement, whose arcs are divided into steps of the integration.
     """
 
     def __init__(self, statement: Statement, gait: Gait, progress: Callable[[str], None]) -> None:
@@ -275,7 +278,7 @@ class _BoxSearch:
         self._start: Approximation = (orbit, *newton_step(orbit, centre))
 
     def boxes(self) -> Iterator[tuple[BoxRecord, CheckedBox]]:
-        """One box for a gait; for a family, boxes over its interval, and in a bracket single points at both ends too.
+        """One box for a gait; boxes over the interval for a family. A bracket also has a point box at each end.
 
         Raises
         ------
@@ -305,24 +308,24 @@ class _BoxSearch:
         while edge != end:
             following = end if abs(length) >= abs(end - edge) else edge + length
             self._tries += 1
-            if self._tries > MOST_TRIES:
+            if self._tries > MOST_BOX_TRIES:
                 raise NotProved(f"the family is covered to {edge!r} with boxes {abs(length):.2g} long, not to {end!r}")
             try:
                 box, start = self._box(tuple(map(self._text, sorted((edge, following)))), start)
             except NotProved as failure:
                 self._progress(f"{abs(length):.2g} is too long for a box at {edge!r}: {failure}")
-                length = (following - edge) * CUT
+                length = (following - edge) * BOX_CUT
                 continue
             yield box
             if not all(claim.proved for claim in box[1].claims):
                 return
-            edge, length = following, (following - edge) * GROWTH
+            edge, length = following, (following - edge) * BOX_GROWTH
             self._progress(f"covered to {edge!r}, towards {end!r}")
 
     def _box(
         self, interval: Sequence[str], start: Approximation, *, at_end: bool = False
     ) -> tuple[tuple[BoxRecord, CheckedBox], Approximation]:
-        """A box over an interval of the parameter with what is proved on it, and the orbit in the middle.
+        """A box over an interval of the parameter, what is proved on it, and the orbit in the middle of the interval.
 
         Raises
         ------
@@ -342,14 +345,14 @@ class _BoxSearch:
         centre, rate = newton_step(middle_orbit, centre)
         half = orbit.interval[1].mid() if orbit.interval else arb(0)
         tilt = [(v * half).mid() for v in rate]
-        # the orbit leaves its tangent by an amount of second order, which the last box has shown
+        # the orbit deviates from its tangent quadratically in the length of the box; the last box gives the factor
         units = orbit.unit_of_unknowns.tolist()
-        radii, least = [RADIUS * unit for unit in units], [LEAST_RADIUS * unit for unit in units]
+        radii, smallest = [RADIUS * unit for unit in units], [SMALLEST_RADIUS * unit for unit in units]
         if half != 0 and self._curvature:
-            radii = [max(c * float(half) ** 2, r) for c, r in zip(self._curvature, least, strict=True)]
+            radii = [max(c * float(half) ** 2, r) for c, r in zip(self._curvature, smallest, strict=True)]
         elif half != 0:
-            radii = [TILT_SHARE * float(abs(v)) + r for v, r in zip(tilt, least, strict=True)]
-        for _ in range(INFLATIONS):
+            radii = [TILT_SHARE * float(abs(v)) + r for v, r in zip(tilt, smallest, strict=True)]
+        for _ in range(MOST_INFLATIONS):
             record = BoxRecord(
                 interval=list(interval),
                 centre=[_digits(u) for u in centre],
@@ -361,7 +364,7 @@ class _BoxSearch:
                 break
             moves = deviations(box.outer, box.image)
             centre = [(u + move.mid()).mid() for u, move in zip(centre, moves, strict=True)]
-            radii = [INFLATION * float(move.rad()) + r for move, r in zip(moves, least, strict=True)]
+            radii = [INFLATION_FACTOR * float(move.rad()) + r for move, r in zip(moves, smallest, strict=True)]
         if half != 0 and box.inner is not None:
             self._curvature = [radius / float(half) ** 2 for radius in radii]
         doubtful = [claim.words for claim in box.claims if not claim.proved and not claim.refuted]
@@ -371,13 +374,13 @@ class _BoxSearch:
         can_be_shorter = False
         if interval:
             length, whole = (float(abs(ball(b) - ball(a))) for a, b in (interval, self.statement.interval))
-            can_be_shorter = length > LEAST_COVER * whole
+            can_be_shorter = length > SHORTEST_DOUBTFUL_BOX * whole
         if doubtful and (box.inner is None or can_be_shorter):
             raise NotProved(doubtful[0])
         return (record, box), (middle_orbit, centre, rate)
 
     def _text(self, value: float) -> str:
-        """An end of a box; an end of the interval as it is stated, 13 rather than 13.0, which the check compares."""
+        """The text of an end of a box. An end of the interval keeps its text (13, not 13.0), which is compared."""
         stated = {float(end.partition(" ")[0]): end for end in self.statement.interval}
         return stated.get(value, f"{value!r} {self._unit}".strip())
 
@@ -392,7 +395,7 @@ def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[ar
     Raises
     ------
     NotProved
-        If there are more of them than a certificate may have.
+        If there are more unknowns than a certificate may have.
     """
     arcs, nodes = [], list[arb]()
     for j, (arc, doubles) in enumerate(zip(orbit.arcs, gait.arcs, strict=True)):
@@ -408,20 +411,20 @@ def divide_into_steps(orbit: Orbit, gait: Gait) -> tuple[list[OrbitArc], list[ar
             try:
                 step = expand(field, y, arb(h), orbit.order)
             except NotProved:
-                h *= LARGEST_CUT
+                h *= STEP_CUT
                 continue
             pairs = zip(step.remainder, orbit.units, strict=False)  # a varying parameter has no remainder
             remainder = max(float(c[-1].abs_upper()) / unit for c, unit in pairs)
-            ratio = SAFETY * (10.0**-orbit.order / max(remainder, SMALLEST_REMAINDER)) ** (1 / orbit.order) / h
-            if ratio < LARGEST_CUT:
-                h *= LARGEST_CUT
+            ratio = STEP_SAFETY * (10.0**-orbit.order / max(remainder, SMALLEST_REMAINDER)) ** (1 / orbit.order) / h
+            if ratio < STEP_CUT:
+                h *= STEP_CUT
                 continue
             y, left = [value.mid() for value in step.end], left - h
             lengths.append(h)
             nodes += y[: orbit.n]
             if len(nodes) + len(orbit.arcs) > MOST_UNKNOWNS:
                 raise NotProved(f"the orbit has more than {MOST_UNKNOWNS} unknowns: {left:.3g} s of arc {j + 1} remain")
-            h *= min(ratio, LARGEST_GROWTH)
+            h *= min(ratio, LARGEST_STEP_GROWTH)
         arcs.append(replace(arc, fractions=tuple(length / duration for length in lengths[:-1])))
     return arcs, [*nodes, *(arb(float(arc.duration)) for arc in gait.arcs)]
 

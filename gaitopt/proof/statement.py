@@ -1,8 +1,8 @@
 """The statement of a theorem, derived from the texts of a certificate by the project's own reader.
 
 Walker, parameters, control law, friction, mode sequence, events and segments follow from the texts. Designed values are
-compared with their bounds. Of law data the rates are derived, and their pieces have to meet. Exact values are decimals
-as the texts write them, with pi where they write ``deg``.
+compared with their bounds. Law data contain angles only: their rates are derived, and their pieces have to meet. Exact
+values are the decimals of the texts, multiplied by pi / 180 where a text says ``deg``.
 """
 
 import hashlib
@@ -54,14 +54,14 @@ from gaitopt.proof.orbit import BREAKPOINT, Orbit, OrbitArc, TiltedBox
 UNCOVERED = ("several contacts", "joint stops", "flight", "switches", "a push-off")
 """Features of walkers whose resets and conditions are not among the claims."""
 MOST_INTERVALS = 10
-"""Parameters of one theorem that have intervals: their corners are all examined, 2^10 in a few seconds."""
+"""Largest number of parameters with intervals: all corners are examined, and 2^10 of them take a few seconds."""
 LARGEST_JUMP = 1e-9
-"""Largest jump of a tracked angle where two of its pieces meet, in natural units; and of its rate, times the length of
-the piece."""
+"""Largest jump, in natural units, where two pieces of a tracked angle meet: of the angle, and of its rate times the
+length of the piece."""
 REFERENCE_KEYS = {*FORMS, "joints", "degree", "duration", "span", "phase", "beyond_end"}
-"""Names that would be taken for the key of a number that is not a control point."""
+"""Keys of a reference. The control points of a joint with such a name would be taken for the number of that key."""
 LINK_NUMBERS = ("mass", "com", "inertia", "position", "tip", "foot_radius", "damping", "zero")
-"""Numbers of a link that the statement about a robot from a file prints."""
+"""The numbers of each link that the printed statement about a robot from a file contains."""
 
 
 class Hypotheses(TypedDict, total=False):
@@ -73,14 +73,14 @@ class Hypotheses(TypedDict, total=False):
     texts : SHA-256 of the problem's text, and of every file that it names, by name.
     changed : values that replace those of the text, by dotted key.
     walker : model of the walker.
-    walker_data : of a robot from a file the numbers of its links; of a walker or law from another package its module,
-        distribution and version; and the SHA-256 of the expressions that CasADi builds of it.
+    walker_data : for a robot from a file, the numbers of its links; for a walker or law from another package, its
+        module, distribution and version; for both, the SHA-256 of their CasADi expressions.
     friction, impact_law, mode_sequence : laws of the contact, and the modes.
     control : type of the control law.
-    law : everything that the law's keys say besides parameters, by key: durations, spans, tables, tracked curves.
+    law : values of the law's keys that are not parameters: durations, spans, tables, tracked curves.
     parameters : exact values by dotted key; an interval for the varying one.
     designed : keys of the parameters that the problem leaves free.
-    reference : the same of the gait from which the law's data come, if the certificate holds its proof.
+    reference : the hypotheses about the gait from which the law's data come, if the certificate holds its proof.
     """
 
     sha256: str
@@ -101,19 +101,19 @@ class Hypotheses(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """What is to be proved.
+    """The theorem that a certificate claims.
 
     Attributes
     ----------
     record : the choices, law data and search data of the certificate.
-    problem : with designed torques fixed.
+    problem : the problem, with designed torques fixed.
     law : breakpoints and segment data in balls.
     p : parameters in balls.
-    arcs : in order of time.
+    arcs : the arcs of one cycle, in order of time.
     varied : index of the varying parameter; None if none varies.
     interval : ends of the varying parameter as texts; empty if none varies.
-    special : type of the special point in the interval; None if it is none.
-    reference : the same about the gait from which the law's data come; None if the certificate does not hold it.
+    special : type of the special point in the interval; None if the theorem is not about one.
+    reference : the statement about the gait from which the law's data come; None if the certificate has none.
     printed : the hypotheses of the theorem, and what is not proved.
     """
 
@@ -136,7 +136,7 @@ class Statement:
 
     @property
     def own_duration(self) -> float | None:
-        """The duration of open-loop torques that a design finds [s]; None of other laws."""
+        """The duration of open-loop torques that a design finds [s]; None for other laws."""
         law = self.record.law
         return law.duration if isinstance(law, DurationRecord) and isinstance(self.problem.control, OpenLoop) else None
 
@@ -164,7 +164,7 @@ def restore_statement(
     Raises
     ------
     ValueError
-        If the texts are no problem, or choices, law data or search data contradict them.
+        If the texts are not those of a valid problem, or if choices, law data or search data contradict them.
     NotProved
         If the claims do not cover the walker, its law or one of its modes.
     """
@@ -181,7 +181,7 @@ def _restore(
     varied: str | None = None,
     special: str | None = None,
 ) -> Statement:
-    """The statement about one problem; raises as ``restore_statement``."""
+    """The statement about one problem; raises the errors of ``restore_statement``."""
     if problem.is_open:
         raise ValueError(f"{problem.name}: the mode sequence is open")
     exact, designed = ExactValues(source), _designed(problem, record.designed, intervals)
@@ -255,7 +255,7 @@ def _designed(problem: Problem, values: Mapping[str, str], intervals: Mapping[st
 
 
 def _with_torques(problem: Problem, record: OrbitRecord, designed: Mapping[str, str]) -> Problem:
-    """The problem with the values of open-loop torques, if it leaves them free, fixed in time."""
+    """The problem with its free open-loop torques replaced by their designed values."""
     law = problem.control
     if not isinstance(law, OpenLoop) or law.duration is not None:
         return problem
@@ -270,12 +270,12 @@ def _completed(law: Control, problem: Problem, record: OrbitRecord, *, is_fixed:
 
     Parameters
     ----------
-    is_fixed : whether the law data have been used, for the duration of torques.
+    is_fixed : whether the law data have already been used as the duration of torques.
 
     Raises
     ------
     ValueError
-        If the law needs other data, or the data contradict the problem.
+        If the law needs other data, needs none, or the data contradict the problem.
     """
     stated = law.targets
     completed = {name: _completed_reference(each, law, problem, record.law) for name, each in stated.items()}
@@ -290,7 +290,7 @@ def _completed(law: Control, problem: Problem, record: OrbitRecord, *, is_fixed:
 def _completed_reference(
     reference: Reference, law: Control, problem: Problem, data: MotionRecord | DurationRecord | None
 ) -> Reference:
-    """A reference completed by the law data of a certificate; raises as ``_completed``."""
+    """A reference completed by the law data of a certificate; raises the errors of ``_completed``."""
     walker = type(problem.walker)
     for name in reference.names:
         if name in REFERENCE_KEYS:
@@ -321,7 +321,13 @@ def _completed_reference(
 
 
 def _tracked_motion(record: MotionRecord, joints: tuple[str, ...], beyond_end: BeyondEnd) -> Curve:
-    """The tracked motion: its pieces follow each other and are series of every joint; it ends as the problem says."""
+    """The tracked motion of a certificate, extended beyond its end by the problem's rule.
+
+    Raises
+    ------
+    ValueError
+        If its pieces do not follow each other, or do not state a series for every joint.
+    """
     edges = [0.0, *(piece.end for piece in record.pieces)]
     if any(
         piece.start != edge or not piece.end > piece.start for piece, edge in zip(record.pieces, edges, strict=False)
@@ -360,7 +366,7 @@ def _jumps(before: Sequence[Row], after: Sequence[Row]) -> list[arb]:
 
 
 def natural_length(system: HybridSystem, p: Sequence[arb]) -> float:
-    """Length of a leg, about [m]."""
+    """Natural unit of length, about the length of a leg [m]."""
     return Dynamics(system, np.array([float(value.mid()) for value in p])).scales.length
 
 
@@ -370,8 +376,8 @@ def refuse_uncovered_walkers(problem: Problem, system: HybridSystem) -> None:
     Raises
     ------
     NotProved
-        If the walker has several contacts, joint stops, flight, switches, a push-off or a closure that is not linear,
-        or a mode is not that one foot sticks or slips.
+        If the walker has several contacts, joint stops, flight, switches, a push-off or a nonlinear closure, or if a
+        mode is other than sticking or slipping on one foot.
     """
     walker = system.walker
     unknown = [feature for feature in walker.features() if feature in UNCOVERED]
@@ -393,7 +399,7 @@ def _parameter_texts(
     designed: Mapping[str, str],
     intervals: Mapping[str, str],
 ) -> dict[str, str]:
-    """The exact value of every parameter: an interval, a designed value, or the number of the problem's text."""
+    """The exact value of every parameter: its interval, its designed value, or its number in the problem's text."""
     known = {**{f"control.{key}": value for key, value in system.control.parameters.items()}, **problem.parameters}
     unknown = [key for key in intervals if key not in system.parameters]
     if unknown:
@@ -419,7 +425,7 @@ def _parameter_texts(
 
 
 def _check_corners(problem: Problem, designed: Mapping[str, str], intervals: Mapping[str, str]) -> None:
-    """Refuse intervals with values that the rules between parameters exclude, at any of their corners."""
+    """Refuse intervals if the parameters at one of their corners contradict each other."""
     if len(intervals) > MOST_INTERVALS:
         raise ValueError(f"{len(intervals)} parameters have intervals, at most {MOST_INTERVALS} may have one")
     if problem.free:
@@ -433,12 +439,12 @@ def _check_corners(problem: Problem, designed: Mapping[str, str], intervals: Map
 
 
 def _arcs(records: Sequence[ArcRecord], sequence: Cycle, table: Transitions, control: Control) -> list[OrbitArc]:
-    """The arcs: two of one phase meet at a breakpoint of the law, the last one of a phase ends with its event.
+    """The arcs of one cycle. Two arcs of a phase meet at a breakpoint of the law; the last one ends with its event.
 
     Raises
     ------
     ValueError
-        If they do not follow the mode sequence, or need more breakpoints than the law has.
+        If the arcs do not follow the mode sequence, or need more breakpoints than the law has.
     """
     phases = [record.phase for record in records]
     if phases != sorted(phases) or set(phases) != set(range(len(sequence.phases))):
@@ -494,7 +500,7 @@ def _hypotheses(
     texts: Mapping[str, str],
     designed: list[str],
 ) -> Hypotheses:
-    """The printed statement, from the problem and what completes it."""
+    """The printed statement about a problem that law data and designed values complete."""
     scuffing = "whether anything but the swing foot touches the ground, or that foot before its touchdown (scuffing)"
     not_proved = [scuffing]
     if isinstance(record.law, MotionRecord) and record.reference is None:
@@ -514,7 +520,7 @@ def _hypotheses(
         "impact_law": str(problem.impact_law),
         "mode_sequence": str(problem.cycle),
         "control": problem.control.type,
-        "law": _law_words(problem.control, system.control, record, exact),
+        "law": _law_texts(problem.control, system.control, record, exact),
         "parameters": {key: texts[key] for key in system.parameters},
         "designed": [key for key in system.parameters if key in designed],
         "not_proved": not_proved,
@@ -537,15 +543,15 @@ def _changes(above: str, source: ProblemText) -> list[tuple[str, Any]]:
     return changes
 
 
-def _law_words(law: Control, completed: Control, record: OrbitRecord, exact: ExactValues) -> dict[str, str]:
-    """Everything that a law's keys say besides its parameters, with exact values; tables in full."""
-    words = dict[str, str]()
+def _law_texts(law: Control, completed: Control, record: OrbitRecord, exact: ExactValues) -> dict[str, str]:
+    """The entries of a control law that are not parameters, with exact values and whole tables."""
+    texts = dict[str, str]()
 
     def add(key: str, value: Any) -> None:
         if f"control.{key}" in parameters:
             return
         if isinstance(value, Mapping) and {*value} == {"file", "text"}:
-            words[key] = f"{value['file']}, SHA-256 {sha256(value['text'])}"
+            texts[key] = f"{value['file']}, SHA-256 {sha256(value['text'])}"
             return
         if isinstance(value, Mapping | list):
             for name, entry in value.items() if isinstance(value, Mapping) else enumerate(value):
@@ -553,8 +559,9 @@ def _law_words(law: Control, completed: Control, record: OrbitRecord, exact: Exa
         else:
             number = isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool))
             is_double = number and not law.__module__.startswith(OWN_PACKAGE)
-            text = f"{value!r}, a double" if is_double else exact(f"control.{key}", value) if number else str(value)
-            words[key] = text
+            texts[key] = (
+                f"{value!r}, a double" if is_double else exact(f"control.{key}", value) if number else str(value)
+            )
 
     parameters = {f"control.{key}" for key in (*law.parameters, *completed.parameters)}
     parameters |= {key.replace("control.reference.", "control.reference.bezier.") for key in parameters}
@@ -564,36 +571,36 @@ def _law_words(law: Control, completed: Control, record: OrbitRecord, exact: Exa
     for name, reference in completed.targets.items():
         if isinstance(reference, TableCurves):
             for column, cells in reference.table.decimals.items():
-                words[f"{name}.table.{column}"] = ", ".join(cells)
+                texts[f"{name}.table.{column}"] = ", ".join(cells)
             if reference.degree is None:
-                words[f"{name}.curve"] = "cubic spline through all rows, twice differentiable, not-a-knot"
+                texts[f"{name}.curve"] = "cubic spline through all rows, twice differentiable, not-a-knot"
     if isinstance(record.law, DurationRecord):
-        words["duration"] = f"{record.law.duration!r}, an exact double"
+        texts["duration"] = f"{record.law.duration!r}, an exact double"
     elif isinstance(record.law, MotionRecord):
-        words["curve_sha256"] = digest_of(record.law.model_dump(mode="json"))
-        words["curve"] = "Chebyshev series with exact doubles; rates are their derivatives"
-        words["pieces"] = ", ".join(repr(piece.start) for piece in record.law.pieces)
-        words["end"] = repr(record.law.pieces[-1].end)
-    return words
+        texts["curve_sha256"] = digest_of(record.law.model_dump(mode="json"))
+        texts["curve"] = "Chebyshev series with exact doubles; rates are their derivatives"
+        texts["pieces"] = ", ".join(repr(piece.start) for piece in record.law.pieces)
+        texts["end"] = repr(record.law.pieces[-1].end)
+    return texts
 
 
 def _provenance(problem: Problem, system: HybridSystem) -> dict[str, str]:
-    """What identifies equations that are not this package's: links of a robot's file, modules, and a digest."""
-    words, walker = dict[str, str](), type(problem.walker)
+    """Identifies equations that do not come from this package: links of a robot's file, modules, and a digest."""
+    origins, walker = dict[str, str](), type(problem.walker)
     if issubclass(walker, UrdfWalker):
-        words["walker"] = f"robot in the file {walker.file}, with the feet {' and '.join(walker.feet)}"
+        origins["walker"] = f"robot in the file {walker.file}, with the feet {' and '.join(walker.feet)}"
         for link in walker.bodies:
             numbers = ((name, getattr(link, name)) for name in LINK_NUMBERS)
-            words[f"link {link.name}"] = ", ".join(
+            origins[f"link {link.name}"] = ", ".join(
                 f"{name} {_plain(value)}" for name, value in numbers if value is not None
             )
     for kind, plugin in (("walker", walker), ("control", type(problem.control))):
         included = getattr(sys.modules.get(plugin.__module__), plugin.__name__, None) is plugin
-        if not (f"{plugin.__module__}.".startswith(OWN_PACKAGE) and included) and kind not in words:
-            words[kind] = _origin(plugin)
-    if words:
-        words["expressions_sha256"] = expressions_digest(system, problem.cycle)
-    return words
+        if not (f"{plugin.__module__}.".startswith(OWN_PACKAGE) and included) and kind not in origins:
+            origins[kind] = _origin(plugin)
+    if origins:
+        origins["expressions_sha256"] = expressions_digest(system, problem.cycle)
+    return origins
 
 
 def _plain(value: Any) -> str:

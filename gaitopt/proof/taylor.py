@@ -35,18 +35,18 @@ from gaitopt.proof.arithmetic import BallFunction, Matrix, NotProved, Number, as
 from gaitopt.threads import cached_property
 
 PICARD_ROUNDS = 8
-"""Attempts to find a box that the motion does not leave within a step."""
-WIDENING, LEAST_WIDENING = 0.05, 1e-7
-"""Each attempt widens the rates by this part of their width, and at least by this in natural units."""
+"""Number of attempts to find a box that the motion does not leave within a step."""
+WIDENING, ADDED_WIDTH = 0.05, 1e-7
+"""Each attempt widens the rates by this part of their half width, and by this much in natural units."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseSpace:
-    """The states y while one leg stands, as symbols.
+    """The symbols of the state y and the parameters during one step.
 
     Attributes
     ----------
-    varied : index of the parameter that is a state; None if none is.
+    varied : index of the varying parameter, which is a state; None if none varies.
     step : index of the step in ``Walker.step_parameters``.
     """
 
@@ -76,9 +76,9 @@ class VectorField:
     Parameters
     ----------
     space : the states y.
-    p : parameters in balls.
-    r : data of the segment of the control law in balls.
-    units : natural units of z and t; those of time are the last. A varying parameter counts as it is.
+    p : balls of the parameters.
+    r : balls of the data of the control law on its segment.
+    units : natural units of the entries of z, and then of t. The unit of a varying parameter is 1.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class VectorField:
         self.mode, self.n = mode, space.n
         self._space, self._constants = space, (p, r)
         self.units = [*map(float, units), 1.0][: space.n]
-        self.widenings = [LEAST_WIDENING * unit / float(units[-1]) for unit in self.units]
+        self.added_widths = [ADDED_WIDTH * unit / float(units[-1]) for unit in self.units]
 
     @cached_property
     def rate(self) -> BallFunction:
@@ -150,7 +150,7 @@ class TaylorStep:
 
     Attributes
     ----------
-    h : length of the step [s], a ball or tilted.
+    h : length of the step [s].
     start : Taylor coefficients of the motions from the box, by state.
     remainder : Taylor coefficients of motions from anywhere in B, by state.
     """
@@ -230,7 +230,7 @@ def confine(field: VectorField, start: Sequence[arb], h: arb) -> list[arb]:
     (speeds,) = field.rate(start)
     for _ in range(PICARD_ROUNDS):
         speeds = [
-            v + arb(0, float(v.rad()) * WIDENING + least) for v, least in zip(speeds, field.widenings, strict=True)
+            v + arb(0, float(v.rad()) * WIDENING + added) for v, added in zip(speeds, field.added_widths, strict=True)
         ]
         (rates,) = field.rate([y + elapsed * v for y, v in zip(start, speeds, strict=True)])
         if not all(rate.is_finite() for rate in rates):
@@ -287,7 +287,7 @@ def _compose(function: BallFunction, motion: list[list[Number]]) -> list[list[Nu
     Raises
     ------
     NotProved
-        If a series is shorter: a quotient whose divisor vanishes at the start, such as sin(t) / t, loses terms.
+        If a series has fewer terms. A quotient whose divisor vanishes at the start, such as sin(t) / t, loses some.
     """
     count = ctx.cap = len(motion[0])
 

@@ -36,7 +36,7 @@ UNITS = [1.0, 1.0, 1.6, 2.5, 2.5, 4.0, 0.4]
 class Plane:
     """A vector field of two states in the terms of ``VectorField``."""
 
-    mode, n, units, widenings = Mode.STICK, 2, [1.0, 1.0], [1e-7, 1e-7]
+    mode, n, units, added_widths = Mode.STICK, 2, [1.0, 1.0], [1e-7, 1e-7]
 
     def __init__(self, acceleration):
         y = SX.sym("y", 2)
