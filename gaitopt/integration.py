@@ -1,10 +1,10 @@
-"""Runge-Kutta method of order 8 by Dormand and Prince: tableau, adaptive steps that are compiled, roots of events.
+"""Runge-Kutta method of order 8 by Dormand and Prince: its tableau, compiled adaptive steps, and roots of events.
 
     k_i = f(t + c_i h, y + h sum_j a_ij k_j),   y_new = y + h sum_i b_i k_i,   |error| <= atol + rtol max(|y|, |y_new|)
 
-There are 12 stages, error estimates of order 5 and 3, and 3 more stages for points inside a step. The coefficients and
-the step size control are those of scipy's DOP853, which takes a third of a second to import, and ten times as long for
-a step because it calls Python for every stage.
+The method has 12 stages, error estimates of order 5 and 3, and 3 more stages for points inside a step. The coefficients
+and the step size control are those of scipy's DOP853. The latter takes a third of a second to import, and ten times as
+long for a step, because it calls Python for every stage.
 
 E. Hairer, S. P. Norsett, G. Wanner (1993), Solving Ordinary Differential Equations I, sections II.4, II.5 and their
 code.
@@ -128,11 +128,13 @@ D = _INSIDE
 """Weights of all stages in the coefficients of the continuous extension."""
 
 
-SAFETY, LEAST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
-"""Factors of the step size control, as in scipy."""
+SAFETY, SMALLEST_FACTOR, LARGEST_FACTOR = 0.9, 0.2, 10.0
+"""Factors of the step size control: safety of the predicted step, and bounds of its ratio to the last one, as in
+scipy."""
 EXPONENT = -1 / 8
+"""The error of a step has order 8 in its length."""
 SHORTEST_STEP_IN_ULPS = 10
-"""Smallest step in units of the rounding of the time."""
+"""Shortest step in units of the rounding error of the time."""
 
 
 class StepSizeError(ArithmeticError):
@@ -140,18 +142,18 @@ class StepSizeError(ArithmeticError):
 
 
 class CompiledStep:
-    """One step of dy/dt = f(t, y, p, r), with further functions of its end point.
+    """One compiled step of dy/dt = f(t, y, p, r), with further functions of its end point.
 
     Parameters
     ----------
     rate : Function (t, y, p, r) -> dy/dt, for the stages.
     point : Function (t, y, p, r) -> (dy/dt, further outputs) at the end of the step.
     rtol, atol : tolerances; the absolute one may be an array, shape (n,).
-    compare : Function (further outputs at the start, the same at the end, ...) -> one more output of the step.
+    compare : Function (further outputs at the start, further outputs at the end, ...) -> one more output of the step.
 
     Attributes
     ----------
-    compared : tuple of ndarray - inputs of ``compare`` other than those at the end, to be written in place.
+    compared : tuple of ndarray - all inputs of ``compare`` except those at the end; the caller writes them in place.
     """
 
     def __init__(
@@ -168,7 +170,7 @@ class CompiledStep:
         self._step.inputs[4][:], self._step.inputs[5][:] = p, r
 
     def try_step(self, t: float, y: Array, f: Array, h: float) -> tuple[float, Sequence[Array]]:
-        """Error of a step from ``t`` relative to the tolerance, and (y_new, f_new, ...), valid until the next call."""
+        """Error of a step from ``t`` in units of the tolerance, and (y_new, f_new, ...), valid until the next call."""
         time, state, rate, length, *_ = self._step.inputs
         time[0], state[:], rate[:], length[0] = t, y, f, h
         self._step.evaluate()
@@ -179,21 +181,21 @@ class CompiledStep:
 
 
 class Integration:
-    """An integration under way.
+    """The state of an integration, which ``advance`` moves forward by one step.
 
     Parameters
     ----------
-    step : loaded with its parameters.
+    step : the compiled step, loaded with its parameters.
     t, y, f : initial time, state and rate, shape (n,).
-    bound : time at which it ends.
+    bound : time at which the integration ends.
     first_step : length of the first trial step.
 
     Attributes
     ----------
     t, y, f : current time, state and rate.
     outputs : further outputs of ``step`` at this point, valid until the next step.
-    length : of the last step.
-    steps : number of steps.
+    length : length of the last step.
+    steps : number of steps so far.
     """
 
     __slots__ = ("_bound", "_next", "_step", "f", "length", "outputs", "steps", "t", "y")
@@ -215,7 +217,7 @@ class Integration:
         Raises
         ------
         StepSizeError
-            If no step does.
+            If even the shortest step does not meet it.
         """
         shortest = SHORTEST_STEP_IN_ULPS * (nextafter(self.t, inf) - self.t)
         h, largest = max(self._next, shortest), LARGEST_FACTOR
@@ -229,12 +231,12 @@ class Integration:
                 self._next = h * min(largest, factor)
                 self.steps += 1
                 return
-            h, largest = h * max(LEAST_FACTOR, factor), 1.0
+            h, largest = h * max(SMALLEST_FACTOR, factor), 1.0
         raise StepSizeError("the step size of the integrator vanishes: the motion is singular")
 
 
 def combined(weights: Array, stages: Sequence[SX]) -> SX:
-    """The sum of the stages with their weights."""
+    """The weighted sum of the stages."""
     return horzcat(*stages) @ sparsify(DM(weights[: len(stages)]))
 
 
@@ -256,30 +258,31 @@ def bracketed_root(function: Callable[[float], float], low: float, high: float, 
     a, b, f_a, f_b = low, high, function(low), function(high)
     if f_a * f_b > 0:
         raise ValueError(f"no change of sign between {low:g} and {high:g}: {f_a:g} and {f_b:g}")
-    part = 0.5
+    fraction = 0.5
     while True:
-        best, least = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
+        best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
         narrow = (tolerance / 2 + sys.float_info.epsilon * abs(best)) / (abs(b - a) or 1.0)
-        if least == 0 or not narrow < 0.5:
+        if f_best == 0 or not narrow < 0.5:
             return best
-        x = a + min(max(part, narrow), 1 - narrow) * (b - a)
+        x = a + min(max(fraction, narrow), 1 - narrow) * (b - a)
         f_x = function(x)
         if (f_x > 0) == (f_a > 0):
             c, f_c = a, f_a
         else:
             b, f_b, c, f_c = a, f_a, b, f_b
         a, f_a = x, f_x
-        place, height = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
-        part = 0.5
-        if height**2 < place and (1 - height) ** 2 < 1 - place:
-            part = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
+        xi, phi = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
+        fraction = 0.5  # bisection, unless the inverse quadratic through the three points is monotone
+        if phi**2 < xi and (1 - phi) ** 2 < 1 - xi:
+            fraction = f_a / (f_b - f_a) * f_c / (f_b - f_c)
+            fraction += (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
 
 
 @built_once(maxsize=64)
 def _step(rate: Function, point: Function, compare: Function | None) -> Function:
-    """(t, y, f, h, p, r, rtol, atol) -> squared errors of order 5 and 3 in tolerances, y_new, and ``point`` there.
+    """(t, y, f, h, p, r, rtol, atol) -> squared errors in units of the tolerance, y_new, and ``point`` at the end.
 
-    Inputs of ``compare`` other than the new point are further inputs; its value is the last output.
+    The inputs of ``compare``, except those at the end of the step, are further inputs; its value is the last output.
     """
     n, n_p, n_r = (rate.numel_in(k) for k in (1, 2, 3))
     sizes = (1, n, n, 1, n_p, n_r, 1, n)

@@ -26,13 +26,14 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "default": {"solver": "lagged", "stiffness": None, "dissipation": None, "near_rigid": 1.0},
     "best": {"solver": "sap", "stiffness": 1e12, "dissipation": 0.0, "near_rigid": 1.0},
 }
-"""Best: the solver SAP with a contact so stiff that SAP's near-rigid limit, which follows the time step, bounds it."""
-DOWN = RotationMatrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
-"""A planar joint moves in x and y of its frames and turns about z: they are x, z and -y of the world."""
+"""``best`` is the solver SAP with a contact stiffer than SAP's near-rigid limit, so that the time step sets the
+stiffness."""
+PLANE = RotationMatrix([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+"""Axes of the planar joint: Drake moves it in its x and y and turns it about its z, here x, z and -y of the world."""
 
 
 class Simulator:
-    """A walker in Drake; parameters as for ``gaitopt.engines.mujoco.Simulator``."""
+    """A walker in Drake; the parameters are those of ``gaitopt.engines.mujoco.Simulator``."""
 
     name: ClassVar[str] = "drake"
     version: ClassVar[str] = version("drake")
@@ -58,18 +59,18 @@ class Simulator:
         for k, body in enumerate(tree.bodies):
             x, z = body.com
             turning = max(body.inertia, 1e-12 * body.mass) / body.mass + x * x + z * z
-            about = UnitInertia(turning, turning, turning)  # motion in the plane depends on the middle one alone
-            inertia = SpatialInertia(body.mass, [x, 0, z], about, skip_validity_check=True)
+            unit_inertia = UnitInertia(turning, turning, turning)  # only the one about y matters in the plane
+            inertia = SpatialInertia(body.mass, [x, 0, z], unit_inertia, skip_validity_check=True)
             bodies.append(plant.AddRigidBody(f"body{k}", inertia))
             if body.parent < 0:
                 frames = [
-                    plant.AddFrame(FixedOffsetFrame(f"plane{j}", frame, RigidTransform(DOWN)))
+                    plant.AddFrame(FixedOffsetFrame(f"plane{j}", frame, RigidTransform(PLANE)))
                     for j, frame in enumerate((world.body_frame(), bodies[k].body_frame()))
                 ]
                 plant.AddJoint(PlanarJoint("root", *frames, [0, 0, 0]))
             else:
-                place = RigidTransform([body.position[0], 0, body.position[1]])
-                hinge = plant.AddFrame(FixedOffsetFrame(f"hinge{k}", bodies[body.parent].body_frame(), place))
+                offset = RigidTransform([body.position[0], 0, body.position[1]])
+                hinge = plant.AddFrame(FixedOffsetFrame(f"hinge{k}", bodies[body.parent].body_frame(), offset))
                 plant.AddJoint(RevoluteJoint(f"joint{k}", hinge, bodies[k].body_frame(), [0, 1, 0], 0.0))
                 if body.rotor:
                     motor = plant.AddJointActuator(f"motor{k}", plant.GetJointByName(f"joint{k}"))
@@ -86,7 +87,7 @@ class Simulator:
         self._plant, self._indices = plant, [body.index() for body in bodies]
         self._simulator = DrakeSimulator(builder.Build())
         context = self._simulator.get_mutable_context()
-        self._state, self._shapes = (part.GetMyMutableContextFromRoot(context) for part in (plant, self._scene))
+        self._state, self._shapes = (system.GetMyMutableContextFromRoot(context) for system in (plant, self._scene))
         self._root = plant.GetJointByName("root")
         self._joints = [plant.GetJointByName(f"joint{k}") for k, b in enumerate(tree.bodies) if b.parent >= 0]
         self._steps, self._touching = 0, (True, True)
@@ -105,7 +106,7 @@ class Simulator:
             joint.set_angular_rate(self._state, rate)
 
     def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
-        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
         if touching != self._touching:
             self._switch(touching)
         applied = np.zeros(self._plant.num_velocities())
@@ -130,7 +131,7 @@ class Simulator:
         return np.array(q), np.array(v), forces
 
     def _switch(self, touching: tuple[bool, bool]) -> None:
-        """Allow the contacts of the feet that touch, and exclude the others."""
+        """Allow contacts with the ground for the feet that may touch it, and exclude them for the others."""
         filters = self._scene.collision_filter_manager(self._shapes)
         for foot, on in zip(self._feet, touching, strict=True):
             pair, declaration = (GeometrySet(foot), GeometrySet(self._ground)), CollisionFilterDeclaration()

@@ -22,9 +22,9 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "tolerance": 1e-14,
     },
 }
-"""Best: a contact is as stiff as the time step allows, its time constant twice the step, at all depths (``solimp``);
-the cone is round; friction is a hundred times stiffer than the normal direction, so that a sticking foot creeps less.
-"""
+"""With ``best`` a contact is as stiff as the time step allows: its time constant is twice the step, at all depths
+(``solimp``). The cone is round, and friction is a hundred times stiffer than the normal direction, so that a sticking
+foot creeps less."""
 
 
 class Simulator:
@@ -34,7 +34,8 @@ class Simulator:
     ----------
     tree, friction : the walker, and the coefficient of friction.
     dt : time step [s].
-    settings : as in ``SETTINGS``; in ``solref``, ``2dt`` stands for two time steps. ``radius`` is that of point feet.
+    settings : values for the keys of ``SETTINGS``; ``2dt`` in ``solref`` stands for two time steps. The key ``radius``
+        is the radius of the spheres that replace point feet [m].
     """
 
     name: ClassVar[str] = "mujoco"
@@ -54,7 +55,7 @@ class Simulator:
         self._data.qpos[self._q], self._data.qvel[self._v] = q, v
 
     def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
-        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
         data, forces, wrench = self._data, np.zeros((2, 2)), np.zeros(6)
         for foot, on in zip(self._feet, touching, strict=True):
             self._model.geom_contype[foot] = int(on)
@@ -68,7 +69,7 @@ class Simulator:
 
 
 def _xml(tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> str:
-    """The model: the ground is so low that the tip of a point foot is at height zero when its sphere touches."""
+    """The model in MJCF. The ground lies so low that the sphere of a point foot touches it when the tip is at zero."""
     radius = settings.get("radius", POINT_RADIUS)
     root = Element("mujoco")
     SubElement(root, "compiler", angle="radian", boundinertia="1e-12")
@@ -98,8 +99,8 @@ def _xml(tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) ->
             name = f"joint{2 + k if body.parent >= 0 else j}"
             SubElement(element, "joint", name=name, type=kind, axis=axis, armature=repr(body.rotor if k else 0.0))
         inertia = max(body.inertia, 1e-12)
-        place = f"{body.com[0]!r} 0 {body.com[1]!r}"
-        SubElement(element, "inertial", pos=place, mass=repr(body.mass), diaginertia=" ".join([repr(inertia)] * 3))
+        com = f"{body.com[0]!r} 0 {body.com[1]!r}"
+        SubElement(element, "inertial", pos=com, mass=repr(body.mass), diaginertia=" ".join([repr(inertia)] * 3))
         for number, foot in enumerate(tree.feet):
             if foot.body == k:
                 shape = {"type": "sphere", "size": repr(foot.radius or radius), "contype": "1", "conaffinity": "0"}

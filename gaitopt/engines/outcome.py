@@ -1,21 +1,21 @@
-"""One run of a gait in a physics engine at one time step, measured against the gait.
+"""One run of a gait in a physics engine at one time step, compared with the gait.
 
-The engine starts from the gait's state just after an impact and walks one cycle, and ``SETTLED`` of a period more, in
-which the last impact is over. There the states are compared: a point contact ends its impact within an instant, a soft
-one within some time steps.
+The engine starts from the gait's state just after an impact. It walks one cycle and continues for the part ``SETTLED``
+of a period, because a soft contact needs some time steps to end its impact. There the states are compared.
 
-    state_error   largest difference of angles, rates and the foot's place and speed, in natural units
-    error_before_impact   the same ``SETTLED`` of a period before the last impact
+    state_error   largest difference of angles, rates and the foot's position and speed, in natural units
+    error_before_impact   the same difference at the part ``SETTLED`` of a period before the last impact
     slip          path of the stance foot forward and backward
-    creep         path of the foot while the gait's foot sticks, without a tenth of the phase at both ends
+    creep         path of the foot while the gait's foot sticks, without the first and last tenth of the phase
     slip_missed, slip_invented   fraction of the cycle in which only the gait slips, or only the engine
     impact_error  difference of the impulse at the landing foot up to the comparison, relative to that of the gait
     energy_error  difference of the energy at the comparison, relative to weight times length
 """
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -26,30 +26,30 @@ from gaitopt.engines.plant import Reference, Tree
 
 SETTLED = 0.05
 """Time after the last impact at which states are compared, relative to the period."""
-SLIPS = 2.5e-4
-"""Speed, in natural units, from which a foot counts as slipping: about a millimetre per second."""
+SLIPPING_SPEED = 2.5e-4
+"""A faster foot counts as slipping, in natural units; about a millimetre per second."""
 SHORTEST_MODE = 0.01
-"""Fraction of the cycle below which a mode of the engine does not count."""
+"""A mode of the engine that is shorter than this fraction of the cycle does not count."""
 TRIMMED = 0.1
-"""Fraction of a sticking phase at both ends that does not count as creep."""
-DIVERGED = 1e3
-"""Rate, in natural units, of a motion that has diverged."""
+"""Fraction of a sticking phase at each end that does not count for the creep."""
+DIVERGED_RATE = 1e3
+"""A motion with a faster rate has diverged, in natural units."""
 LONGEST_REASON = 120
-"""Characters of an engine's error message that are kept."""
-MIDDLES = 100
-"""Intervals of the midpoint rule for the gait's impulse after its impact."""
-KEPT = 160
-"""Maximum number of samples of a motion that are kept for pictures."""
+"""Largest number of characters of an engine's error message in an outcome."""
+MIDPOINT_INTERVALS = 100
+"""Number of intervals of the midpoint rule for the gait's impulse after its impact."""
+MOST_SAMPLES = 160
+"""Largest number of samples of a motion in an outcome, for pictures."""
 COMPLETED = "completed"
 
 
 class Simulator(Protocol):
-    """A walker in an engine, as an adapter defines it.
+    """A walker in an engine; every adapter defines such a class.
 
     Attributes
     ----------
-    name, version : of the engine.
-    settings : its settings by name.
+    name, version : name and version of the engine.
+    settings : the engine's settings by name.
     """
 
     name: ClassVar[str]
@@ -63,20 +63,31 @@ class Simulator(Protocol):
         """Set coordinates and rates."""
 
     def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
-        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        """Advance by one time step under forces on the coordinates.
+
+        Parameters
+        ----------
+        force : ndarray, shape (n + 2,) - forces and torques on the coordinates during the step [N, N m].
+        touching : for each foot, whether it can touch the ground.
+
+        Returns
+        -------
+        q, v : ndarray, shape (n + 2,) each - coordinates and rates after the step.
+        forces : ndarray, shape (2, 2) - contact force (f_t, f_n) of each foot during the step [N].
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """One run at one time step; numbers are None where the run did not get that far.
+    """One run at one time step; numbers are None if the run ended too early to measure them.
 
     Attributes
     ----------
     dt : time step [s].
     ending : ``completed``, ``no touchdown``, ``diverged``, ``failed: ERROR``, or ``crashed: SIGNAL``.
-    sequence : modes that the engine's stance foot goes through, step by step.
-    motion : times [s], path of the stance foot [m] and shape coordinates, thinned for pictures.
-    deviation : difference of the state before the last impact, of which ``error_before_impact`` is the largest entry.
+    sequence : modes of the engine's stance foot in every step.
+    motion : samples of the times [s], of the path of the stance foot [m] and of the shape coordinates, for pictures.
+    deviation : difference of the states before the last impact; ``error_before_impact`` is its largest entry.
     """
 
     dt: float
@@ -101,7 +112,7 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
 
     Parameters
     ----------
-    settings : those of the adapter; besides them ``friction`` and ``gravity`` are factors, for tests.
+    settings : settings of the adapter. The additional keys ``friction`` and ``gravity`` are factors, for tests.
     """
     changed = dict(settings)
     tree, mu = reference.tree, reference.friction * changed.pop("friction", 1.0)
@@ -112,7 +123,7 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
     cycle = len(reference.gait.steps)
     period = float(reference.starts[-1])
     n = int(np.ceil((1 + SETTLED) * period / dt)) + 1
-    times, places, rates, forces = dt * np.arange(n + 1, dtype=float), [q], [v], list[Array]()
+    times, coordinates, rates, forces = dt * np.arange(n + 1, dtype=float), [q], [v], list[Array]()
     step, began, landings, spent = 0, 0.0, list[float](), 0.0
     for t in times[:-1]:
         local = float(t) - began
@@ -120,12 +131,12 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
         start = time.perf_counter()
         try:
             q, v, f = walk.step(force, touching)
-        except RuntimeError as error:  # of compiled code, as where a contact solver does not converge
+        except RuntimeError as error:  # raised by compiled code, such as a contact solver that does not converge
             return Outcome(dt=dt, ending=f"failed: {str(error).splitlines()[0][:LONGEST_REASON]}")
         spent += time.perf_counter() - start
-        if not np.isfinite(v).all() or np.abs(v).max() * reference.time > DIVERGED:
+        if not np.isfinite(v).all() or np.abs(v).max() * reference.time > DIVERGED_RATE:
             return Outcome(dt=dt, ending="diverged")
-        places.append(q.copy())
+        coordinates.append(q.copy())
         rates.append(v.copy())
         forces.append(f)
         swing = 1 - reference.stance(step)
@@ -133,16 +144,16 @@ def run(reference: Reference, simulator: type[Simulator], dt: float, settings: M
             step, began = step + 1, float(t)
             landings.append(float(t))
     if len(landings) < cycle:
-        motion = _motion(reference, times, places, rates, [*landings, np.inf])
+        motion = _motion(reference, times, coordinates, rates, [*landings, np.inf])
         return Outcome(dt=dt, ending="no touchdown", motion=motion, seconds_per_second=spent / float(times[-1]))
-    last = np.array([*forces, forces[-1]])
-    measured = _measured(reference, times, np.array(places), np.array(rates), last, landings)
-    motion = _motion(reference, times, places, rates, landings)
+    padded = np.array([*forces, forces[-1]])
+    measured = _measured(reference, times, np.array(coordinates), np.array(rates), padded, landings)
+    motion = _motion(reference, times, coordinates, rates, landings)
     return Outcome(dt=dt, ending=COMPLETED, seconds_per_second=spent / float(times[-1]), motion=motion, **measured)
 
 
 def _measured(
-    reference: Reference, times: Array, places: Array, rates: Array, forces: Array, landings: Sequence[float]
+    reference: Reference, times: Array, coordinates: Array, rates: Array, forces: Array, landings: Sequence[float]
 ) -> dict[str, Any]:
     """The numbers of an outcome from coordinates, rates (m, n + 2) and forces (m, 2, 2) at times (m,)."""
     cycle, period, tree = len(reference.gait.steps), float(reference.starts[-1]), reference.tree
@@ -153,14 +164,14 @@ def _measured(
         s = (t - times[k]) / (times[k + 1] - times[k])
         return (1 - s) * values[k] + s * values[k + 1]
 
-    deviation = _state(reference, cycle, at(end, places), at(end, rates)) - _state(
+    deviation = _state(reference, cycle, at(end, coordinates), at(end, rates)) - _state(
         reference, cycle, *reference.coordinates(end)
     )
     before = min((1 - SETTLED) * period, 0.99 * min(landings[-1:]))
-    compared = _state(reference, cycle - 1, at(before, places), at(before, rates))
+    compared = _state(reference, cycle - 1, at(before, coordinates), at(before, rates))
     early = compared - _state(reference, cycle - 1, *reference.coordinates(before))
     energies = [
-        reference.energy(cycle, at(end, places), at(end, rates)),
+        reference.energy(cycle, at(end, coordinates), at(end, rates)),
         reference.energy(cycle, *reference.coordinates(end)),
     ]
     weight = tree.mass * float(np.hypot(*tree.gravity)) * reference.length
@@ -171,17 +182,17 @@ def _measured(
         first, last = float(reference.starts[step]), min(float(reference.starts[step + 1]), landings[step])
         first = max(first, landings[step - 1] + SETTLED * period) if step else first
         inside = np.flatnonzero((times >= first) & (times <= last))
-        moved = [tree.foot(foot, places[k], rates[k]) for k in inside]
-        x, speed = np.array([place[0] for place, _ in moved]), np.array([velocity[0] for _, velocity in moved])
+        moved = [tree.foot(foot, coordinates[k], rates[k]) for k in inside]
+        x, speed = np.array([position[0] for position, _ in moved]), np.array([velocity[0] for _, velocity in moved])
         path = np.diff(x)
         slip["slip_forward"] += float(path[path > 0].sum())
         slip["slip_backward"] -= float(path[path < 0].sum())
-        # a contact may chatter from step to step
+        # a contact may be lost and found again from one time step to the next
         window = max(1, round(SHORTEST_MODE * period / (times[1] - times[0])))
         carried = np.convolve(forces[inside, foot, 1] > 0, np.ones(window), mode="same") > 0
         modes = np.where(carried, _modes(reference, speed), "off")
         stated = _modes(reference, reference.slip_speed(step, times[inside] - reference.starts[step]))
-        slides, slips = (np.char.startswith(words, "slip") for words in (modes, stated))
+        slides, slips = (np.char.startswith(names, "slip") for names in (modes, stated))
         missed += float((slips & ~slides).sum() * (times[1] - times[0]) / period)
         invented += float((slides & ~slips).sum() * (times[1] - times[0]) / period)
         sequence.append(_runs(modes, window))
@@ -207,59 +218,50 @@ def _measured(
 
 
 def _state(reference: Reference, step: int, q: Array, v: Array) -> Array:
-    """Angles, rates, place and speed of the stance foot in a step, in natural units."""
-    place, velocity = reference.tree.foot(reference.stance(step), q, v)
+    """Angles, rates, and position and speed of the stance foot in a step, in natural units."""
+    position, velocity = reference.tree.foot(reference.stance(step), q, v)
     angles, rates = reference.tree.angles(q), reference.tree.angles(v)
     length, unit = reference.length, reference.time
-    return np.concatenate([angles, rates * unit, place[:1] / length, velocity[:1] * unit / length])
+    return np.concatenate([angles, rates * unit, position[:1] / length, velocity[:1] * unit / length])
 
 
 def _impact_error(reference: Reference, times: Array, forces: Array, end: float) -> float:
-    """Relative difference of the impulses at the landing foot, the forces after the impact included."""
+    """Relative difference of the impulses at the landing foot, including the forces after the impact."""
     cycle, period = len(reference.gait.steps), float(reference.starts[-1])
     foot = reference.stance(cycle)
     spans = np.clip(end - times, 0.0, times[1] - times[0]) * (times > (1 - SETTLED) * period)
     impulse = spans @ forces[:, foot]
-    middles = period + (end - period) * (np.arange(MIDDLES) + 0.5) / MIDDLES
+    middles = period + (end - period) * (np.arange(MIDPOINT_INTERVALS) + 0.5) / MIDPOINT_INTERVALS
     stated = reference.gait.steps[-1].final_impact.impulse
     expected = stated + (end - period) * np.mean([reference.force(float(t)) for t in middles], axis=0)
     return float(np.linalg.norm(impulse - expected) / np.linalg.norm(stated))
 
 
 def _modes(reference: Reference, speed: Array) -> NDArray[np.str_]:
-    """What a foot does at these speeds (m,) [m/s]."""
-    slow = SLIPS * reference.length / reference.time
+    """The modes of a foot that has these speeds (m,) [m/s]."""
+    slow = SLIPPING_SPEED * reference.length / reference.time
     return np.where(speed >= slow, "slip_forward", np.where(speed <= -slow, "slip_backward", "stick"))
 
 
 def _runs(modes: NDArray[np.str_], shortest: float) -> tuple[str, ...]:
-    """The modes in order, without those that are too short."""
+    """The modes in order, without repetitions and without modes of fewer than ``shortest`` samples."""
     edges = np.flatnonzero(modes[1:] != modes[:-1]) + 1
     pieces = np.split(modes, edges)
-    return _distinct(str(piece[0]) for piece in pieces if len(piece) >= shortest)
-
-
-def _distinct(modes: Iterable[str]) -> tuple[str, ...]:
-    """Without repetitions of neighbours."""
-    result = list[str]()
-    for mode in modes:
-        if not result or result[-1] != mode:
-            result.append(mode)
-    return tuple(result)
+    return tuple(mode for mode, _ in groupby(str(piece[0]) for piece in pieces if len(piece) >= shortest))
 
 
 def _motion(
-    reference: Reference, times: Array, places: Sequence[Array], rates: Sequence[Array], landings: Sequence[float]
+    reference: Reference, times: Array, coordinates: Sequence[Array], rates: Sequence[Array], landings: Sequence[float]
 ) -> dict[str, list[float]]:
-    """Times, place of the stance foot from its start in each step, and shape coordinates, as the gait's steps count."""
-    shown = np.unique(np.linspace(0, len(times) - 1, KEPT).round().astype(int))
+    """Samples of the times, of the stance foot's path in each step, and of the gait's shape coordinates."""
+    shown = np.unique(np.linspace(0, len(times) - 1, MOST_SAMPLES).round().astype(int))
     names, origin, last = reference.system.walker.shape, 0.0, 0
     columns: dict[str, list[float]] = {"t": [], "x": [], **{name: [] for name in names}}
     for k in shown:
         step = int(np.searchsorted(landings, times[k], side="right"))
         if step > len(reference.gait.steps) - 1 and times[k] > reference.starts[-1]:
             break
-        z = reference.shape_state(step, places[k], rates[k])
+        z = reference.shape_state(step, coordinates[k], rates[k])
         if step != last or k == 0:
             origin, last = float(z[len(names)]), step
         columns["t"].append(float(times[k]))

@@ -1,15 +1,15 @@
 """A walker as a planar tree of rigid bodies in numbers, and the gait that a physics engine has to reproduce.
 
-Coordinates of an engine are the place (x, z) of the root body's origin, its angle, and one angle per joint, that of the
-body less that of its parent. All angles count about y, which turns z towards x; at zero all frames have the axes of the
-ground. A body never changes its name: where the feet of the gait swap roles, bodies take the roles of their partners.
+The coordinates of an engine are the position (x, z) of the root body's origin, its angle, and for every joint the angle
+of its body minus that of the parent. Angles turn about y, from z towards x; at zero all frames have the axes of the
+ground. Bodies keep their names: when the feet of the gait swap roles, every body takes the role of its partner.
 
 The torques of the control law act on the absolute angles a of the bodies, with a = A shape + c:
 
     A' tau = E u
 
-A swing foot may pass through the ground, or scuff, where the gait's guard ignores it: its contact is off between
-``release`` and ``arm``, the times at which the gait's foot is highest before and after it would scuff.
+The swing foot of a gait may pass through the ground (scuff), which the gait's guard ignores. Its contact is therefore
+off between two times of the step: when the gait's foot is highest before it scuffs, and when it is highest afterwards.
 """
 
 from dataclasses import dataclass, replace
@@ -37,12 +37,12 @@ from gaitopt.model.section import TOUCHDOWN
 
 POINT_RADIUS = 1e-6
 """Radius of the sphere in place of a point foot [m]: one of 0.1 mm rolls by 17 micrometres per second."""
-HEIGHTS = 200
-"""Samples of a step in which the scuffing of the swing foot is looked for."""
+SAMPLES_PER_ARC = 200
+"""Number of heights of the swing foot on every arc, from which scuffing is detected."""
 TURN_DIGITS = 12
-"""Digits of the angle by which a body turns where the feet swap roles."""
-ENDS = 0.03
-"""Fraction of a step at both ends in which a foot near the ground does not scuff."""
+"""Decimals to which the turn of the bodies is rounded where the feet swap roles; the rest is rounding error."""
+STEP_END = 0.03
+"""Fraction of a step at each end in which the swing foot is close to the ground without scuffing."""
 
 
 class Body(NamedTuple):
@@ -86,36 +86,36 @@ class Tree:
         return angles
 
     def relative(self, angles: Array) -> Array:
-        """The angle of the root and those of the joints from absolute angles."""
+        """The angles of the root and of the joints, from absolute angles; shape (n,)."""
         return np.array(
             [a - (angles[b.parent] if b.parent >= 0 else 0.0) for a, b in zip(angles, self.bodies, strict=True)]
         )
 
     def point(self, body: int, within: tuple[float, float], q: Array, v: Array) -> tuple[Array, Array]:
         """Position and velocity of a point of a body, shape (2,) each."""
-        a, rates, place, velocity = self.angles(q), self.angles(v), np.array(q[:2]), np.array(v[:2])
+        a, rates, position, velocity = self.angles(q), self.angles(v), np.array(q[:2]), np.array(v[:2])
         while True:
             x, z = within
             sine, cosine = np.sin(a[body]), np.cos(a[body])
-            place = place + np.array([x * cosine + z * sine, z * cosine - x * sine])
+            position = position + np.array([x * cosine + z * sine, z * cosine - x * sine])
             velocity = velocity + rates[body] * np.array([z * cosine - x * sine, -x * cosine - z * sine])
             if self.bodies[body].parent < 0:
-                return place, velocity
+                return position, velocity
             body, within = self.bodies[body].parent, self.bodies[body].position
 
     def foot(self, foot: int, q: Array, v: Array) -> tuple[Array, Array]:
-        """Coordinates (x, y) of a foot as in the gait, and their rates: its tip; for a round foot minus its rolling."""
+        """The gait's coordinates (x, y) of a foot and their rates: those of its tip, without the path that it rolls."""
         body, tip, R = self.feet[foot]
-        place, velocity = self.point(body, tip, q, v)
-        return place - (R * self.angles(q)[body], R), velocity - (R * self.angles(v)[body], 0)
+        position, velocity = self.point(body, tip, q, v)
+        return position - (R * self.angles(q)[body], R), velocity - (R * self.angles(v)[body], 0)
 
     def energy(self, q: Array, v: Array) -> float:
         """Kinetic and potential energy [J]."""
         total = 0.0
         rates = self.angles(v)
         for k, body in enumerate(self.bodies):
-            place, velocity = self.point(k, body.com, q, v)
-            total += body.mass * (velocity @ velocity / 2 - np.dot(self.gravity, place))
+            position, velocity = self.point(k, body.com, q, v)
+            total += body.mass * (velocity @ velocity / 2 - np.dot(self.gravity, position))
             total += body.inertia * rates[k] ** 2 / 2 + (body.rotor * v[2 + k] ** 2 / 2 if body.parent >= 0 else 0.0)
         return float(total)
 
@@ -129,7 +129,7 @@ class Tree:
 
 
 class Reference:
-    """A gait as an engine sees it: its motion in the coordinates of the engine, its torques and contacts.
+    """A gait in the terms of an engine: its motion in the engine's coordinates, its torques and its contacts.
 
     Parameters
     ----------
@@ -137,17 +137,17 @@ class Reference:
 
     Attributes
     ----------
-    tree : the walker.
+    tree : the bodies of the walker.
     friction : coefficient of friction.
-    starts : times of the impacts, 0 first [s]; the last is the period.
+    starts : times of the impacts [s], from 0 to the period.
     length, time : natural units [m, s].
-    turn : angle by which all bodies are turned where the feet swap roles, as those of a wheel; else 0 [rad].
-    windows : for each step the times since its impact at which the swing foot may scuff: first and last.
+    turn : angle by which all bodies turn when the feet swap roles, as for a wheel; 0 for other walkers [rad].
+    windows : for each step, the first and last time since its impact at which the swing foot may scuff [s].
 
     Raises
     ------
     ProblemError
-        If the adapters have no law for the walker or its friction; the message says for what.
+        If the adapters cannot model the walker or its friction; the message says why.
     """
 
     def __init__(self, gait: Gait) -> None:
@@ -160,7 +160,7 @@ class Reference:
         self.friction = gait.dynamics.static_friction
         self.length, self.time = gait.dynamics.scales.length, gait.dynamics.scales.time
         self.starts = np.cumsum([0.0, *(step.period for step in gait.steps)])
-        self._places = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
+        self._distances = np.cumsum([0.0, *(step.final_impact.step_length for step in gait.steps)])
         self.windows = [_window(step) for step in gait.steps]
         self.turn = 0.0
         ends = (self.coordinates(t)[0] for t in (np.nextafter(self.starts[1], 0.0), self.starts[1]))
@@ -168,11 +168,11 @@ class Reference:
         self.turn = float(np.round(before - after, TURN_DIGITS)[0])
 
     def stance(self, step: int) -> int:
-        """The foot that stands in a step: 0 or 1."""
+        """Index of the stance foot in a step: 0 or 1."""
         return step % 2
 
     def step_at(self, t: float) -> tuple[int, float]:
-        """Number of the step at a time since the start, and the time since its impact; one step beyond the cycle."""
+        """Number of the step at a time since the start, and time since its impact; the cycle continues by one step."""
         step = min(int(np.searchsorted(self.starts, t, side="right")) - 1, len(self.gait.steps))
         return step, t - float(self.starts[step])
 
@@ -182,7 +182,7 @@ class Reference:
         return next((arc for arc in arcs if local < arc.end), arcs[-1])
 
     def state(self, t: float) -> Array:
-        """The gait's state (n_z,) at a time since the start, x from the stance foot of its step."""
+        """The gait's state (n_z,) at a time since the start; x counts from where the stance foot landed."""
         step, local = self.step_at(t)
         arc = self.arc(step, local)
         s = 2 * (local - arc.start) / arc.duration - 1
@@ -211,10 +211,10 @@ class Reference:
         p = self.gait.steps[step % number].arcs[0].dynamics.p[: len(self.system.walker.model_fields)]
         angles, rates, origins, velocities = buffered(self._poses)(self.state(t), p)
         angles, roles = angles + step * self.turn, self._roles(step)
-        shift = self._places[step % number] + (self._places[-1] if step >= number else 0.0)
-        place, velocity = (values.reshape(-1, 2)[roles[0]] for values in (origins, velocities))
+        shift = self._distances[step % number] + (self._distances[-1] if step >= number else 0.0)
+        position, velocity = (values.reshape(-1, 2)[roles[0]] for values in (origins, velocities))
         return (
-            np.concatenate([place + np.array([shift, 0.0]), self.tree.relative(angles[roles])]),
+            np.concatenate([position + np.array([shift, 0.0]), self.tree.relative(angles[roles])]),
             np.concatenate([velocity, self.tree.relative(rates[roles])]),
         )
 
@@ -240,15 +240,15 @@ class Reference:
         return self.tree.generalised(torques)
 
     def shape_state(self, step: int, q: Array, v: Array) -> Array:
-        """The state (n_z,) of the gait that the coordinates of an engine are in a step."""
+        """The gait's state (n_z,) for the coordinates of an engine in a step."""
         roles = self._roles(step)
         shape = self._inverse @ (self.tree.angles(q)[roles] - step * self.turn - self._offset)
         rates = self._inverse @ self.tree.angles(v)[roles]
-        place, velocity = self.tree.foot(self.stance(step), q, v)
-        return np.concatenate([shape, place[:1], rates, velocity[:1]])
+        position, velocity = self.tree.foot(self.stance(step), q, v)
+        return np.concatenate([shape, position[:1], rates, velocity[:1]])
 
     def energy(self, step: int, q: Array, v: Array) -> float:
-        """Kinetic and potential energy in an engine, that of springs included [J]."""
+        """Kinetic and potential energy in an engine, including that of springs [J]."""
         total = self.tree.energy(q, v)
         if self._springs is not None:
             p = self.arc(step, 0.0).dynamics.p
@@ -262,12 +262,12 @@ class Reference:
         return (True, swing) if self.stance(step) == 0 else (swing, True)
 
     def _roles(self, step: int) -> Any:
-        """For each body the one whose role in the gait's step it has."""
+        """For each body of the gait, the body of the tree that has its role in a step."""
         return self._partners if step % 2 else np.arange(len(self.tree.bodies))
 
 
 def _refuse(gait: Gait) -> None:
-    """Name what the adapters have no law for."""
+    """Refuse a gait that the adapters cannot model; the error names the reason."""
     walker, name = gait.system.walker, gait.problem.name
     present = [*walker.features()]
     present += [] if gait.system.control.restarts else ["a control law whose clock does not restart"]
@@ -317,25 +317,25 @@ def _tree(gait: Gait) -> tuple[Tree, Function, Array, Array, NDArray[np.intp]]:
 
     def within(link: Link, point: Any) -> Array:
         """A point of a link in the frame of the body that carries it."""
-        place = number(point)
+        position = number(point)
         while link.name not in order:
             turn = number(link.angle - by_name[str(link.parent)].angle)[0]
             c, s = np.cos(turn), np.sin(turn)
-            turned = np.array([place[0] * c + place[1] * s, place[1] * c - place[0] * s])
-            place = number(link.position) + turned
+            turned = np.array([position[0] * c + position[1] * s, position[1] * c - position[0] * s])
+            position = number(link.position) + turned
             link = by_name[str(link.parent)]
-        return place
+        return position
 
     bodies = []
     for link in moving:
         members = [other for other in links.links if carrier(other) is link]
         masses = np.array([number(other.mass)[0] for other in members])
-        places = np.array([within(other, other.com) for other in members])
+        coms = np.array([within(other, other.com) for other in members])
         inertia = sum(number(other.inertia)[0] for other in members)
         if not masses.sum() > 0:
             raise ProblemError(f"{gait.problem.name}: {link.name} moves, but has no mass; an engine needs one")
-        com = masses @ places / masses.sum()
-        inertia += float(masses @ ((places - com) ** 2).sum(axis=1))
+        com = masses @ coms / masses.sum()
+        inertia += float(masses @ ((coms - com) ** 2).sum(axis=1))
         parent = -1 if link.parent is None else order[carrier(by_name[link.parent]).name]
         position = ORIGIN if link.parent is None else within(by_name[link.parent], link.position)
         rotor = float(number(link.rotor_inertia)[0])
@@ -376,16 +376,16 @@ def _forces(gait: Gait) -> tuple[Array, Function | None]:
 
 
 def _window(step: Step) -> tuple[float, float]:
-    """Times since the impact at which the swing foot is highest before and after it is at the ground or below."""
+    """Times since the impact at which the swing foot is highest before it scuffs and highest afterwards."""
     heights, times = list[float](), list[float]()
     for arc in step.arcs:
-        fine = np.linspace(-1, 1, HEIGHTS)
+        fine = np.linspace(-1, 1, SAMPLES_PER_ARC)
         states = np.asarray(chebyshev.chebval(fine, curves.coefficients(arc.states)).T, dtype=float)
         moved = replace(arc, times=arc.start + (fine + 1) / 2 * arc.duration, states=states)
         heights += observe(moved).swing_foot[:, 1].tolist()
         times += moved.times.tolist()
     h, t = np.array(heights), np.array(times)
-    inside = (t > ENDS * step.period) & (t < (1 - ENDS) * step.period)
+    inside = (t > STEP_END * step.period) & (t < (1 - STEP_END) * step.period)
     scuffs = np.flatnonzero(inside & (h <= 0))
     if not scuffs.size:
         highest = float(t[np.argmax(h)])
@@ -396,7 +396,7 @@ def _window(step: Step) -> tuple[float, float]:
 
 @building
 def tree_record(gait: Gait) -> dict[str, Any] | None:
-    """A gait for programs that read the MJCF or URDF file of its walker; None if there are no links.
+    """A gait for programs that read the MJCF or URDF file of its walker; None if the walker declares no links.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""A process for the runs of an engine, so that a crash of its compiled code is a result.
+"""A process for the runs of an engine: if its compiled code crashes, the crash becomes the outcome of the run.
 
-The parent writes one pickle with the job, and reads one per time step. What the engine prints goes to standard error,
-which is not shown. Standard input stays open: its end tells the process that its parent is gone, even if killed.
+The parent writes one pickle with the job and reads one per time step. Text that the engine prints goes to standard
+error, which is not shown. Standard input stays open. When it ends, the parent is gone, even if it was killed.
 """
 
 import os
@@ -21,10 +21,10 @@ from gaitopt.errors import GaitoptError, ProblemError
 from gaitopt.gait.gait import Gait
 
 PROGRAM = "from gaitopt.engines.process import serve; serve()"
-WAIT = 0.2
-"""Seconds between two looks at ``should_stop``."""
+POLLING_TIME = 0.2
+"""Time between two calls of ``should_stop`` [s]."""
 LONGEST_RUN = 900.0
-"""Seconds that one time step may take."""
+"""Time limit of the run at one time step [s]."""
 
 
 def outcomes(
@@ -35,14 +35,14 @@ def outcomes(
     finished: Callable[[Outcome], None],
     should_stop: Stop = None,
 ) -> tuple[Outcome, ...]:
-    """Replay a gait at several time steps; a crash ends the run at one of them, not at the others.
+    """Replay a gait at several time steps; a crash ends only the run at its own time step.
 
     Raises
     ------
     ProblemError
-        If the engine has no law for the walker.
+        If the engine cannot model the walker.
     KeyboardInterrupt
-        If ``should_stop`` says so.
+        If ``should_stop`` returns True.
     """
     results, left = list[Outcome](), [*time_steps]
     while left:
@@ -85,9 +85,9 @@ def _results(process: "subprocess.Popen[bytes]", job: Any, should_stop: Stop) ->
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
         try:
-            result = arrived.get(timeout=WAIT)
+            result = arrived.get(timeout=POLLING_TIME)
         except queue.Empty:
-            waited += WAIT
+            waited += POLLING_TIME
             if waited > LONGEST_RUN:
                 process.kill()
             continue

@@ -25,11 +25,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
         },
     },
 }
-"""Best: no artificial damping of the bodies (0.04 /s by default), no slop, a round cone, a converged iteration."""
+"""``best`` has no artificial damping of the bodies (0.04 /s by default), no slop, a round cone and a converged
+iteration."""
 
 
 class Simulator:
-    """A walker in PyBullet; parameters as for ``gaitopt.engines.mujoco.Simulator``."""
+    """A walker in PyBullet; the parameters are those of ``gaitopt.engines.mujoco.Simulator``."""
 
     name: ClassVar[str] = "pybullet"
     version: ClassVar[str] = version("pybullet")
@@ -38,7 +39,7 @@ class Simulator:
     def __init__(self, tree: Tree, friction: float, dt: float, settings: Mapping[str, Any]) -> None:
         if any(body.rotor for body in tree.bodies):
             raise ProblemError("PyBullet has no inertia of rotors")
-        import pybullet  # at its import it prints a line, which the process of the runs discards
+        import pybullet  # its import prints a line, which the process of the runs discards
         from pybullet_utils.bullet_client import BulletClient
 
         self._client = client = BulletClient(pybullet.DIRECT)
@@ -70,26 +71,26 @@ class Simulator:
             self._client.resetJointState(self._walker, joint, angle, rate)
 
     def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
-        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
         client, forces = self._client, np.zeros((2, 2))
-        for foot in self._feet:  # those of a wheel are on one link, and switched together
+        for foot in self._feet:  # both feet of a wheel are on one link, so their contacts are switched together
             on = any(touching[k] for k, other in enumerate(self._feet) if other == foot)
             client.setCollisionFilterPair(self._walker, self._ground, foot, -1, int(on))
         client.setJointMotorControlArray(self._walker, self._joints, client.TORQUE_CONTROL, forces=list(force))
         client.stepSimulation()
         states = client.getJointStates(self._walker, self._joints)
         q, v = (np.array([state[k] for state in states]) for k in range(2))
-        places = [self._tree.foot(k, q, v)[0][0] for k in range(2)]
+        feet_x = [self._tree.foot(k, q, v)[0][0] for k in range(2)]
         for point in client.getContactPoints(self._walker, self._ground):
             normal, first, second = (np.array(point[k]) for k in (7, 11, 13))
             world = point[9] * normal + point[10] * first + point[12] * second
             on_link = [k for k, foot in enumerate(self._feet) if foot == point[3]]
-            forces[min(on_link, key=lambda k: abs(places[k] - point[5][0]))] += world[0], world[2]
+            forces[min(on_link, key=lambda k: abs(feet_x[k] - point[5][0]))] += world[0], world[2]
         return q, v, forces
 
 
 def _urdf(tree: Tree, radius: float) -> str:
-    """The walker behind two sliding joints without mass."""
+    """The walker in URDF; two massless sliding joints connect its root to the ground."""
     root = Element("robot", name="walker")
     _link(root, "base", None, ())
     for k, (name, axis) in enumerate((("slide", "1 0 0"), ("lift", "0 0 1"))):
@@ -116,10 +117,10 @@ def _link(root: Element, name: str, body: Body | None, feet: tuple[Foot, ...], r
         SubElement(SubElement(collision, "geometry"), "sphere", radius=repr(foot.radius or radius))
 
 
-def _joint(root: Element, k: int, kind: str, parent: str, child: str, place: tuple[float, float], axis: str) -> None:
+def _joint(root: Element, k: int, kind: str, parent: str, child: str, origin: tuple[float, float], axis: str) -> None:
     joint = SubElement(root, "joint", name=f"joint{k}", type=kind)
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
-    SubElement(joint, "origin", xyz=f"{place[0]!r} 0 {place[1]!r}")
+    SubElement(joint, "origin", xyz=f"{origin[0]!r} 0 {origin[1]!r}")
     SubElement(joint, "axis", xyz=axis)
     SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")

@@ -1,12 +1,12 @@
-"""A gait replayed in a physics engine: its runs at several time steps, and whether they tend to the gait.
+"""A gait replayed in a physics engine: its runs at several time steps, and whether they converge to the gait.
 
-All runs of one setting share a process, which may crash; ``outcome`` says what is measured in each.
+All runs of one setting share a process, which may crash; ``outcome`` describes what is measured in each run.
 
     order, order_before_impact   slope of log(state_error), log(error_before_impact) over log(dt) at the three smallest
                                  time steps
 
-The engine is consistent with the gait if its differences tend to zero with the time step. Each of them, v(dt), is
-extrapolated from two time steps a > b, and the change from one pair to the next tells how much that is worth:
+The engine is consistent with the gait if its differences tend to zero with the time step. Each difference v(dt) is
+extrapolated to zero from two time steps a > b. The changes from one pair to the next bound the error of this limit:
 
     limit = (a v(b) - b v(a)) / (a - b)        doubt = last change of the limit, or a quarter of the one before
 """
@@ -36,22 +36,22 @@ EXTRA = "pip install 'gaitopt[engines]'"
 INSTALL = {"siconos": "on Debian: apt install python3-siconos, and a virtual environment with --system-site-packages"}
 """How to install engines that are not in the extra ``engines``."""
 TIME_STEPS = (0.004, 0.002, 0.001, 0.0005, 0.00025)
-"""Time steps by default [s]."""
+"""Default time steps [s]."""
 FITTED = 3
-"""Number of the smallest time steps from which the order follows."""
-FLOOR, SLIP_FLOOR = 2e-5, 0.01
-"""Extrapolated differences below which an engine is consistent with a gait: of angles and places before its impact in
-natural units, and of the slip relative to that of the gait. With right equations, four engines stay below 1.3e-5."""
-DOUBTS = 2.0
-"""Multiple of the doubt that a limit of a correct engine may be off besides."""
-RESOLVED = 2e-4
-"""Largest doubt of angles and places with which an engine can be called consistent."""
-WRONG = 0.01
-"""Relative error of friction that must be noticed in an engine that is called consistent, if it changes the gait."""
+"""The order of convergence is fitted to this many of the smallest time steps."""
+CONSISTENT_STATE, CONSISTENT_SLIP = 2e-5, 0.01
+"""Largest extrapolated differences of a consistent engine: of angles and positions before the impact in natural units,
+and of the slip relative to that of the gait. With correct equations, four engines stay below 1.3e-5."""
+ALLOWED_DOUBTS = 2.0
+"""The limit of a consistent engine may exceed these values by this multiple of its doubt."""
+LARGEST_DOUBT = 2e-4
+"""Largest doubt of angles and positions with which an engine can be called consistent."""
+FRICTION_ERROR = 0.01
+"""Relative error of the friction that would have to be noticed before an engine is called consistent."""
 NOTICED = 0.8
-"""Part of the effect of wrong friction that must exceed the limit of a difference."""
-CONVERGING = 0.25
-"""Ratio of successive changes of a limit if the time step is halved and errors are smooth: they are of second order."""
+"""The error of the friction would be noticed if this part of its effect exceeds the bound of a difference."""
+SECOND_ORDER_RATIO = 0.25
+"""Ratio of successive changes of a limit if halving the time step leaves smooth errors of second order."""
 PAIRS = 3
 """Number of the finest pairs of time steps whose limits are compared."""
 
@@ -65,7 +65,7 @@ class Replay:
     problem : name of the gait's problem.
     engine, version : name and version of the engine.
     setting : name of the setting.
-    settings : its values.
+    settings : values of the setting.
     slip : path of the gait's foot forward and backward [m].
     friction_effect : relative change of these paths if the friction is wrong by 1 %.
     outcomes : one per time step, the largest first.
@@ -104,12 +104,12 @@ class Replay:
 
     @property
     def consistent(self) -> bool | None:
-        """Whether the engine tends to the gait with the time step; None if its runs do not tell."""
+        """Whether the engine converges to the gait as the time step decreases; None if its runs do not decide."""
         return self._judgement[0]
 
     @property
     def consistent_reason(self) -> str:
-        """Why the engine is consistent with the gait or not, or why its runs do not tell."""
+        """Why the engine is consistent with the gait or not, or why its runs do not decide."""
         return self._judgement[1]
 
     @property
@@ -128,8 +128,9 @@ class Replay:
         coarse, fine = steps[:-1, None], steps[1:, None]
         limits = ((coarse * differences[1:] - fine * differences[:-1]) / (coarse - fine))[-PAIRS:]
         changes, sizes = np.abs(np.diff(limits, axis=0)), np.abs(limits[-1])
-        doubts = np.max(changes * CONVERGING ** np.arange(PAIRS - 2, -1, -1.0)[:, None], axis=0)
-        bounds = np.repeat([FLOOR, SLIP_FLOOR], [bodies + 1, len(paths)]) + DOUBTS * doubts
+        doubts = np.max(changes * SECOND_ORDER_RATIO ** np.arange(PAIRS - 2, -1, -1.0)[:, None], axis=0)
+        tolerances = np.repeat([CONSISTENT_STATE, CONSISTENT_SLIP], [bodies + 1, len(paths)])
+        bounds = tolerances + ALLOWED_DOUBTS * doubts
         names = (
             *["the angle of a body"] * bodies,
             "the place of the foot",
@@ -137,19 +138,19 @@ class Replay:
         )
         worst, vaguest = int(np.argmax(sizes / bounds)), int(np.argmax(doubts[: bodies + 1]))
         if sizes[worst] > bounds[worst]:
-            words = f"{names[worst]} tends to an error of {sizes[worst]:.2g} as the time step tends to zero"
-            return False, f"{words}; the errors of a consistent engine tend to less than {bounds[worst]:.2g}"
-        if doubts[vaguest] > RESOLVED:
-            words = f"its extrapolated error still changes by {doubts[vaguest]:.2g} from one time step to the next"
-            return None, f"{names[vaguest]} does not converge: {words}"
-        slides = bool(paths) and max(self.friction_effect.values()) > SLIP_FLOOR
+            error = f"{names[worst]} tends to an error of {sizes[worst]:.2g} as the time step tends to zero"
+            return False, f"{error}; the errors of a consistent engine tend to less than {bounds[worst]:.2g}"
+        if doubts[vaguest] > LARGEST_DOUBT:
+            change = f"its extrapolated error still changes by {doubts[vaguest]:.2g} from one time step to the next"
+            return None, f"{names[vaguest]} does not converge: {change}"
+        slides = bool(paths) and max(self.friction_effect.values()) > CONSISTENT_SLIP
         if slides and all(NOTICED * self.friction_effect[way] < bounds[k] for k, way in enumerate(paths, bodies + 1)):
             return (
                 None,
                 "the errors of the slip converge too slowly: friction that is wrong by 1 % would not be noticed",
             )
-        words = f"the largest is {sizes[worst]:.2g} in {names[worst]}, with a limit of {bounds[worst]:.2g}"
-        return True, f"all errors tend to zero with the time step; extrapolated, {words}"
+        largest = f"the largest is {sizes[worst]:.2g} in {names[worst]}, with a limit of {bounds[worst]:.2g}"
+        return True, f"all errors tend to zero with the time step; extrapolated, {largest}"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
@@ -178,23 +179,22 @@ class Replay:
 
 
 def adapter(engine: str | type[Simulator]) -> type[Simulator]:
-    """The adapter of an engine by its name; an adapter of one's own is returned as it is.
+    """The adapter of an engine by its name; an adapter class is returned unchanged.
 
     Raises
     ------
     UnknownNameError
-        If there is no such engine, or it is not installed or cannot be imported.
+        If there is no such engine, or if it is not installed or cannot be imported.
     """
     if not isinstance(engine, str):
         return engine
     if engine not in ENGINES:
-        words = f"{shown(engine)}: no such engine; use {', '.join(ENGINES)}"
-        raise UnknownNameError(words).concerning("engine")
+        raise UnknownNameError(f"{shown(engine)}: no such engine; use {', '.join(ENGINES)}").concerning("engine")
     if find_spec(ENGINES[engine]) is None:
         raise UnknownNameError(f"{engine}: is not installed; {INSTALL.get(engine, EXTRA)}").concerning("engine")
     try:
         found: type[Simulator] = import_module(f"gaitopt.engines.{engine}").Simulator
-    except ImportError as error:  # as where it is compiled for another version of numpy
+    except ImportError as error:  # for example, it is compiled for another version of numpy
         first = (str(error).splitlines() or ["no reason is given"])[0]
         raise UnknownNameError(f"{engine}: cannot be imported: {first}").concerning("engine") from error
     return found
@@ -204,19 +204,19 @@ def slip_paths(steps: Iterable[Step]) -> dict[str, float]:
     """Path of the stance foot forward and backward [m]."""
     arcs = [arc for step in steps for arc in step.arcs if arc.mode.slips]
     x = [arc.states[:, arc.dynamics.system.n_shape] for arc in arcs]
-    paths = [float(place[-1] - place[0]) for place in x]
+    paths = [float(values[-1] - values[0]) for values in x]
     return {"slip_forward": sum(p for p in paths if p > 0), "slip_backward": -sum(p for p in paths if p < 0)}
 
 
 def friction_effect(gait: Gait) -> dict[str, float]:
-    """Relative change of the slip of a gait in one cycle if the friction is wrong by ``WRONG``, at least.
+    """Smallest relative change of the slip in one cycle if the friction is wrong by ``FRICTION_ERROR`` either way.
 
-    Infinite for a direction in which the foot does not slip then, or if the motion ends before.
+    The effect is infinite for a direction in which the gait's foot does not slip, or if the motion ends early.
     """
     parameters, slip = gait.dynamics.parameters, slip_paths(gait.steps)
     coefficients = [key for key in parameters if key.startswith("friction") and not key.endswith("viscous")]
     effects = dict.fromkeys(slip, np.inf)
-    for factor in (1 - WRONG, 1 + WRONG):
+    for factor in (1 - FRICTION_ERROR, 1 + FRICTION_ERROR):
         dynamics = gait.dynamics.at({key: factor * parameters[key] for key in coefficients})
         walked = WalkerSimulator(dynamics).run(gait.state, steps=len(gait.steps))
         if walked.ending is Ending.COMPLETED:
@@ -233,8 +233,8 @@ def replay(
     finished: Callable[[Outcome], None],
     should_stop: Stop = None,
 ) -> list[Replay]:
-    """Replay a gait at several settings, by name, with different time steps, the largest first: ``gaitopt.replay``."""
-    Reference(gait)  # is refused if an engine has no law for it
+    """Replay a gait at every named setting and time step, the largest step first; see ``gaitopt.replay``."""
+    Reference(gait)  # raises an error here, before any process starts, if the engines cannot model the gait
     slip, effect = slip_paths(gait.steps), friction_effect(gait)
     return [
         Replay(

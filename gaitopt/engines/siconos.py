@@ -1,6 +1,7 @@
 """Adapter of Siconos (nonsmooth.gricad-pages.univ-grenoble-alpes.fr): time stepping by Moreau and Jean, rigid contacts.
 
-Every body has the place (x, z) of its centre of mass and its angle as coordinates; joints are equations between rates.
+The coordinates of every body are the position (x, z) of its centre of mass and its angle; joints are equations between
+rates.
 Siconos is in Debian (``python3-siconos``), not on PyPI.
 """
 
@@ -19,16 +20,17 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "default": {"theta": 0.5, "ahead": 0.0, "tolerance": 1e-4},
     "best": {"theta": 1.0, "ahead": 0.5, "tolerance": 1e-14},
 }
-"""Best: places follow from the rates after the step, which satisfy the equations of joints and contacts in mid-step
-(``ahead`` by half a step), so that joints do not open; the solver converges."""
+"""With ``best`` the coordinates advance with the rates after the step. These satisfy the equations of joints and
+contacts in mid-step (``ahead`` by half a step), so that joints do not drift apart. The solver iterates until it
+converges."""
 SLIMMEST = 1e-6
 """Moment of inertia per mass below which the solver of joints and contacts fails [m^2]."""
 OFF = 1.0
-"""Gap of a contact that is off [m]."""
+"""Gap that is added to a contact to switch it off [m]."""
 
 
 class Simulator:
-    """A walker in Siconos; parameters as for ``gaitopt.engines.mujoco.Simulator``."""
+    """A walker in Siconos; the parameters are those of ``gaitopt.engines.mujoco.Simulator``."""
 
     name: ClassVar[str] = "siconos"
     version: ClassVar[str] = version("siconos")
@@ -59,8 +61,8 @@ class Simulator:
         """Set coordinates and rates."""
         tree, n = self._tree, len(self._tree.bodies)
         points = [tree.point(k, body.com, q, v) for k, body in enumerate(tree.bodies)]
-        own = [np.column_stack([[point[j] for point in points], tree.angles((q, v)[j])]).ravel() for j in range(2)]
-        for values, copies in zip(own, (("q0", "q"), ("velocity0", "velocity")), strict=True):
+        state = [np.column_stack([[point[j] for point in points], tree.angles((q, v)[j])]).ravel() for j in range(2)]
+        for values, copies in zip(state, (("q0", "q"), ("velocity0", "velocity")), strict=True):
             for copy in copies:
                 getattr(self._bodies, copy)()[:] = values
         self._rows = [(np.zeros((2, 3 * n), order="F"), np.zeros(2)) for _ in (*self._joints, *tree.feet)]
@@ -76,7 +78,7 @@ class Simulator:
         self._simulation = kernel.TimeStepping(self._model, times, self._integrator, self._problem)
 
     def step(self, force: Array, touching: tuple[bool, bool]) -> tuple[Array, Array, Array]:
-        """One time step under forces on the coordinates: coordinates, rates, and (f_t, f_n) of both feet in it."""
+        """Advance by one time step under forces on the coordinates; see ``outcome.Simulator``."""
         tree = self._tree
         self._force[:] = self._weight
         for k, (body, torque) in enumerate(zip(tree.bodies, force[2:], strict=True)):
@@ -90,9 +92,9 @@ class Simulator:
         self._simulation.nextStep()
         q, v = (values().reshape(-1, 3).copy() for values in (self._bodies.q, self._bodies.velocity))
         arm, turning = _turned(q[0, 2], tree.bodies[0].com)
-        place = np.concatenate([q[0, :2] - arm, tree.relative(q[:, 2])])
+        coordinates = np.concatenate([q[0, :2] - arm, tree.relative(q[:, 2])])
         rates = np.concatenate([v[0, :2] - turning * v[0, 2], tree.relative(v[:, 2])])
-        return place, rates, forces
+        return coordinates, rates, forces
 
     def _linearise(self, touching: tuple[bool, bool]) -> None:
         """Write gaps of joints (x, z) and contacts (normal, tangential) as linear functions of the coordinates."""
@@ -121,7 +123,7 @@ class Simulator:
 
 
 def _turned(angle: float, point: Any) -> tuple[Array, Array]:
-    """A point of a body in the axes of the ground, and its derivative by the angle."""
+    """A point of a body in the axes of the ground, and its derivative with respect to the angle."""
     x, z = point
     s, c = np.sin(angle), np.cos(angle)
     return np.array([x * c + z * s, z * c - x * s]), np.array([z * c - x * s, -x * c - z * s])

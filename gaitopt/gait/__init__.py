@@ -1,12 +1,13 @@
 """Results as data: gaits, trajectories, branches, their scalars and their records.
 
-curves      smooth curves by their values at Chebyshev points: integrals, extrema, roots
-trajectory  arcs of one mode, impacts, steps, simulated trajectories and their endings
-measures    the scalars of steps as numbers
-shares      contact forces that the equations of motion leave open, and their bounds
-zero_dynamics  what is left of a motion under virtual constraints: delta^2 and the potential
-gait        ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
-branch      ``Branch``: points, special points, cascades of period doublings
-records     types of all records, and the identities that their numbers satisfy
-frames      tables as pandas data frames and xarray datasets
+- ``curves``: smooth curves given by their values at Chebyshev points: integrals, extrema, roots
+- ``trajectory``: arcs of one mode, impacts, steps, simulated trajectories and their endings
+- ``measures``: the scalars of steps as numbers
+- ``impacts``: the impacts of a motion with the impulses at all contacts
+- ``shares``: contact forces that the equations of motion do not determine, and their bounds
+- ``zero_dynamics``: the motion on the surface of virtual constraints: delta^2 and the potential
+- ``gait``: ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
+- ``branch``: ``Branch``: points, special points, cascades of period doublings
+- ``records``: types of all records, and the identities that their numbers satisfy
+- ``frames``: tables as pandas data frames and xarray datasets
 """

@@ -48,17 +48,18 @@ _STATE = TypeAdapter(ContinuationStateRecord)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContinuationState(ReadOnlyArrays):
-    """State of a continuation at a point; with the gait, it resumes exactly as if it had not been interrupted.
+    """State of a continuation at a point. Together with the gait it resumes the continuation without losing a bit.
 
     Attributes
     ----------
     unknowns : ndarray, shape (n_w,) - the solution: nodes, durations and parameter, in SI.
     direction : ndarray, shape (n_w,) - tangent of the branch.
-    arcs : phase, segment of the control, start, end and intervals of every arc; start and end are times [s] of
-        breakpoints, or None where the arc starts (ends) with its phase.
-    origin : value of the parameter for which the units of the equations are those of the walker.
-    metric : ndarray, shape (n_z + 2,) - scales of arclength: sizes of the state, period [s] and span.
-    earlier : number of points before this one from which the next one is extrapolated.
+    arcs : phase, segment of the control, start, end and number of intervals of every arc. Start and end are the times
+        [s] of breakpoints, or None if the arc starts (ends) with its phase.
+    origin : value of the parameter at which the natural units of the equations are taken.
+    metric : ndarray, shape (n_z + 2,) - scales of arclength: sizes of the states, the period [s], and the span of the
+        parameter.
+    earlier : number of points before this one that the extrapolation to the next point uses.
     """
 
     unknowns: Array
@@ -70,7 +71,7 @@ class ContinuationState(ReadOnlyArrays):
 
     @staticmethod
     def from_record(record: ContinuationStateRecord) -> "ContinuationState":
-        """The state that ``to_record`` has written, to the last bit.
+        """The state from the record that ``to_record`` has written, with all its bits.
 
         Raises
         ------
@@ -91,7 +92,7 @@ class ContinuationState(ReadOnlyArrays):
         )
 
     def to_record(self) -> ContinuationStateRecord:
-        """One JSON object; decimal digits keep every bit."""
+        """One JSON object, with enough digits for every bit."""
         return {
             "unknowns": self.unknowns.tolist(),
             "direction": self.direction.tolist(),
@@ -110,11 +111,11 @@ class BranchPoint(ReadOnlyArrays):
     ----------
     branch : number of the branch; it changes with the mode sequence.
     index : number of the point within its branch.
-    value : the parameter.
-    gait : the gait, in full.
-    tangent : ndarray - direction of the branch in scaled section coordinates, durations and parameter, of unit length.
+    value : value of the parameter.
+    gait : the gait with its motion.
+    tangent : ndarray - unit tangent of the branch in scaled section coordinates, durations and parameter.
     length : arclength to the next trial point.
-    walk : state of the continuation here; None in a file of an earlier version.
+    walk : state of the continuation at this point; None if an earlier version wrote the file.
     """
 
     branch: int
@@ -129,7 +130,7 @@ class BranchPoint(ReadOnlyArrays):
         return f"<BranchPoint {self.branch}.{self.index} at {self.value:.9g}: {self.gait!r}>"
 
     def to_record(self) -> PointRecord:
-        """One JSON object: the keys of a gait, and its place on the branch."""
+        """One JSON object: the keys of a gait, and its branch, index and value."""
         record = {
             "record": "point",
             "branch": self.branch,
@@ -152,15 +153,15 @@ class SpecialPoint(ReadOnlyArrays):
     branch : number of its branch.
     type : ``fold``, ``branch_point``, ``period_doubling``, ``neimark_sacker``, ``mode_change``, ``impact_change``, or
         one of ``TERMINAL``.
-    value : the parameter.
-    status : ``converged`` when located to rounding, ``guess`` when only bracketed.
+    value : value of the parameter.
+    status : ``converged`` if located to machine precision, ``guess`` if only bracketed.
     reason : an explanation, if any.
-    before, after : cycles of modes on both sides of a change.
-    contact : the named contact, or the group of contacts, whose event it is; empty for any other.
+    before, after : mode sequences on both sides of a change.
+    contact : the named contact, or the group of contacts, whose event it is; empty for other events.
     next : numbers of the branches that continue from here.
-    bound : whether the family itself continues beyond this end, which is a bound of the request.
-    open : whether the continuation would go on with more points or more time.
-    gait : the gait at this point, or None where there is none.
+    bound : whether this end is a bound of the request; the family itself continues beyond it.
+    open : whether the continuation would proceed with more points or more time.
+    gait : the gait at this point; None if there is no gait.
     tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None if
         unknown.
     """
@@ -180,8 +181,8 @@ class SpecialPoint(ReadOnlyArrays):
     tangent: Array | None = None
 
     def __repr__(self) -> str:
-        words = f": {self.reason}" if self.reason else ""
-        return f"<SpecialPoint {self.type} at {self.value:.9g} (branch {self.branch}, {self.status}){words}>"
+        reason = f": {self.reason}" if self.reason else ""
+        return f"<SpecialPoint {self.type} at {self.value:.9g} (branch {self.branch}, {self.status}){reason}>"
 
     def to_record(self) -> SpecialRecord:
         """One JSON object with the keys of the command line."""
@@ -208,15 +209,15 @@ class SpecialPoint(ReadOnlyArrays):
 class Branch(Reported):
     """A family of gaits along a parameter: its points and its special points, in the order of the continuation.
 
-    Each point has a gait. Points of the same mode sequence have the same branch number; at a special point a branch
-    ends or others begin. Index and slice it like a list of points; ``values`` and ``column(name)`` are arrays to plot,
-    ``branch(number)`` is the part with one mode sequence, ``special(type)`` lists special points of a type, from which
-    ``gaitopt.continuation`` follows other branches.
+    Each point has a gait. Consecutive points of the same mode sequence have the same branch number; at a special point
+    a branch ends or others begin. Index and slice it like a list of points. ``values`` and ``column(name)`` are arrays
+    to plot, ``branch(number)`` is one branch of the family, and ``special(type)`` lists special points of a type, from
+    which ``gaitopt.continuation`` follows other branches.
 
     Attributes
     ----------
     parameter : dotted key of the parameter.
-    points, specials : in the order of the continuation.
+    points, specials : points and special points in the order of the continuation.
     """
 
     parameter: str
@@ -254,21 +255,21 @@ class Branch(Reported):
 
     @property
     def values(self) -> Array:
-        """The parameter at every point; shape (n,)."""
+        """Value of the parameter at every point; shape (n,)."""
         return np.array([point.value for point in self.points])
 
     def column(self, name: str) -> Array:
-        """A scalar of the result at every point, NaN where it is not defined; shape (n,).
+        """A scalar of the gait at every point, NaN where it is not defined; shape (n,).
 
         Raises
         ------
         KeyError
-            If the result has no such scalar.
+            If gaits have no such scalar.
         """
         return np.array([point.gait.scalar(name) for point in self.points], dtype=float)
 
     def branch(self, number: int) -> "Branch":
-        """The part with one mode sequence."""
+        """The points and special points with one branch number."""
         points = tuple(point for point in self.points if point.branch == number)
         specials = tuple(special for special in self.specials if special.branch == number)
         return Branch(parameter=self.parameter, points=points, specials=specials)
@@ -292,7 +293,8 @@ class Branch(Reported):
     def to_xarray(self) -> "Dataset":
         """The points as an xarray dataset over ``point``, with units as attributes.
 
-        ``multiplier_re`` and ``multiplier_im`` run over ``multiplier`` too, NaN where a gait has fewer.
+        ``multiplier_re`` and ``multiplier_im`` have the further dimension ``multiplier``; gaits with fewer multipliers
+        are filled up with NaN.
         """
         header, rows = branch_table(self.to_records())
         columns = columns_of(header, rows[: len(self.points)])
@@ -303,10 +305,10 @@ class Branch(Reported):
         multipliers = np.full((len(self.points), most), np.nan + 1j * np.nan)
         for row, point in zip(multipliers, self.points, strict=True):
             row[: point.gait.multipliers.size] = point.gait.multipliers
-        for name, part in (("multiplier_re", multipliers.real), ("multiplier_im", multipliers.imag)):
-            variables[name] = (("point", "multiplier"), part)
-        places = {name: variables.pop(name) for name in _PLACE}
-        return data_set(variables, places, self._units(header), parameter=self.parameter)
+        for name, values in (("multiplier_re", multipliers.real), ("multiplier_im", multipliers.imag)):
+            variables[name] = (("point", "multiplier"), values)
+        coordinates = {name: variables.pop(name) for name in _PLACE}
+        return data_set(variables, coordinates, self._units(header), parameter=self.parameter)
 
     def _units(self, header: Sequence[str]) -> dict[str, str]:
         problem = self.points[0].gait.problem if self.points else None
@@ -314,14 +316,14 @@ class Branch(Reported):
 
 
 def collected(parameter: str, records: Sequence[BranchPoint | SpecialPoint]) -> Branch:
-    """The branch of points and special points in the order in which they were computed."""
+    """The branch made of points and special points in the order in which they were computed."""
     points = tuple(record for record in records if isinstance(record, BranchPoint))
     specials = tuple(record for record in records if isinstance(record, SpecialPoint))
     return Branch(parameter=parameter, points=points, specials=specials)
 
 
 def ends_by_request(record: Mapping[str, Any]) -> bool:
-    """Whether the record of a special point is the end of the request, and not of the family."""
+    """Whether a special point ends the continuation only because of its request, not because the family ends."""
     return bool(record.get("bound") or record.get("open"))
 
 
@@ -346,12 +348,12 @@ def branch_table(records: Sequence[BranchRecord]) -> tuple[list[str], list[list[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cascade:
-    """Period doublings of which each lies on the family that begins at the one before.
+    """A chain of period doublings: each one lies on the family that begins at the one before.
 
     Attributes
     ----------
-    n_steps : steps of the cycles whose period doubles.
-    values : the parameter at each.
+    n_steps : number of steps of the cycle at each doubling, before its period doubles.
+    values : value of the parameter at each doubling.
     """
 
     n_steps: tuple[int, ...]
@@ -359,22 +361,25 @@ class Cascade:
 
     @property
     def ratios(self) -> tuple[float, ...]:
-        """Distance of neighbours over the next distance, one for every three doublings in turn."""
+        """Ratio of each distance between neighbouring doublings to the next distance."""
         distances = [later - earlier for earlier, later in pairwise(self.values)]
         return tuple(first / second for first, second in pairwise(distances))
 
     def __str__(self) -> str:
-        places = [f"{n} -> {2 * n} steps at {value:.10g}" for n, value in zip(self.n_steps, self.values, strict=True)]
+        doublings = [
+            f"{n} -> {2 * n} steps at {value:.10g}" for n, value in zip(self.n_steps, self.values, strict=True)
+        ]
         ratios = [f"{ratio:.5g}" for ratio in self.ratios]
-        return ", ".join(places) + (f"; ratios of the distances {', '.join(ratios)}" if ratios else "")
+        return ", ".join(doublings) + (f"; ratios of the distances {', '.join(ratios)}" if ratios else "")
 
 
 def cascades(records: Iterable[Mapping[str, Any]]) -> list[Cascade]:
-    """All chains of two or more doublings, along the first doubling of every family.
+    """All chains of two or more doublings; each chain follows the first doubling of every family.
 
     Parameters
     ----------
-    records : points and special points; of their records only the places, numbers of steps and types are needed.
+    records : records of points and special points; only the keys ``record``, ``type``, ``branch``, ``next``, ``value``
+        and ``n_steps`` are needed.
     """
     steps, doublings, changes = dict[int, int](), list[Mapping[str, Any]](), dict[int, list[int]]()
     for record in records:

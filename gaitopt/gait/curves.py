@@ -1,4 +1,4 @@
-"""Smooth curves on an interval by their values at Chebyshev points of the second kind.
+"""Smooth curves on an interval, represented by their values at Chebyshev points of the second kind.
 
 Integrals, extrema and roots of any quantity along a smooth arc then have the same accuracy as the states of the arc.
 """
@@ -12,18 +12,18 @@ from numpy.polynomial import chebyshev
 from gaitopt.arrays import Array
 
 FINE_FACTOR = 6
-"""Points of the grid on which extrema and roots are bracketed, per Chebyshev point."""
+"""The grid on which extrema and roots are bracketed has this many points per Chebyshev point."""
 NEWTON_STEPS = 4
-"""Quadratic convergence from a grid of this density reaches rounding in three steps; the fourth is a reserve."""
+"""From a grid of this density Newton's method reaches machine precision in three steps; the fourth is a reserve."""
 COUNTS = (33, 65, 129, 257)
 """Numbers of points that are tried in turn until an arc is resolved; 33 resolve a phase of walking."""
 RESOLVED = 1e-12
-"""Last Chebyshev coefficients (see ``tail``) of an arc that is resolved: the rounding of its states."""
+"""An arc is resolved if its last Chebyshev coefficients (see ``tail``) are below this, the rounding of its states."""
 SHORT_ARC = 1e-4
-"""Arcs shorter than this part of the step are skipped: their curves are rounding errors."""
-CLEAR = 1e-3
-"""Part of its largest value above which a margin has risen. Next to a phase of almost no duration the value from which
-it starts is not exactly zero."""
+"""Arcs shorter than this part of the step are skipped, because their curves consist of rounding errors."""
+RISEN = 1e-3
+"""A margin has risen once it exceeds this part of its largest value. The threshold is not zero because a margin beside
+a phase of almost no duration does not start exactly at zero."""
 
 
 @lru_cache(maxsize=32)
@@ -69,7 +69,7 @@ def _differentiation(count: int) -> Array:
 
 @lru_cache(maxsize=32)
 def _primitive(count: int) -> Array:
-    """From values at the points to the Chebyshev coefficients of the curve's integral; shape (count + 1, count)."""
+    """The matrix from values at the points to Chebyshev coefficients of the integral; shape (count + 1, count)."""
     return np.asarray(chebyshev.chebint(_analysis(count)), dtype=float)
 
 
@@ -79,9 +79,10 @@ def coefficients(values: Array) -> Array:
 
 
 def tail(values: Array) -> float:
-    """Size of the last coefficients, relative to the largest value of each column or one: the curve's resolution.
+    """Size of the last three coefficients relative to the largest value of their column, which counts at least as one.
 
-    Pass values in natural units, so that one is a meaningful size.
+    It shows how well the points resolve the curve. The values must be in natural units, so that one is a meaningful
+    size.
     """
     c = np.abs(coefficients(values))
     scale = np.maximum(np.abs(values).max(axis=0), 1.0)
@@ -106,9 +107,9 @@ def primitive(values: Array, duration: float) -> Array:
 
 
 def signed_weights(values: Array) -> tuple[Array, Array]:
-    """Weights (m,) that integrate curves over [-1, 1], multiplied by the sign of the one through ``values`` (m,).
+    """Weights (m,) that integrate a curve times the sign of the curve through ``values`` (m,) over [-1, 1].
 
-    The second result are the changes of sign, across which the integrals are exact.
+    The second result contains the points where this sign changes; the integrals are exact across them.
     """
     changes = roots(values)
     pieces = np.diff(evaluate(_primitive(values.size), np.concatenate([[-1.0], changes, [1.0]])), axis=0)
@@ -116,7 +117,7 @@ def signed_weights(values: Array) -> tuple[Array, Array]:
 
 
 def absolute_integral(values: Array, duration: float) -> float:
-    """Integral of the curve's absolute value, exact across its changes of sign."""
+    """Integral of the absolute value of a curve, exact across its changes of sign."""
     return float(signed_weights(values)[0] @ values) * duration / 2
 
 
@@ -126,7 +127,7 @@ def integrals(columns: Array, duration: float) -> Array:
 
 
 def roots(values: Array) -> Array:
-    """Roots in (-1, 1) at which the curve changes sign, ascending; at an end, rounding decides."""
+    """Roots in (-1, 1) at which the curve changes sign, ascending. A root at an end may be included or not."""
     s, to_fine, _ = _fine(values.shape[0])
     c, fine = coefficients(values), to_fine @ values
     negative = fine < 0  # a zero on the grid counts as positive, so no change is missed or counted twice
@@ -138,7 +139,7 @@ def roots(values: Array) -> Array:
 
 
 def _double_changes(values: Array, c: Array, fine: Array) -> Array:
-    """Pairs of roots between two neighbours on the fine grid, where the curve briefly crosses zero."""
+    """Pairs of roots between two neighbours on the fine grid, between which the curve crosses zero and returns."""
     s, _, to_slopes = _fine(values.shape[0])
     toward = fine * (to_slopes @ values) < 0
     cells = np.flatnonzero(toward[:-1] & ~toward[1:] & ((fine[:-1] < 0) == (fine[1:] < 0)))
@@ -171,7 +172,7 @@ def minima(values: Array) -> Array:
 
 
 def maximum(values: Array, start: float = -1.0) -> tuple[float, float]:
-    """Where in [start, 1] the curve is largest, and its value there."""
+    """The point in [start, 1] where the curve is largest, and its value there."""
     s, to_fine, _ = _fine(values.shape[0])
     heights = to_fine @ values
     if start > -1:
@@ -196,22 +197,24 @@ def derivative(c: Array) -> Array:
 def lowest_after_rise(
     times: Sequence[Array], values: Sequence[Array], level: float | None = None
 ) -> tuple[float, float]:
-    """Value and time of the lowest interior minimum of a margin after it has risen; below zero it falls early.
+    """Value and time of the lowest interior minimum of a margin after it has risen.
+
+    If the value is negative, the margin falls to zero too early.
 
     Parameters
     ----------
-    times : of each arc of a step, at its Chebyshev points [s].
-    values : of the margin there, in natural units.
-    level : above which it has risen, by default a part of its largest value. With a level, a margin that starts at zero
-        and rises at once has risen, however short the rise.
+    times : times of each arc of a step, at its Chebyshev points [s].
+    values : values of the margin at these points, in natural units.
+    level : value above which the margin has risen; None for the part ``RISEN`` of its largest value. If a level is
+        given, a margin that starts at zero and rises at once counts as risen, however short the rise.
 
     Returns
     -------
-    lowest, time : infinity and the end of the step where there is no such minimum.
+    lowest, time : infinity and the end of the step if there is no such minimum.
     """
     lowest, at, risen = np.inf, float(times[-1][-1]), False
     rises_at_once = level is not None
-    level = CLEAR * max(float(margin.max()) for margin in values) if level is None else level
+    level = RISEN * max(float(margin.max()) for margin in values) if level is None else level
     for arc, margin in zip(times, values, strict=True):
         if arc[-1] - arc[0] < SHORT_ARC * abs(times[-1][-1]):
             continue
@@ -226,7 +229,7 @@ def lowest_after_rise(
 
 
 def _newton(c: Array, lower: Array, upper: Array, start: Array | None = None) -> Array:
-    """Roots of the series ``c``, one in each bracket; an iterate outside its bracket is moved to the bracket's end."""
+    """Roots of the series ``c``, one in each bracket; an iterate that leaves its bracket is moved back to its end."""
     both = np.column_stack([c, np.append(derivative(c), 0.0)[: c.size]])  # a constant keeps one coefficient
     s = (lower + upper) / 2 if start is None else start
     for _ in range(NEWTON_STEPS):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from xarray import Dataset
 
 Units = Mapping[str, str]
-"""Units by the names of the columns that have one."""
+"""Units of columns by name; columns without a unit are missing."""
 
 
 def data_frame(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Units, **attributes: Any) -> "DataFrame":
@@ -36,7 +36,7 @@ def data_set(
     units: Units,
     **attributes: Any,
 ) -> "Dataset":
-    """Arrays by name with the names of their dimensions; each has its unit as an attribute.
+    """A dataset of arrays, given by name with the names of their dimensions; their units become attributes.
 
     Raises
     ------
@@ -48,8 +48,8 @@ def data_set(
         return dims, np.asarray(values), {"units": units[name]} if units.get(name) else {}
 
     arrays = {name: with_unit(name, *value) for name, value in variables.items()}
-    places = {name: with_unit(name, *value) for name, value in coordinates.items()}
-    return _package("xarray").Dataset(arrays, places, attributes)
+    axes = {name: with_unit(name, *value) for name, value in coordinates.items()}
+    return _package("xarray").Dataset(arrays, axes, attributes)
 
 
 def sample_set(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Units, **attributes: Any) -> "Dataset":
@@ -59,7 +59,7 @@ def sample_set(header: Sequence[str], rows: Iterable[Sequence[Any]], units: Unit
 
 
 def columns_of(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> dict[str, Any]:
-    """The columns of a table by name: floats with NaN for None, or words."""
+    """The columns of a table by name: floats with NaN for None, or texts."""
     columns = dict[str, Any]()
     for name, column in zip(header, zip(*rows, strict=True), strict=True):
         missing = "" if any(isinstance(value, str) for value in column) else np.nan

@@ -2,8 +2,8 @@
 
     P(xi) = xi,        multipliers: eigenvalues of DP at xi
 
-``Gait`` is the result of the solver, ``Attractor`` a gait as the simulator finds it. The table of a motion has a row
-per sample: time, mode, state, contact force and torques.
+``Gait`` is the result of the solver, ``Attractor`` a gait that simulated walks converge to. The table of a motion has a
+row per sample: time, mode, state, contact force and torques.
 """
 
 from abc import abstractmethod
@@ -42,16 +42,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """One violated condition, a reason why there is no gait.
+    """A violated condition, which is a reason why there is no gait.
 
     Attributes
     ----------
     what : the quantity: ``friction``, ``normal_force``, ``duration``, ``touchdown``, the name of a constraint, ...
     words : the cause as a sentence.
-    phase : index of the phase through all steps; None for an impact, and where it concerns no phase.
+    phase : index of the phase, counted through all steps; None for an impact, or if the cause concerns no phase.
     step : index of the step.
-    time : since the last impact [s]; None where there is no single time.
-    needed, available : the required and the actual value, in SI; None where there are no such numbers.
+    time : time since the last impact [s]; None if there is no single time.
+    needed, available : the required and the actual value, in SI; None if there are no such numbers.
     severity : the violation relative to the usual size of the quantity.
     """
 
@@ -72,7 +72,7 @@ class Cause:
 
 
 def describe_causes(causes: tuple[Cause, ...] | list[Cause]) -> str:
-    """All causes as one line."""
+    """The sentences of all causes in one line."""
     return "; ".join(cause.words for cause in causes)
 
 
@@ -89,19 +89,19 @@ def floquet_multipliers(return_map: Array) -> NDArray[np.complex128]:
 def multiplier_distance(
     first: NDArray[np.complex128], second: NDArray[np.complex128], *, relative: bool = False
 ) -> float:
-    """Largest distance between two sets of multipliers, paired so that the sum of distances is the least.
+    """Largest distance between two sets of multipliers, paired so that the sum of the distances is smallest.
 
     Parameters
     ----------
     first, second : complex ndarrays, shape (n,).
-    relative : divide each distance by the modulus of the second multiplier where that exceeds one.
+    relative : whether each distance is divided by the modulus of the second multiplier if that exceeds one.
     """
     distances = np.abs(first[:, None] - second[None, :])
     distances /= np.maximum(1.0, np.abs(second)) if relative else 1.0
     closest = distances.argmin(axis=1) if distances.size else np.arange(0)
     if len({*closest.tolist()}) == closest.size:  # all closest partners differ
         return float(distances.min(axis=1, initial=np.inf).max(initial=0.0))
-    from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import, and is seldom needed
+    from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import and is rarely needed
 
     rows, columns = linear_sum_assignment(distances)
     return float(distances[rows, columns].max(initial=0.0))
@@ -131,16 +131,16 @@ class WalkerMotion(Moving, ReadOnlyArrays):
         return self.dynamics.p
 
     def to_frame(self) -> "DataFrame":
-        """All steps as a pandas data frame, units in ``attrs["units"]``.
+        """All steps as a pandas data frame, with units in ``attrs["units"]``.
 
-        It has the columns of the table in a run folder, and under a law over a phase variable that is no coordinate
-        also this variable and its rate.
+        It has the columns of the table in a run folder. If the control law depends on a phase variable that is not a
+        coordinate, it also has this variable and its rate.
         """
         header, rows, attributes = self._table()
         return data_frame(header, rows, _units(self.system), **attributes)
 
     def to_xarray(self) -> "Dataset":
-        """The same as an xarray dataset over ``sample``, with the time as a coordinate and units as attributes."""
+        """All steps as an xarray dataset over ``sample``, with the time as a coordinate and units as attributes."""
         header, rows, attributes = self._table()
         return sample_set(header, rows, _units(self.system), **attributes)
 
@@ -151,7 +151,7 @@ class WalkerMotion(Moving, ReadOnlyArrays):
 
     @abstractmethod
     def _tabulated(self) -> tuple[tuple[Step, ...], dict[str, str]]:
-        """The steps of the table, and its attributes."""
+        """The steps and the attributes of the table."""
 
     def _state_record(self, state: Array) -> dict[str, float]:
         return dict(zip(self.system.state_names, map(float, state), strict=True))
@@ -160,7 +160,7 @@ class WalkerMotion(Moving, ReadOnlyArrays):
 def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
     """Names of the columns: t [s], mode, the state in SI, f_t and f_n [N], and the torque of every actuator [N m].
 
-    Several contacts have columns of their own, ``f_t.left`` and ``f_n.left``.
+    If the walker has several contacts, each has its own columns, such as ``f_t.left`` and ``f_n.left``.
     """
     walker = system.walker
     forces = (walker.quantity(force, name) for name in walker.contact_names() for force in ("f_t", "f_n"))
@@ -168,7 +168,7 @@ def trajectory_header(system: HybridSystem) -> tuple[str, ...]:
 
 
 def phase_columns(system: HybridSystem) -> tuple[str, ...]:
-    """Names of the phase variable of the control law and of its rate; empty if it has none, or it is a coordinate."""
+    """Names of the control law's phase variable and of its rate; empty if there is none, or it is a coordinate."""
     name = system.control.phase_variable
     return (name, f"d{name}") if name and name not in system.state_names else ()
 
@@ -176,8 +176,8 @@ def phase_columns(system: HybridSystem) -> tuple[str, ...]:
 def trajectory_rows(steps: Iterable[Step], phase: tuple[str, ...] = ()) -> Iterator[tuple[float | str, ...]]:
     """Rows under ``trajectory_header``, and under ``phase_columns`` if they are given.
 
-    Time continues over the steps, x is measured from the stance foot of each step. Both ends of an arc have a row, so
-    that a time that occurs twice separates two arcs. Undetermined forces are NaN.
+    The time continues over the steps; x is measured from the stance foot of each step. Both ends of an arc have a row,
+    so that two arcs are separated by a time that occurs twice. Undetermined forces are NaN.
     """
     began = 0.0
     for step in steps:
@@ -201,8 +201,9 @@ def _units(system: HybridSystem) -> dict[str, str]:
     return {**columns, **states, **actuator_units(system.walker)}
 
 
-REPEATED = 1e-6
-"""Largest difference of the states of steps that are the same, relative to the largest coordinate in natural units."""
+SAME_STATE = 1e-6
+"""Largest difference between the states of two steps that count as equal, relative to the largest coordinate; both in
+natural units."""
 
 
 class Status(StrEnum):
@@ -221,10 +222,11 @@ class Shooting(ReadOnlyArrays):
     Attributes
     ----------
     times : ndarray, shape (n_nodes,) - time since the last impact of every node [s].
-    states : ndarray, shape (n_nodes, n_z).
+    states : ndarray, shape (n_nodes, n_z) - state at every node.
     intervals : number of intervals of every arc.
     residual : largest violation of the equalities, in natural units.
-    errors : ndarray, shape (n_phases,) - estimated integration error of states and duration of every phase, likewise.
+    errors : ndarray, shape (n_phases,) - estimated integration error of states and duration of every phase, in natural
+        units.
     """
 
     times: Array
@@ -238,24 +240,25 @@ class Shooting(ReadOnlyArrays):
 class Gait(WalkerMotion):
     """A periodic cycle of steps; or a failed solve, whose ``status`` is not ``converged``.
 
-    It has motion (``state``, ``period``, ``phases``, ``steps``), stability (``multipliers``, ``spectral_radius``)
-    and scalars (``measures``, ``scalar(name)``). ``gaitopt.verify`` checks it by an independent simulation,
-    ``continuation`` follows it. A failed solve has ``message`` and ``causes`` instead.
+    A gait has a motion (``state``, ``period``, ``phases``, ``steps``), its stability (``multipliers``,
+    ``spectral_radius``) and scalars (``measures``, ``scalar(name)``). ``gaitopt.verify`` checks it by an independent
+    simulation, ``gaitopt.continuation`` follows it along a parameter. A failed solve has ``message`` and ``causes``
+    instead.
 
     Attributes
     ----------
     problem : the problem that was solved.
-    dynamics : the hybrid system at its parameters; free parameters have the values found.
+    dynamics : the hybrid system at its parameters, including the solution for free parameters.
     status, message : result of the solver, and its explanation.
     steps : the steps of the cycle with arcs at Chebyshev points; empty after a failure.
     shooting : the nodes, or None after a failure.
     multipliers : complex ndarray - Floquet multipliers by implicit differentiation, largest modulus first.
-    measures : scalars of the step by name, see ``measure``.
-    freed : values found for free parameters, by dotted key.
+    measures : scalars of the cycle by name, see ``measure``.
+    freed : solution for free parameters, by dotted key.
     solver : ``method``, ``iterations``, ``seconds``, and further numbers.
     verification : record of the last verification, if any.
     causes : why there is no gait, most important cause first; empty for a gait.
-    timed : indices of the phases that end at a breakpoint of the control because the torques jump.
+    timed : indices of the phases that end at a breakpoint of the control, because the torques jump there.
     """
 
     status: Status
@@ -279,7 +282,8 @@ class Gait(WalkerMotion):
 
     def __post_init__(self) -> None:
         ReadOnlyArrays.__post_init__(self)
-        if self.steps and self.steps[0].arcs[0].dynamics is not self.dynamics:  # replaced: of all arcs
+        # ``replace(gait, dynamics=...)`` replaces the dynamics of all arcs too
+        if self.steps and self.steps[0].arcs[0].dynamics is not self.dynamics:
             steps = (
                 replace(step, arcs=tuple(replace(arc, dynamics=of_step) for arc in step.arcs))
                 for step, of_step in zip(self.steps, cycle(self.dynamics.steps), strict=False)
@@ -293,7 +297,7 @@ class Gait(WalkerMotion):
 
     @property
     def cycle(self) -> Cycle:
-        """The mode sequences of its steps, with the phases that are timed; those of the problem have none."""
+        """The mode sequences of its steps, including which phases are timed; the problem does not state the latter."""
         return self.problem.cycle.with_timed(self.timed)
 
     @property
@@ -311,7 +315,7 @@ class Gait(WalkerMotion):
 
     @property
     def state(self) -> Array:
-        """State just after the impact; shape (n_z,). Raises as ``motion``."""
+        """State just after the impact; shape (n_z,). Raises the error of ``motion``."""
         return self.motion[0].arcs[0].states[0]
 
     @property
@@ -326,12 +330,12 @@ class Gait(WalkerMotion):
 
     @property
     def period(self) -> float | None:
-        """Time of the whole cycle [s]; None if the attempt failed."""
+        """Duration of the cycle [s]; None if the attempt failed."""
         return float(sum(step.period for step in self.steps)) if self.steps else None
 
     @property
     def spectral_radius(self) -> float | None:
-        """Largest modulus of the multipliers; below one the gait is stable."""
+        """Largest modulus of the multipliers; the gait is stable if it is below one."""
         return float(np.abs(self.multipliers[0])) if self.multipliers.size else None
 
     @property
@@ -346,19 +350,21 @@ class Gait(WalkerMotion):
 
     @property
     def repeats_after(self) -> int:
-        """Number of steps after which the gait repeats; fewer than its steps if it consists of a shorter cycle."""
-        n, least = len(self.steps), len(self.dynamics.steps)
-        if n <= least:
+        """Number of steps of the shortest cycle that repeats itself within the gait; usually all of its steps."""
+        n, shortest = len(self.steps), len(self.dynamics.steps)
+        if n <= shortest:
             return n
         steps = self.cycle.steps
         unit = self.dynamics.state_units
         states = np.array([step.arcs[0].states[0] for step in self.steps]) / unit
 
         def repeats(k: int) -> bool:
-            same = steps[k:] == steps[:-k] and np.abs(states[k:] - states[:-k]).max() < REPEATED * np.abs(states).max()
+            same = (
+                steps[k:] == steps[:-k] and np.abs(states[k:] - states[:-k]).max() < SAME_STATE * np.abs(states).max()
+            )
             return n % k == 0 and bool(same)
 
-        return next((k for k in range(least, n, least) if repeats(k)), n)
+        return next((k for k in range(shortest, n, shortest) if repeats(k)), n)
 
     def scalar(self, name: str) -> float:
         """A measure, ``spectral_radius``, ``state.NAME`` or a parameter by its key; NaN where it is not defined.
@@ -429,10 +435,10 @@ class Gait(WalkerMotion):
 
 
 def require_gait(start: object, call: str) -> None:
-    """Raise ProblemError if a problem, or its name, is given in place of its gait."""
+    """Raise a ProblemError if the argument ``start`` of a call is a problem, or its name, instead of a gait."""
     if isinstance(start, str | Path | Problem):
-        words = f"solve({str(start)!r})" if isinstance(start, str | Path) else "solve(problem)"
-        raise ProblemError(f"{call} takes a gait, not a problem; give {words}")
+        remedy = f"solve({str(start)!r})" if isinstance(start, str | Path) else "solve(problem)"
+        raise ProblemError(f"{call} takes a gait, not a problem; give {remedy}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -442,10 +448,10 @@ class Attractor(ReadOnlyArrays):
     Attributes
     ----------
     problem : the problem of its walker.
-    state : ndarray, shape (k,) - section coordinates; with several contacts the whole state.
-    period : steps per cycle.
-    phases, impact : modes of the step that leads there.
-    count : number of states of the grid that converge to it.
+    state : ndarray, shape (k,) - section coordinates; with several contacts, the whole state.
+    period : number of steps per cycle.
+    phases, impact : modes of the step that ends in this state.
+    count : number of grid points of the basin that converge to it.
     """
 
     problem: Problem

@@ -18,16 +18,17 @@ from gaitopt.model.modes import FOOT, OFF, Mode
 from gaitopt.model.section import TOUCHDOWN
 
 SAME_STATE = 1e-9
-"""Difference of two states that rounding may cause."""
+"""Largest difference of two equal states that rounding can cause, in SI."""
 IMPULSES = ("F_t", "F_n")
 
 
 def impact_records(motion: Trajectory) -> Iterator[dict[str, Any]]:
-    """All impacts of a motion in order, as JSON objects: those that end its steps, and those within them.
+    """All impacts of a motion in order, as JSON objects: those that end its steps, and those within steps.
 
-    ``time`` [s] and ``step``; ``of``: what strikes, the ``swing_foot``, contacts or stops; ``impact``: the mode just
-    after it, with the names from before the feet swap their places; ``impulse``: (F_t, F_n) [N s] of every contact that
-    touches then, or of the foot. An impulse is None if contacts share it in any way.
+    ``time`` [s] and ``step`` say when the impact happens. ``of`` names what strikes: the ``swing_foot``, contacts or
+    stops. ``impact`` is the mode just after it, with the names before the feet swap roles. ``impulse`` has (F_t, F_n)
+    [N s] of every contact that touches then, or of the foot; an impulse is None if the equations of the impact do not
+    determine it.
     """
     began, z = 0.0, motion.start
     for number, step in enumerate(motion.steps, start=1):
@@ -61,7 +62,7 @@ def _landing(dynamics: Dynamics, struck: Mode, before: Mode | None, z: Array) ->
 
 
 def _without(struck: Mode, of: list[str]) -> Mode:
-    """The mode before an impact at the start of a motion, in which what strikes then has not struck."""
+    """The mode before an impact at the start of a motion, in which the contacts ``of`` do not touch yet."""
     off = struck.contact.with_states({name: OFF for name in of if name in struck.contacts})
     return Mode.of(off, {name: "locked" for name in struck.locked if name not in of})
 
@@ -76,7 +77,7 @@ def _impulse(dynamics: Dynamics, struck: Mode, before: Mode, z: Array, z_plus: A
 def _impact_entry(
     dynamics: Dynamics, time: float, step: int, of: list[str], mode: Mode, impulse: Array | None
 ) -> dict[str, Any]:
-    """The record of one impact; shares of impulses that the equations of the impact leave open are None."""
+    """The record of one impact; impulses that the equations of the impact do not determine are None."""
     walker, of_contacts = dynamics.system.walker, dict[str, dict[str, float | None]]()
     open_shares = undetermined_in(walker, mode)
     pairs = [] if impulse is None else impulse.reshape(-1, 2).tolist()

@@ -26,25 +26,26 @@ from gaitopt.problem.scalars import MEASURES, SCALARS
 
 ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
-"""Length of a step, in leg lengths, below which the walker has not moved."""
+"""A walker whose cycle is shorter than this has not moved, in leg lengths."""
 AT_LIMIT = 1e-6
-"""Angle [rad] and relative torque beyond a limit that an optimum at the limit may have."""
+"""An optimum may exceed the limit of an angle by this [rad], and that of a torque by this part of the limit."""
 WITHOUT_FORCE = 1e-9
-"""Part of the largest contact force below which it counts as zero, as the force of a massless leg's spring may be."""
+"""A contact force below this part of the largest one counts as zero. The spring force of a massless leg is zero at
+touchdown and lift-off."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """Quantities along one arc, all at its times (m points).
+    """Quantities along one arc, at the m times of its points.
 
     Attributes
     ----------
     force : ndarray, shape (m, 2 n) - contact forces (f_t, f_n) of the n contacts, one after the other [N].
     slip : ndarray, shape (m, n) - tangential velocities of the contacts [m/s].
-    torque : ndarray, shape (m, n_u) - [N m].
-    power : ndarray, shape (m, n_u) - of each motor [W].
-    swing_foot : ndarray, shape (m, 2) - position [m].
-    energy : ndarray, shape (m,) - kinetic plus potential [J].
+    torque : ndarray, shape (m, n_u) - torques of the motors [N m].
+    power : ndarray, shape (m, n_u) - power of each motor [W].
+    swing_foot : ndarray, shape (m, 2) - position of the swing foot [m].
+    energy : ndarray, shape (m,) - kinetic plus potential energy [J].
     loss : ndarray, shape (m,) - power that the dampers dissipate [W].
     """
 
@@ -70,11 +71,11 @@ def observe(arc: Arc) -> Observation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ContactObservation:
-    """A contact that touches the ground along an arc, or contacts that share their forces.
+    """A contact that touches the ground along an arc, or a group of contacts whose shares of a force are undetermined.
 
     Attributes
     ----------
-    names : of the contacts.
+    names : names of the contacts.
     direction : sign of the slip velocity, 0 if they stick.
     force : ndarray, shape (m, 2) - sum of their forces (f_t, f_n) [N].
     slip : ndarray, shape (m,) - tangential velocity [m/s].
@@ -87,28 +88,28 @@ class ContactObservation:
 
 
 def touching_contacts(arc: Arc, observed: Observation) -> Iterator[ContactObservation]:
-    """The contacts on the ground; those whose forces are undetermined are one."""
+    """The contacts on the ground; those with undetermined forces are combined to one observation."""
     walker, mode = arc.dynamics.system.walker, arc.mode
-    place = {name: k for k, name in enumerate(walker.contact_names())}
+    index = {name: k for k, name in enumerate(walker.contact_names())}
     group = undetermined(walker, mode)
     for names in (*([group] if group else []), *((name,) for name in mode.touching if name not in group)):
-        columns = [2 * place[name] for name in names]
+        columns = [2 * index[name] for name in names]
         yield ContactObservation(
             names=names,
             direction=mode.directions[names[0]],
             force=np.stack([observed.force[:, [k + row for k in columns]].sum(axis=1) for row in (0, 1)], axis=1),
-            slip=observed.slip[:, place[names[0]]],
+            slip=observed.slip[:, index[names[0]]],
         )
 
 
 def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     """All scalars of complete steps, by the names in ``MEASURES``.
 
-    A scalar that is not defined is None: a cost where the walker stays on the spot, the required friction without a
+    A scalar that is not defined is None: a cost if the walker stays on the spot, the required friction without a
     sticking phase, the impulse ratio without an impulse. Units are those of ``problem.scalars.SCALARS``.
 
-    ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other; of
-    several steps it is the smallest of these.
+    ``foot_clearance`` is the largest height of the swing foot after mid-swing, when the legs have passed each other. If
+    there are several steps, it is the smallest of these heights.
     """
     cycle = _Measured(steps)
     contacts = [contact for arc, o in cycle.arcs for contact in touching_contacts(arc, o)]
@@ -155,11 +156,11 @@ def exceeded_limits(steps: Sequence[Step]) -> Iterator[str]:
 
 
 def control_record(steps: Sequence[Step]) -> dict[str, Any]:
-    """Parameters of the control law by name, and where it has a reference the errors at both ends of the steps.
+    """Parameters of the control law by name; if it has a reference, also the tracking errors at both ends of the cycle.
 
-    The error just after the impact is the mismatch between the ends of the reference, if the error at its end is small.
-    Where the reference is fitted to a table or a gait, also the largest error of the fit.
-    Empty for passive walkers, constant torques and torques of an open loop.
+    If the error at the end is small, the error just after the impact is the mismatch between both ends of the
+    reference. If the reference is fitted to a table or a gait, the record also has the largest error of the fit. It is
+    empty for passive walkers, constant torques and open-loop torques.
     """
     if not steps:
         return {}
@@ -190,8 +191,8 @@ def control_record(steps: Sequence[Step]) -> dict[str, Any]:
 def contact_record(steps: Sequence[Step]) -> dict[str, Any]:
     """Scalars of every named contact along complete steps, and the contacts whose forces are undetermined somewhere.
 
-    A contact whose share of a force is undetermined has no scalars of forces; between which bounds each of its forces
-    lies stands beside them [N]. Empty where contacts have no labels.
+    For a contact with an undetermined force, the record has bounds of the force [N] instead of the scalars that depend
+    on it. It is empty if contacts have no labels.
     """
     walker = steps[0].arcs[0].dynamics.system.walker if steps else None
     if walker is None or not walker.labels():
@@ -229,9 +230,10 @@ def measure_scales(scales: Scales) -> dict[str, float]:
 
 
 def friction_ratio(force: Array) -> Array:
-    """f_t / f_n along an arc from its contact force (m, 2); where a spring's force is zero at an end, its limit.
+    """f_t / f_n along an arc from its contact force (m, 2).
 
-    Without any force, as in an arc without duration, it is zero.
+    If the force vanishes at an end, like that of a spring, the ratio there is its limit. Without any force, as in an
+    arc without duration, it is zero.
     """
     nothing, full = WITHOUT_FORCE * np.abs(force).max(), force.copy()
     for end in (0, -1):
@@ -247,7 +249,7 @@ class _Measured:
         self._dynamics = steps[0].arcs[0].dynamics
         self.steps = [[(arc, observe(arc)) for arc in step.arcs] for step in steps]
         self.arcs = [pair for pairs in self.steps for pair in pairs]
-        self.driven = [(arc, o) for arc, o in self.arcs if o.torque.any()]  # on the others no motor acts
+        self.driven = [(arc, o) for arc, o in self.arcs if o.torque.any()]
         self.duration = sum(step.period for step in steps)
         self.distance = sum(step.final_impact.step_length for step in steps)
         self.push_work = sum(step.final_impact.push_work for step in steps)
@@ -272,17 +274,17 @@ class _Measured:
 
     @property
     def incline(self) -> float:
-        """sin(slope)."""
+        """sin(slope) of the ground."""
         return float(buffered(self._dynamics.system.incline)(self._dynamics.p)[0][0])
 
     @property
     def weight(self) -> float:
-        """m g [N]."""
+        """Weight of the walker, m g [N]."""
         return float(buffered(self._dynamics.system.weight)(self._dynamics.p)[0][0])
 
     @property
     def transport(self) -> float:
-        """Weight times distance [J]; NaN on the spot, where no cost is defined."""
+        """Weight times distance [J]; NaN on the spot, so that costs are not defined there."""
         if abs(self.distance) <= ON_THE_SPOT * self._dynamics.scales.length:
             return float("nan")
         return self.weight * self.distance
@@ -304,7 +306,7 @@ def _peak(values: Array) -> float:
 
 
 def _swings(steps: Sequence[list[tuple[Arc, Observation]]]) -> list[list[tuple[Arc, Observation]]]:
-    """The arcs between two swaps of the feet; where swaps lie within a cycle, its last swing goes on in its first."""
+    """The arcs between two swaps of the feet. If the feet swap within a step, its last swing continues in its first."""
     swings = list[list[tuple[Arc, Observation]]]()
     for pairs in steps:
         starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and not arc.struck.is_named]
@@ -314,7 +316,7 @@ def _swings(steps: Sequence[list[tuple[Arc, Observation]]]) -> list[list[tuple[A
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:
-    """Largest height of the swing foot in each arc, in flight or where it is ahead of the stance foot."""
+    """Largest height of the swing foot in each arc: in flight, or while it is ahead of the stance foot."""
     for arc, o in observed:
         if not arc.mode.touching:
             yield curves.maximum(o.swing_foot[:, 1])[1]

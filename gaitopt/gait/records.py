@@ -1,10 +1,10 @@
-"""Stored records: the type of each, shared by those who write, check and read it, and the identities of its numbers.
+"""Types of all stored records, which writers, checks and readers share, and the identities between their numbers.
 
     period = sum of the durations        step_length = speed period        radius = max |multiplier|
 
-``GaitRecord``, ``PointRecord``, ... say what a record holds. A reader of a file checks a record against the type
-``CheckedGait``, ``CheckedPoint``, ..., which adds limits and identities; the rest of the package relies on them. A
-number that is possible but wrong passes unless an identity relates it to others; `gaitopt verify` detects it.
+``GaitRecord``, ``PointRecord``, ... declare the contents of records. A reader of a file checks a record against the
+type ``CheckedGait``, ``CheckedPoint``, ..., which adds limits and identities; the rest of the package relies on them. A
+wrong number within its limits is not noticed unless an identity relates it to others; `gaitopt verify` detects it.
 """
 
 import math
@@ -35,17 +35,18 @@ from gaitopt.problem.scalars import SCALARS
 if TYPE_CHECKING:
     from gaitopt.gait.trajectory import Step
 
-LARGEST, MOST, MOST_STEPS, MOST_MULTIPLIERS = 1e30, 1_000_000_000, 64, 100
-"""Limits of a number, a count, the steps of a cycle and the multipliers; far beyond any walker."""
+LARGEST_NUMBER, LARGEST_COUNT, MOST_STEPS, MOST_MULTIPLIERS = 1e30, 1_000_000_000, 64, 100
+"""Limits of a number, of a count, of the steps of a cycle and of its multipliers; any walker stays far below."""
 LONGEST_LIST, LONGEST_TEXT = 100_000, 100_000
+"""Largest number of entries of a list, and of characters of a text."""
 LONGEST_KEY = 200
-"""Characters of the key in a message."""
+"""Largest number of characters of a key in a message."""
 SAME = 1e-9
-"""Relative difference of two numbers that are equal up to rounding."""
+"""Largest relative difference of two numbers that are equal up to rounding."""
 CONTROL_CHARACTERS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
-"""Not allowed in any text of a record; a terminal would obey them."""
+"""Characters that no text of a record may contain, because a terminal would interpret them."""
 STATES = "states"
-"""Key of a validation's context: the names that every state must have."""
+"""Key of the validation context under which the names stand that every state must have."""
 
 
 def _plain(text: str) -> str:
@@ -54,15 +55,15 @@ def _plain(text: str) -> str:
     return text
 
 
-def _mode(words: str | dict[str, str]) -> str | dict[str, str]:
-    Mode.from_record(words)
-    return words
+def _mode(record: str | dict[str, str]) -> str | dict[str, str]:
+    Mode.from_record(record)
+    return record
 
 
-Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Number = Annotated[float, Field(strict=True, ge=-LARGEST_NUMBER, le=LARGEST_NUMBER, allow_inf_nan=False)]
 Positive = Annotated[Number, Gt(0)]
 NotNegative = Annotated[Number, Ge(0)]
-Count = Annotated[int, Field(strict=True, ge=0, le=MOST)]
+Count = Annotated[int, Field(strict=True, ge=0, le=LARGEST_COUNT)]
 Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, max_length=LONGEST_TEXT), AfterValidator(_plain)]
 Word = Annotated[str, Field(strict=True, max_length=200, pattern=r"^[\w .:,+=-]+$")]
@@ -71,7 +72,7 @@ OutcomeWord = Annotated[str, Field(strict=True, pattern=r"^(holds|fails|not_exam
 ModeText = Annotated[
     Annotated[str, Field(strict=True, max_length=200)] | Annotated[dict[Word, Word], Len(1, 100)], AfterValidator(_mode)
 ]
-"""What a foot does, or what every named contact does."""
+"""The mode of a foot, or the state of every named contact."""
 Numbers = Annotated[list[Number], Len(max_length=LONGEST_LIST)]
 
 
@@ -87,10 +88,10 @@ State = Annotated[dict[Word, Number], AfterValidator(_named)]
 
 @with_config(ConfigDict(extra="allow"))
 class PhaseRecord(TypedDict):
-    """A phase; stops and switches of its mode have their states under their names. ``until`` marks a timed phase.
+    """A phase. States of stops and switches are entries under their names; ``until`` marks a timed phase.
 
-    A phase that vanishes at a special point has no duration there. ``impact`` is the mode just after the impact of a
-    named contact with which it begins.
+    A phase that vanishes at a special point has the duration 0 there. If the phase begins with the impact of a named
+    contact, ``impact`` is the mode just after it.
     """
 
     mode: ModeText
@@ -100,16 +101,25 @@ class PhaseRecord(TypedDict):
 
 
 def phase_record(mode: Mode, duration: float, *, timed: bool = False, struck: Mode | None = None) -> PhaseRecord:
-    """The record of a phase of some duration [s], which may be timed.
+    """The record of a phase with its duration [s].
 
-    ``struck`` is the mode just after the impact of a named contact with which it begins.
+    Parameters
+    ----------
+    timed : whether the phase ends at a breakpoint of the control.
+    struck : the mode just after the impact of a named contact, if the phase begins with one.
     """
     remarks = ({UNTIL: BREAKPOINT} if timed else {}) | ({} if struck is None else {IMPACT: struck.words})
     return cast(PhaseRecord, {**mode.record, "duration": duration, **remarks})
 
 
 def phase_records(step: "Step", timed: Container[int] = (), first: int = 0) -> list[PhaseRecord]:
-    """The records of the phases of a step, of which ``first`` is the index of the first one."""
+    """The records of the phases of a step.
+
+    Parameters
+    ----------
+    timed : indices of the timed phases, counted through all steps.
+    first : index of the first phase of the step.
+    """
     struck = step.landings
     return [
         phase_record(mode, duration, timed=k in timed, struck=struck.get(k - first))
@@ -136,7 +146,7 @@ Phases = Annotated[list[Annotated[PhaseRecord, AfterValidator(_of_mode)]], Len(1
 
 
 class StepRecord(TypedDict):
-    """A step of a cycle of several steps; its state is that after the impact before it."""
+    """A step of a cycle of several steps; its state is the one just after the impact before it."""
 
     phases: Phases
     impact: ModeText
@@ -153,7 +163,7 @@ class MultiplierRecord(TypedDict):
 
 
 class ClaimRecord(TypedDict):
-    """A claim about a gait: the figure of its check and the largest one that passes."""
+    """A claim about a gait: the figure that its check computed, and the largest figure that passes."""
 
     name: Word
     figure: Number | None
@@ -205,10 +215,10 @@ class MeasureRecord(TypedDict):
     step_length: Number
     speed: Number
     work: Number
-    damping_loss: NotRequired[NotNegative]  # not in records from before there were dampers
+    damping_loss: NotRequired[NotNegative]  # missing in records that were written before dampers existed
     cost_of_transport: Number | None
     absolute_cost_of_transport: NotNegative | None
-    gravity_cost: NotRequired[Number | None]  # neither this, torque_cost nor apex_height is in records of 0.1
+    gravity_cost: NotRequired[Number | None]  # like torque_cost and apex_height, missing in records of version 0.1
     torque_squared: NotNegative
     torque_cost: NotRequired[Number | None]
     peak_torque: NotNegative
@@ -267,7 +277,7 @@ class ControlRecord(TypedDict):
 
 
 class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord, ControlRecord):
-    """A gait: state after the impact before its first step, modes with durations, scalars and multipliers."""
+    """A gait: the state just after the impact before its first step, modes with durations, scalars and multipliers."""
 
     problem: NotRequired[Word]
     status: Literal["converged"]
@@ -288,10 +298,10 @@ class GaitRecord(MeasureRecord, ConstraintRecord, ContactsRecord, ControlRecord)
 def _consistent(record: GaitRecord) -> GaitRecord:
     """Check the identities between the numbers of a gait; at a special point it may have no multipliers."""
 
-    def agree(key: str, stated: float, value: float, words: str, size: float = 0.0) -> None:
+    def agree(key: str, stated: float, value: float, definition: str, size: float = 0.0) -> None:
         if not math.isclose(stated, value, rel_tol=SAME, abs_tol=SAME * size):
-            context = {"key": key, "stated": f"{stated:.12g}", "value": f"{value:.12g}", "words": words}
-            raise PydanticCustomError("identity", "{key} is {stated}, but {words} is {value}", context)
+            context = {"key": key, "stated": f"{stated:.12g}", "value": f"{value:.12g}", "definition": definition}
+            raise PydanticCustomError("identity", "{key} is {stated}, but {definition} is {value}", context)
 
     cycle, steps = Cycle.from_record(record), record.get("steps", [])
     last_impact = steps[-1]["impact"] if steps else record["impact"]
@@ -324,7 +334,7 @@ CheckedGait = Annotated[GaitRecord, *Complete]
 
 
 class ContinuationStateRecord(TypedDict):
-    """``ContinuationState``; an arc is its phase, segment, start and end [s], and its number of intervals."""
+    """A ``ContinuationState``; an arc consists of phase, segment, start and end [s], and number of intervals."""
 
     unknowns: Numbers
     direction: Numbers
@@ -335,7 +345,7 @@ class ContinuationStateRecord(TypedDict):
 
 
 class PointRecord(GaitRecord):
-    """A point of a branch: its gait and its place; ``walk`` is missing in files of earlier versions."""
+    """A point of a branch: its gait, branch, index and value; ``walk`` is missing in files of earlier versions."""
 
     record: Literal["point"]
     branch: Count
@@ -352,7 +362,7 @@ CheckedPoint = Annotated[PointRecord, *Complete]
 
 @with_config(ConfigDict(extra="allow"))
 class CycleRecord(TypedDict):
-    """A cycle of modes: ``phases`` and ``impact``, or ``steps`` that have these."""
+    """A mode sequence: ``phases`` and ``impact``, or ``steps`` that have these keys."""
 
 
 def _of_cycle(record: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -365,7 +375,7 @@ def _of_cycle(record: Mapping[str, Any]) -> Mapping[str, Any]:
 
 @with_config(ConfigDict(extra="forbid"))
 class EmptyRecord(TypedDict):
-    """In place of a gait that does not exist."""
+    """An empty record, which takes the place of a gait that does not exist."""
 
 
 SpecialRecord = TypedDict(
@@ -407,7 +417,7 @@ class RequestRecord(TypedDict):
 
 
 class SectionRecord(TypedDict):
-    """A state of a walk after an impact; the first one is its start, without an impact."""
+    """The state of a walk after an impact; the first record of a walk is its start and has no impact."""
 
     time: NotNegative
     impact: ModeText | None
@@ -415,7 +425,7 @@ class SectionRecord(TypedDict):
 
 
 class ImpactEntry(TypedDict):
-    """An impact of a walk; see ``impacts.impact_records``. Not in records of early versions."""
+    """An impact of a walk; see ``impacts.impact_records``. Records of early versions have none."""
 
     time: NotNegative
     step: Count
@@ -438,20 +448,23 @@ Axes = Annotated[list[AxisRecord], Len(1, 20)]
 
 
 class SweepRecord(TypedDict):
-    """A sweep: its grid. Its counts follow from its table."""
+    """The grid of a sweep; its counts follow from its table."""
 
     over: Axes
 
 
 class AttractorsRecord(TypedDict):
-    """Attractors over a parameter: the axis, and the keys of the values in order."""
+    """Attractors over a parameter: the axis, and the keys of its jobs in the order of the values."""
 
     over: AxisRecord
     jobs: Annotated[list[Word], Len(1, 1_000_000)]
 
 
 class LongRunRecord(TypedDict):
-    """What walks settle on; ``period_steps`` is None if it does not repeat itself, ``lyapunov`` if it is not finite."""
+    """A motion that walks settle on.
+
+    ``period_steps`` is None if the motion does not repeat itself, ``lyapunov`` if the exponent is not finite.
+    """
 
     states: Annotated[list[Numbers], Len(1, 1_000_000)]
     period_steps: Annotated[Count, Ge(1)] | None
@@ -460,7 +473,7 @@ class LongRunRecord(TypedDict):
 
 
 class SettledRecord(TypedDict):
-    """A value of the parameter with what walks settle on, and the numbers of the other walks by their ending."""
+    """The motions that walks settle on at one value of the parameter, and how many other walks have which ending."""
 
     job: NotRequired[Word]
     value: Number
@@ -469,7 +482,7 @@ class SettledRecord(TypedDict):
 
 
 class BasinRecord(TypedDict):
-    """A basin: its grid and the fixed coordinates. The rest follows from its tiles."""
+    """The grid and the fixed coordinates of a basin; everything else follows from its tiles."""
 
     over: Axes
     base: dict[Word, Number]
@@ -492,7 +505,7 @@ class WalkRecord(TypedDict):
 
 @with_config(ConfigDict(extra="allow"))
 class AttemptRecord(TypedDict):
-    """A failed solve, or a job without a result; ``start`` as in ``SolvedRecord``."""
+    """A failed solve, or a job without a result; see ``SolvedRecord`` for ``start``."""
 
     status: Literal["not_converged", "infeasible", "interrupted", "set_aside"]
     message: Text
@@ -517,9 +530,10 @@ def _without_scalars(record: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 class SolvedRecord(GaitRecord):
-    """A gait in a file of jobs or of a front: with the key of its job, and the start of its solve.
+    """A gait in a file of jobs or of a front.
 
-    ``start`` is ``cold``, ``warm``, ``neighbour`` or ``scan``; ``gaits`` the number of gaits that a scan has found.
+    ``job`` is the key of its job, ``start`` how its solve started (``cold``, ``warm``, ``neighbour`` or ``scan``), and
+    ``gaits`` the number of gaits that a scan found.
     """
 
     job: NotRequired[Word]
@@ -531,7 +545,7 @@ OutcomeRecord = SolvedRecord | AttemptRecord
 
 
 def is_gait(record: OutcomeRecord) -> TypeIs[SolvedRecord]:
-    """Whether a job has found a gait."""
+    """Whether a job found a gait."""
     return record["status"] == "converged"
 
 
@@ -544,7 +558,7 @@ CheckedOutcome = Annotated[
     | Annotated[AttemptRecord, AfterValidator(_without_scalars), Tag("attempt")],
     Discriminator(_outcome),
 ]
-"""A gait or a failed attempt; in files of jobs and of fronts."""
+"""A gait or a failed attempt in the file of jobs or of a front."""
 
 
 def _keyed(record: Any) -> Any:
@@ -556,32 +570,32 @@ def _keyed(record: Any) -> Any:
 CheckedJob = Annotated[CheckedOutcome, BeforeValidator(_keyed)]
 
 
-class PlaceRecord(TypedDict):
-    """Where a gait or an attempt lies on a front."""
+class FrontEntryRecord(TypedDict):
+    """The entries that a gait or an attempt has only in a front."""
 
     value: Number
     objective: Number | None
     pareto: Flag
 
 
-_PLACE = TypeAdapter(PlaceRecord)
+_FRONT_ENTRY = TypeAdapter(FrontEntryRecord)
 
 
-def _placed(record: Any) -> Any:
-    place = _PLACE.validate_python(record)
+def _of_front(record: Any) -> Any:
+    entry = _FRONT_ENTRY.validate_python(record)
     solver = record.get("solver") if _outcome(record) == "gait" else None
-    if place["objective"] != (solver.get("objective") if isinstance(solver, Mapping) else None):
+    if entry["objective"] != (solver.get("objective") if isinstance(solver, Mapping) else None):
         raise PydanticCustomError("objective", "The objective is not that of the solver")
-    if solver is not None and place["objective"] is None:
+    if solver is not None and entry["objective"] is None:
         raise PydanticCustomError("objective", "A design that is solved has an objective")
     return record
 
 
 class FrontRecord(TypedDict):
-    """A front: at every point a gait or a failed attempt, which also has the entries of ``PlaceRecord``."""
+    """A front: a gait or a failed attempt at every point, which also has the entries of ``FrontEntryRecord``."""
 
     over: Word
-    points: Annotated[list[Annotated[CheckedOutcome, BeforeValidator(_placed)]], Len(1)]
+    points: Annotated[list[Annotated[CheckedOutcome, BeforeValidator(_of_front)]], Len(1)]
 
 
 class CandidateStepRecord(TypedDict):
@@ -592,7 +606,7 @@ class CandidateStepRecord(TypedDict):
 
 
 class CandidateRecord(TypedDict):
-    """A motion that may be a gait; ``start`` says which start led to it."""
+    """A motion that may be a gait; ``start`` describes the start from which the search found it."""
 
     steps: Annotated[list[CandidateStepRecord], Len(1, MOST_STEPS)]
     state: State
@@ -615,16 +629,17 @@ class PartRecord(SearchRecord):
 
 
 def first_fault(error: ValidationError) -> str:
-    """Key and message of the first fault of a record; no value, which may be huge or unprintable."""
+    """Key and message of the first fault of a record, without the value, which may be huge or unprintable."""
     first = error.errors(include_input=False, include_url=False)[0]
     key = ".".join(str(part) for part in first["loc"])[:LONGEST_KEY]
     return f"{key}: {first['msg']}" if key else first["msg"]
 
 
 def differing(stated: Any, true: Any, rel: float = 1e-7, key: str = "") -> str:
-    """Key of the first entry of a record that differs from a true one; empty where there is none.
+    """Key of the first entry of a record that differs from the true one; empty if there is none.
 
-    Only entries of both are compared, numbers to a relative difference; ``None`` counts as an entry.
+    Only entries that both have are compared, numbers up to the relative difference ``rel``. ``None`` is compared like
+    any other value.
     """
     if isinstance(true, Mapping) and isinstance(stated, Mapping):
         pairs = ((f"{key}.{name}" if key else name, stated[name], true[name]) for name in true if name in stated)
@@ -635,7 +650,7 @@ def differing(stated: Any, true: Any, rel: float = 1e-7, key: str = "") -> str:
             key if len(stated) != len(true) else next(filter(None, (differing(a, b, rel, n) for n, a, b in pairs)), "")
         )
     numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (stated, true))
-    if numbers and not (abs(true) <= LARGEST and abs(stated) <= LARGEST):
+    if numbers and not (abs(true) <= LARGEST_NUMBER and abs(stated) <= LARGEST_NUMBER):
         return key
     same = math.isclose(stated, true, rel_tol=rel, abs_tol=1e-9) if numbers else stated == true
     if true is None or (isinstance(true, float) and math.isnan(true)):

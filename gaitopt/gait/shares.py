@@ -1,11 +1,11 @@
-"""Contact forces that the equations of motion leave open: which ones, and between which bounds they lie.
+"""Contact forces that the equations of motion do not determine: which ones they are, and their bounds.
 
-Contacts with dependent constraints share their forces in any way
+If the constraints J of the contacts are dependent, the equations of motion allow all forces
 
     lambda = lambda_0 + N a,      N' J = 0
 
-that friction allows: f_n > 0 and |f_t| <= mu f_n of every contact. These inequalities bound a polytope in the shares a,
-and the least and largest value of a force are at its corners.
+Friction allows those with f_n > 0 and |f_t| <= mu f_n at every contact. These inequalities bound a polytope in the
+shares a, and every force has its smallest and largest value at corners of the polytope.
 """
 
 from collections.abc import Iterable, Iterator
@@ -20,27 +20,28 @@ from gaitopt.model.contacts import DEPENDENT, LOCKED, constraint_rows, constrain
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 
-FEASIBLE = 1e-9
-"""Part of the largest force by which a corner may violate an inequality: rounding."""
+CORNER_TOLERANCE = 1e-9
+"""Rounding may let a corner violate an inequality by this part of the largest force; also the smallest determinant of
+the equations of a corner."""
 
 
 def undetermined_forces(arc: Arc) -> tuple[str, ...]:
-    """Names of the forces along an arc that are undetermined, as in ``trajectory_header``: ``f_t.left``."""
+    """Names of the undetermined forces along an arc; they are columns of ``trajectory_header``, like ``f_t.left``."""
     return undetermined_in(arc.dynamics.system.walker, arc.mode)
 
 
 def undetermined_in(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
-    """Names of the forces that are undetermined in a mode; also of the impulses of an impact that leads to it."""
-    structure, found = constraint_structure(walker, mode), dict[str, None]()
+    """Names of the forces that are undetermined in a mode, and of the impulses in an impact that leads to it."""
+    structure, undetermined = constraint_structure(walker, mode), dict[str, None]()
     for (name, row), shares in zip(structure.constraints, structure.nulls, strict=True):
         if row != LOCKED and np.abs(shares).max(initial=0.0) > DEPENDENT:
             slides = row == 1 and mode.directions[name]  # friction follows the normal force
-            found |= dict.fromkeys((f"f_t.{name}", f"f_n.{name}") if slides else (f"f_{'tn'[row]}.{name}",))
-    return tuple(found)
+            undetermined |= dict.fromkeys((f"f_t.{name}", f"f_n.{name}") if slides else (f"f_{'tn'[row]}.{name}",))
+    return tuple(undetermined)
 
 
 def share_bounds(arcs: Iterable[Arc]) -> dict[str, list[float]]:
-    """Least and largest value [N] that each undetermined force can have anywhere along some arcs, by its name."""
+    """Smallest and largest value [N] that each undetermined force can have anywhere along some arcs, by its name."""
     bounds: dict[str, list[float]] = {}
     for arc in arcs:
         for name, values in _possible_forces(arc):
@@ -57,17 +58,17 @@ def _possible_forces(arc: Arc) -> Iterator[tuple[str, Array]]:
         return
     system, mode, p = arc.dynamics.system, arc.mode, arc.dynamics.p
     walker, m = system.walker, arc.times.size
-    structure, place = constraint_structure(walker, mode), {name: k for k, name in enumerate(walker.contact_names())}
+    structure, number = constraint_structure(walker, mode), {name: k for k, name in enumerate(walker.contact_names())}
     nulls = _null_spaces(arc)  # (m, n, d)
     force = buffered_map(system.observation(mode), m)(arc.times[:, None], arc.states, p, system.data(arc.segment))[0]
     index = {constraint: k for k, constraint in enumerate(structure.constraints)}
 
     def family(name: str, row: int) -> tuple[Array, Array]:
-        """A force at all times, and its derivative by the shares."""
+        """A force at all times, and its derivative with respect to the shares."""
         if row == 0 and mode.directions[name]:
             _, kinetic, _ = system.contact_coefficients(p)[name]
-            return force[:, 2 * place[name]], -mode.directions[name] * float(kinetic) * nulls[:, index[name, 1]]
-        return force[:, 2 * place[name] + row], nulls[:, index[name, row]]
+            return force[:, 2 * number[name]], -mode.directions[name] * float(kinetic) * nulls[:, index[name, 1]]
+        return force[:, 2 * number[name] + row], nulls[:, index[name, row]]
 
     offsets, slopes = list[Array](), list[Array]()
     for name in structure.group:
@@ -80,11 +81,11 @@ def _possible_forces(arc: Arc) -> Iterator[tuple[str, Array]]:
             offsets += [mu * f_n + f_t, mu * f_n - f_t]
             slopes += [mu * by_n + by_t, mu * by_n - by_t]
     g, A = np.stack(offsets, axis=1), np.stack(slopes, axis=1)  # g + A a >= 0
-    d, tolerance = nulls.shape[2], FEASIBLE * np.abs(force).max()
+    d, tolerance = nulls.shape[2], CORNER_TOLERANCE * np.abs(force).max()
     corners = list[Array]()
     for chosen in combinations(range(g.shape[1]), d):
         chosen_rows = [*chosen]
-        regular = np.abs(np.linalg.det(A[:, chosen_rows])) > FEASIBLE
+        regular = np.abs(np.linalg.det(A[:, chosen_rows])) > CORNER_TOLERANCE
         a = np.full((m, d), np.nan)
         a[regular] = np.linalg.solve(A[regular][:, chosen_rows], -g[regular][:, chosen_rows, None])[:, :, 0]
         inside = np.all(g + (A @ a[:, :, None])[:, :, 0] >= -tolerance, axis=1)
@@ -96,12 +97,11 @@ def _possible_forces(arc: Arc) -> Iterator[tuple[str, Array]]:
 
 
 def _null_spaces(arc: Arc) -> Array:
-    """N at all times of an arc, shape (m, n, d); its entries belong to the constraints of the mode."""
+    """N at all times of an arc, shape (m, n, d); its n rows belong to the constraints of the mode."""
     system, mode = arc.dynamics.system, arc.mode
     structure, shapes = constraint_structure(system.walker, mode), system.mechanics_shapes
-    parts, start = [*shapes], 0
-    for part in parts[: parts.index("J")]:
-        start += int(np.prod(shapes[part]))
+    terms = [*shapes]
+    start = sum(int(np.prod(shapes[term])) for term in terms[: terms.index("J")])
     (values,) = buffered_map(system.mechanics, arc.times.size)(arc.states, arc.dynamics.p)
     J = values[:, start : start + int(np.prod(shapes["J"]))].reshape(-1, *shapes["J"])
     J = J[:, constraint_rows(system.walker, structure.constraints)]

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-STRAIGHT = 1e-6
-"""An arc this short, in units of sqrt(l / g), may be a line between its two ends."""
+SHORTEST_SAMPLED_ARC = 1e-6
+"""A shorter arc needs no samples: it may be a straight line between its two ends; in units of sqrt(l / g)."""
 SAME_TIME = 1e-12
-"""Relative difference of two times that rounding may cause."""
+"""Largest relative difference of two equal times that rounding can cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +37,12 @@ class Arc(ReadOnlyArrays):
 
     Attributes
     ----------
-    dynamics : the hybrid system that moves, at the parameters of this step.
+    dynamics : the hybrid system at the parameters of this step.
     mode : contact mode of the stance foot.
     segment : index of the control's segment.
-    times : ndarray, shape (m,) - time since the last impact [s]; Chebyshev points from start to end, or just both.
-    states : ndarray, shape (m, n_z) - states there.
-    struck : the mode just after the impact of a named contact with which the arc begins; None if it begins without one.
+    times : ndarray, shape (m,) - times since the last impact [s]: Chebyshev points, or only the start and the end.
+    states : ndarray, shape (m, n_z) - states at these times.
+    struck : the mode just after the impact of a named contact, if the arc begins with one; None otherwise.
     """
 
     dynamics: Dynamics
@@ -73,7 +73,7 @@ class Arc(ReadOnlyArrays):
 
 def _interpolated(arc: Arc, time: float) -> Array:
     """The state of an arc at a time since the impact, shape (n_z,), by the polynomial through its points."""
-    if arc.times.size == 2 and arc.duration > STRAIGHT * arc.dynamics.scales.time:
+    if arc.times.size == 2 and arc.duration > SHORTEST_SAMPLED_ARC * arc.dynamics.scales.time:
         raise ProblemError("the motion was stored without samples; simulate it with dense=True")
     (sample,) = np.nonzero(arc.times == time)
     if sample.size:
@@ -88,14 +88,14 @@ class ImpactRecord(ReadOnlyArrays):
 
     Attributes
     ----------
-    mode : what the colliding foot does just after it; of named contacts, after they have swapped places. Where the
-        state is continuous at the end of a step, the contacts just before it.
-    state : ndarray, shape (n_z,) - state just after it, with x counted from the new stance foot (x = 0).
+    mode : mode of the colliding foot just after the impact; named contacts have swapped roles by then. If the step
+        ends without a landing, the mode just before its end.
+    state : ndarray, shape (n_z,) - state just after the impact; x is zero, because it counts from the new stance foot.
     step_length : distance of the new stance foot from where the old one stood after its own impact [m].
-    impulse : ndarray, shape (2 n,) - (F_t, F_n) of the n contacts, as they are called before it [N s].
-    stick_impulse : ndarray, shape (2,) - impulse of a sticking impact, eq. (9) [N s]; of named contacts, the sum of
-        those that land if all touching ones stick.
-    push_work : work of the push of the other foot just before it [J].
+    impulse : ndarray, shape (2 n,) - (F_t, F_n) of the n contacts, with their names before the impact [N s].
+    stick_impulse : ndarray, shape (2,) - impulse of a sticking impact, eq. (9) [N s]. For named contacts it is the sum
+        over those that land, if all touching contacts stick.
+    push_work : work of the push-off of the other foot just before the impact [J].
     """
 
     mode: Mode
@@ -115,12 +115,15 @@ class ImpactRecord(ReadOnlyArrays):
 def impact_record(
     dynamics: Dynamics, mode: Mode, z_minus: Array, before: Mode, *, lands: bool | None = None
 ) -> ImpactRecord:
-    """The end of a step, after which the foot is in ``mode``, from the state ``z_minus`` just before it, shape (n_z,).
+    """The record of the end of a step.
 
     Parameters
     ----------
+    mode : mode of the foot just after it.
+    z_minus : ndarray, shape (n_z,) - state just before it.
     before : mode just before it.
-    lands : whether it is a landing, after which the feet swap roles; by default if cycles end so.
+    lands : whether the step ends with a landing, after which the feet swap roles; None to follow the section of the
+        system.
     """
     system, walker, p, x = dynamics.system, dynamics.system.walker, dynamics.p, dynamics.system.n_shape
     lands = system.cycle_end == TOUCHDOWN if lands is None else lands
@@ -128,11 +131,11 @@ def impact_record(
     if lands:
         struck = walker.swapped(mode)
         landing = [name for name in struck.touching if name not in before.touching]
-        held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
+        all_stick = struck.with_states(dict.fromkeys(struck.touching, "stick"))
         state, impulse = (value.copy() for value in buffered(system.impact(struck, before))(z_minus, p))
-        sticking = buffered(system.impact(held, before))(z_minus, p)[1].reshape(-1, 2)
-        places = [(walker.contacts or landing).index(name) for name in landing]
-        stick_impulse = sticking[places].sum(axis=0)
+        sticking = buffered(system.impact(all_stick, before))(z_minus, p)[1].reshape(-1, 2)
+        indices = [(walker.contacts or landing).index(name) for name in landing]
+        stick_impulse = sticking[indices].sum(axis=0)
     length, state[x] = float(state[x]), 0.0
     return ImpactRecord(
         mode=mode,
@@ -145,14 +148,14 @@ def impact_record(
 
 
 def push_work(dynamics: Dynamics, before: Mode, z_minus: Array) -> float:
-    """Work of the contacts that push off in the mode and the state just before another one lands [J]."""
+    """Work of the push-off of the contacts on the ground, from the mode and state just before another one lands [J]."""
     system = dynamics.system
     return float(system.push(before)(z=z_minus, p=dynamics.p)["work"]) if system.walker.pushes else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """The arcs between two impacts, and the impact at their end (None if the motion ended before it)."""
+    """The arcs between two impacts, and the impact at their end; None if the motion ended before the impact."""
 
     arcs: tuple[Arc, ...]
     impact: ImpactRecord | None
@@ -174,19 +177,19 @@ class Step:
 
     @property
     def landings(self) -> dict[int, Mode]:
-        """For every phase that begins with the landing of a contact, by its index, the mode just after that."""
+        """The mode just after the landing of a contact, by the index of the phase that begins with the landing."""
         arcs = zip(self.arc_phases, self.arcs, strict=True)
         return {phase: arc.struck for phase, arc in arcs if arc.struck is not None}
 
     @property
     def sequence(self) -> ModeSequence:
-        """Phases and impact, without one at the start; raises as ``final_impact``."""
+        """Phases, landings within the step, and final impact; raises the error of ``final_impact``."""
         modes, landings = tuple(mode for mode, _ in self.phases), self.landings.items()
         return ModeSequence(modes, self.final_impact.mode, landings=tuple((k, mode) for k, mode in landings if k))
 
     @property
     def arc_phases(self) -> tuple[int, ...]:
-        """For every arc the index of its phase; a breakpoint of the control starts an arc, but no phase."""
+        """Index of the phase of every arc; a breakpoint of the control starts a new arc in the same phase."""
         new = [first.mode is not second.mode or second.struck is not None for first, second in pairwise(self.arcs)]
         return tuple(int(k) for k in np.cumsum([0, *new]))
 
@@ -197,7 +200,7 @@ class Step:
         Raises
         ------
         ValueError
-            If the motion ended before.
+            If the motion ended before the impact.
         """
         if self.impact is None:
             raise ValueError("the motion ended before the impact of its last step")
@@ -216,8 +219,8 @@ class Trajectory(Tabulated, ReadOnlyArrays):
     Attributes
     ----------
     names : names of the states.
-    start : ndarray, shape (n_z,) - state after impact from which it started.
-    steps : complete steps; the last one may be incomplete.
+    start : ndarray, shape (n_z,) - state just after an impact, from which it started.
+    steps : the steps; the last one may be incomplete.
     ending : why the motion ended.
     message : an explanation with time and state.
     """
@@ -233,7 +236,7 @@ class Trajectory(Tabulated, ReadOnlyArrays):
 
     @property
     def section_states(self) -> Array:
-        """States just after each impact, the start first; shape (n_impacts + 1, n_z)."""
+        """The start, and the states just after each impact; shape (n_impacts + 1, n_z)."""
         return np.vstack([self.start, *(step.impact.state for step in self.steps if step.impact is not None)])
 
     @property
@@ -243,20 +246,20 @@ class Trajectory(Tabulated, ReadOnlyArrays):
 
     @property
     def final_state(self) -> Array:
-        """State at the end, shape (n_z,): after the last impact, or where the motion ended within a step."""
+        """State at the end, shape (n_z,): just after the last impact, or at the end of an incomplete step."""
         last = self.steps[-1] if self.steps else None
         if last is None:
             return self.start
         return last.arcs[-1].states[-1] if last.impact is None else last.impact.state
 
     def at(self, time: float) -> dict[str, float]:
-        """The state at any time by name, as ``simulate`` takes it; at an impact, that just after it.
+        """The state at any time by name, in the form that ``simulate`` takes; at an impact, the state just after it.
 
-        x is measured from the place of the stance foot after the last step, as in the table.
+        x is measured from where the stance foot landed, as in the table.
 
         Parameters
         ----------
-        time : since the start [s].
+        time : time since the start [s].
 
         Raises
         ------
@@ -276,14 +279,14 @@ class Trajectory(Tabulated, ReadOnlyArrays):
         return dict(zip(self.names, z.tolist(), strict=True))
 
     def to_frame(self) -> "DataFrame":
-        """The states as a pandas data frame: time from the start, step from 1, mode; units in ``attrs["units"]``.
+        """The states as a pandas data frame with time, number of the step, mode; units are in ``attrs["units"]``.
 
-        Forces and torques, which depend on the parameters, are in the data frame of a walk.
+        Forces and torques depend on the parameters and are in the data frame of a walk.
         """
         return data_frame(self._header, self._rows(), self._units, ending=str(self.ending))
 
     def to_xarray(self) -> "Dataset":
-        """The same as an xarray dataset over ``sample``, with units as attributes."""
+        """The states as an xarray dataset over ``sample``, with units as attributes."""
         return sample_set(self._header, self._rows(), self._units, ending=str(self.ending))
 
     @property

@@ -1,14 +1,15 @@
-"""Zero dynamics of a gait under virtual constraints: what is left of its motion while all outputs are zero.
+"""Zero dynamics of a gait under virtual constraints: the motion that remains while all outputs are zero.
 
 Let d be the direction in which no motor acts, E' d = 0, and sigma = d' M dq the momentum along it. If there are n - 1
-outputs for n shape coordinates, and neither dampers and springs nor the inertia M(q) have a part along d, the surface
-of the constraints has one coordinate, the phase theta, and
+outputs for n shape coordinates, and if neither dampers and springs nor the derivative of the inertia M(q) act along d,
+the surface of the constraints has one coordinate, the phase theta, and
 
     dtheta/dt = kappa1(theta) sigma      kappa1 = 1 / (d' M dq/dtheta)
     dsigma/dt = kappa2(theta)            kappa2 = -d' (weight)
 
-so that zeta = sigma^2 / 2 is a kinetic energy to the potential V_zero(theta) = -int kappa2 / kappa1 dtheta, which is
-zero just after the impact. A sticking impact that leads back to the surface maps sigma_plus = delta_zero sigma_minus.
+so that zeta = sigma^2 / 2 is the kinetic energy that belongs to the potential V_zero(theta) = -int kappa2 / kappa1
+dtheta, which is zero just after the impact. A sticking impact that leads back to the surface maps sigma_plus =
+delta_zero sigma_minus.
 Hence
 
     zeta -> delta_zero^2 zeta - V_zero(theta_minus)
@@ -37,9 +38,10 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 
 ON_SURFACE = 1e-9
-"""Largest output, and rate of one in natural units, of a gait on the constraint surface: the error of its states."""
+"""Largest output, and largest rate of an output in natural units, that errors of the states cause on the constraint
+surface."""
 NO_FORCE = 1e-9
-"""Part of the weight times the length below which a generalised force counts as zero: rounding."""
+"""A generalised force below this part of weight times length counts as zero; it is due to rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,9 +51,10 @@ class ConstraintMeasures:
     Attributes
     ----------
     decoupling_min_singular_value : smallest singular value of the decoupling matrix along the gait [1/(kg m^2)].
-    invariant : whether all outputs are zero all along the gait, the impact included.
-    delta_squared, potential_max : delta_zero^2, and the largest V_zero [kg^2 m^4/s^2]; None unless the gait is on the
-        constraint surface, sticks throughout, and has one degree of freedom without motors, dampers and springs there.
+    invariant : whether all outputs are zero all along the gait, including just after the impact.
+    delta_squared, potential_max : delta_zero^2, and the largest V_zero [kg^2 m^4/s^2]. They are None unless the gait is
+        on the constraint surface, sticks throughout, and has one degree of freedom on which no motor, damper or spring
+        acts.
     """
 
     decoupling_min_singular_value: float
@@ -74,7 +77,7 @@ def constraint_measures(steps: Sequence[Step]) -> ConstraintMeasures | None:
 
     Parameters
     ----------
-    steps : of one cycle, with arcs at Chebyshev points.
+    steps : the steps of one cycle, with arcs at Chebyshev points.
     """
     arcs = [arc for step in steps for arc in step.arcs]
     if not (arcs and isinstance(arcs[0].dynamics.system.control, VirtualConstraints)):
@@ -82,7 +85,7 @@ def constraint_measures(steps: Sequence[Step]) -> ConstraintMeasures | None:
     known = [_evaluated(arc, arc.dynamics.system.quantities(arc.mode)) for arc in arcs]
     time = arcs[0].dynamics.scales.time
     largest = max(float(np.abs(np.hstack([q["outputs"], time * q["rates"]])).max()) for q in known)
-    singular, invariant = min(_least_singular_value(q["decoupling"]) for q in known), largest < ON_SURFACE
+    singular, invariant = min(_smallest_singular_value(q["decoupling"]) for q in known), largest < ON_SURFACE
     zero = _zero_dynamics(steps) if invariant else None
     if zero is None:
         return ConstraintMeasures(decoupling_min_singular_value=singular, invariant=invariant)
@@ -92,21 +95,21 @@ def constraint_measures(steps: Sequence[Step]) -> ConstraintMeasures | None:
 
 
 def _evaluated(arc: Arc, function: Function) -> dict[str, Array]:
-    """Outputs of a function (t, z, p, r) along an arc by name; matrices are transposed, see ``BufferedMap``."""
+    """The outputs of a function (t, z, p, r) along an arc, by name; matrices are transposed, see ``BufferedMap``."""
     dynamics = arc.dynamics
     data = dynamics.system.data(arc.segment)
     values = buffered_map(function, arc.times.size)(arc.times[:, None], arc.states, dynamics.p, data)
     return {name: value.copy() for name, value in zip(function.name_out(), values, strict=True)}
 
 
-def _least_singular_value(matrices: Array) -> float:
+def _smallest_singular_value(matrices: Array) -> float:
     """Smallest singular value of the matrices (m, k, k), or (m, 1), along an arc; zero where one is singular."""
     size = matrices.shape[1]
     square = matrices.reshape(-1, size, size)
     if curves.roots(np.linalg.det(square)).size:
         return 0.0
-    least = np.linalg.svd(square, compute_uv=False)[:, -1]
-    return -curves.maximum(-np.asarray(least, dtype=float))[1]
+    smallest = np.linalg.svd(square, compute_uv=False)[:, -1]
+    return -curves.maximum(-np.asarray(smallest, dtype=float))[1]
 
 
 def _zero_dynamics(steps: Sequence[Step]) -> tuple[float, float] | None:
@@ -130,5 +133,6 @@ def _zero_dynamics(steps: Sequence[Step]) -> tuple[float, float] | None:
     after = replace(arc, times=arc.times[:1], states=last.state[None])
     delta = float((_evaluated(after, system.momentum(arc.mode))["momentum"] @ d)[0] / sigma[-1])
     series = chebyshev.chebint(curves.coefficients(-kappa2 * sigma), lbnd=-1) * arc.duration / 2
-    potential = chebyshev.chebval(curves.points(arc.times.size), series)  # kappa2 / kappa1 dtheta = kappa2 sigma dt
+    # the integral runs over time, because kappa2 / kappa1 dtheta = kappa2 sigma dt
+    potential = chebyshev.chebval(curves.points(arc.times.size), series)
     return delta**2, curves.maximum(np.asarray(potential, dtype=float))[1]

@@ -12,35 +12,38 @@ from gaitopt.paper.gaits import FAMILIES, SHOWN, Archive, Records, copied_torque
 Draw = Callable[[Archive, Mapping[str, str]], Axes]
 
 COLOURS, NEUTRAL = ("#0072b2", "#d55e00"), "#4d4d4d"
-"""Colours of the torques, and of legend entries that stand for both."""
-CONSTANT = (0, (1.2, 1.4))
+"""Colours of the two torques, and of legend entries that stand for both."""
+CONSTANT_STYLE = (0, (1.2, 1.4))
 """Line style of the constant torques."""
 SIZE = (6.0, 4.0)
 """Width and height of a figure [inch]."""
-SAME = 1e-9
+SAME_FRICTION = 1e-9
 """Largest difference of coefficients of friction that count as equal."""
-LAST = 10**9
-"""Index of a point after all others of its branch."""
+INDEX_OF_END = 10**9
+"""Index that places the end of a family after all points of its branch."""
 
 
 def _gaits(what: str) -> Draw:
-    return lambda archive, names: go.plot({words: gait_of(archive, name) for name, words in names.items()}, what)
+    return lambda archive, names: go.plot({label: gait_of(archive, name) for name, label in names.items()}, what)
 
 
 def _families(quantity: str) -> Draw:
     def draw(archive: Archive, names: Mapping[str, str]) -> Axes:
-        families = {words: _drawn(family_of(archive, name), FAMILIES[name]) for name, words in names.items()}
+        families = {label: _drawn(family_of(archive, name), FAMILIES[name]) for name, label in names.items()}
         return go.plot(families, quantity)
 
     return draw
 
 
 def _drawn(records: Records, targets: Sequence[float]) -> Records:
-    """The records without the ends at the targets; where the family itself ends, its line is drawn to the end."""
+    """The records of a family for a figure.
+
+    An end at a target is left out, because the family continues beyond it. The line is drawn up to any other end.
+    """
     ends = [record for record in records if record.get("type") == "end"]
-    inner = [end for end in ends if min(abs(end["value"] - target) for target in targets) > SAME]
+    inner = [end for end in ends if min(abs(end["value"] - target) for target in targets) > SAME_FRICTION]
     last = [
-        {**end["gait"], "record": "point", "branch": end["branch"], "index": LAST, "value": end["value"]}
+        {**end["gait"], "record": "point", "branch": end["branch"], "index": INDEX_OF_END, "value": end["value"]}
         for end in inner
         if end["gait"]
     ]
@@ -58,13 +61,13 @@ def _torques(archive: Archive, names: Mapping[str, str]) -> Axes:
             for times, torques in copied_torques(passive):
                 axes.plot(times, torques[:, k], color=colour)
             value = constant.problem.parameters[f"control.{name}"]
-            axes.axhline(value, color=colour, linestyle=CONSTANT, linewidth=1.3)
+            axes.axhline(value, color=colour, linestyle=CONSTANT_STYLE, linewidth=1.3)
             handles.append(Line2D([], [], label=name, color=colour))
         axes.set_ylim(bottom=0)
         axes.set_xlabel("time since impact [s]")
         axes.set_ylabel("torque [N m]")
         handles.append(Line2D([], [], label="copies the passive gait on level ground", color=NEUTRAL))
-        handles.append(Line2D([], [], label="constant, gait I", color=NEUTRAL, linestyle=CONSTANT, linewidth=1.3))
+        handles.append(Line2D([], [], label="constant, gait I", color=NEUTRAL, linestyle=CONSTANT_STYLE, linewidth=1.3))
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return axes
 
@@ -82,9 +85,9 @@ FIGURES: Mapping[str, Draw] = {
     "fig11": _families("cost_of_transport"),
     "fig12": _families("spectral_radius"),
 }
-"""Draws each figure from the gaits in it."""
+"""The function that draws each figure."""
 
 
 def draw(archive: Archive, name: str) -> Axes:
-    """One figure."""
+    """Draw the figure with this name."""
     return FIGURES[name](archive, SHOWN[name])

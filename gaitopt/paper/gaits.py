@@ -1,11 +1,12 @@
-"""The gaits and families of the paper: their problems, and the archive that computes and keeps them.
+"""The gaits and families of the paper: their problems, and the archive that computes and stores them.
 
-The named problems are the gaits as we read the paper; every other gait is one of them with a few values changed. The
+The named problems are our reading of the paper; every other gait is one of them with a few values changed. The
 torques with which a walker on level ground copies the joint angles of a walk down a slope (Fig. 10) follow from
 
     E_s u = G_s(q; level) - G_s(q; slope)             rows s of the shape coordinates
 
-because the slope enters the equations of motion (2) only through G, and the contact force only the rows of x and y.
+because the slope enters the equations of motion (2) only through G, and the contact force acts only in the rows of x
+and y.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,7 +30,7 @@ Records = list[dict[str, Any]]
 """The request of a family and its points and special points, as ``gaitopt.load_records`` returns them."""
 
 PARAMETER = "friction"
-"""Along which all families are continued."""
+"""The parameter of all families."""
 RESULTS = Path("results")
 """Folder of the run folders."""
 ENDS = ("end", "vanishing", "lift_off", "painleve")
@@ -37,9 +38,10 @@ ENDS = ("end", "vanishing", "lift_off", "painleve")
 FRICTIONLESS: Mapping[str, Any] = MappingProxyType({"impact_law": "frictionless"})
 PRINTED_TORQUES: Mapping[str, tuple[float, float]] = MappingProxyType({"I": (-2.73, 0.54), "II": (-0.69, 0.12)})
 """tau1 and tau2 as printed [N m]."""
-HALF_DIGIT = 0.005
-"""Rounding error of the printed torques [N m]."""
+HALF_DIGIT_OF_TORQUE = 0.005
+"""Largest rounding error of the printed torques [N m]."""
 CORNERS = tuple(product((-1, 1), repeat=2))
+"""Signs of the rounding errors of both torques at the corners of their range."""
 
 
 def torques_here(tau1: float, tau2: float) -> dict[str, float]:
@@ -74,7 +76,7 @@ SOURCES: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         for end in ("linear", "hold", "off")
     },
 }
-"""Named problem and changed values of every gait that a figure or a number needs."""
+"""The named problem behind every gait that a figure or a number needs, and the values that differ from it."""
 
 FAMILIES: Mapping[str, tuple[float, ...]] = {
     "II, frictionless impact": (0.1, 0.3),
@@ -86,7 +88,7 @@ FAMILIES: Mapping[str, tuple[float, ...]] = {
     "B": (0.1, 0.35),
     "III": (0.05, 0.5),
 }
-"""Coefficients of friction towards which these gaits are continued; the longest families are the last."""
+"""Coefficients of friction towards which these gaits are continued, in the order of increasing computing time."""
 ROUNDED = ("I", "II, frictionless impact")
 """Gaits that depend on rounded printed torques."""
 
@@ -118,12 +120,12 @@ SHOWN: Mapping[str, Mapping[str, str]] = {
 
 
 class Archive:
-    """Gaits and families that are kept in run folders; nothing is computed twice.
+    """Gaits and families that are stored in run folders; nothing is computed twice.
 
     Parameters
     ----------
     results : folder of the run folders.
-    narrate : called with a description of what is computed next.
+    narrate : called with a description of the next computation.
     should_stop : polled while computing; True ends a computation with a ``KeyboardInterrupt``.
     """
 
@@ -131,7 +133,7 @@ class Archive:
         self,
         results: Path = RESULTS,
         *,
-        narrate: Callable[[str], None] = lambda words: None,
+        narrate: Callable[[str], None] = lambda description: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
         self.results, self.narrate, self.should_stop = results, narrate, should_stop
@@ -144,9 +146,9 @@ class Archive:
         Raises
         ------
         SolveError
-            If there is none, or the forward simulation refutes it.
+            If no gait is found, or the forward simulation refutes it.
         StorageError
-            If its run folder is broken or taken, or cannot be written.
+            If its run folder is damaged, contains another problem, or cannot be written.
         """
         if problem.digest not in self._gaits:
             if not self.has_gait(problem):
@@ -215,7 +217,7 @@ def problem_of(name: str) -> go.Problem:
 
 
 def gait_of(archive: Archive, name: str) -> go.Gait:
-    """The gait with a short name."""
+    """The gait with a short name of ``SOURCES``."""
     return archive.gait(problem_of(name))
 
 
@@ -225,14 +227,17 @@ def family_of(archive: Archive, name: str) -> Records:
 
 
 def rounded_torques(archive: Archive, name: str) -> list[go.Gait]:
-    """Gait I or II for the four corners of the torques that round to the printed ones."""
+    """Gait I or II at the four corners of the range of torques that round to the printed ones."""
     tau1, tau2 = PRINTED_TORQUES[name.partition(",")[0]]
-    corners = [torques_here(tau1 + a * HALF_DIGIT, tau2 + b * HALF_DIGIT) for a, b in CORNERS]
+    corners = [torques_here(tau1 + a * HALF_DIGIT_OF_TORQUE, tau2 + b * HALF_DIGIT_OF_TORQUE) for a, b in CORNERS]
     return [archive.gait(problem_of(name).replace(corner)) for corner in corners]
 
 
 def copied_torques(gait: go.Gait) -> list[tuple[Array, Array]]:
-    """Times (m,) [s] and torques (m, n_u) [N m] on every arc of a gait of a walker with as many motors as angles."""
+    """Times (m,) [s] and torques (m, n_u) [N m] that copy a gait on level ground, for every arc of the gait.
+
+    The walker needs as many motors as shape coordinates.
+    """
     walker = gait.problem.walker
     terms = _gravity_and_motors(type(walker))
     fields = {name: getattr(walker, name) for name in type(walker).model_fields}
@@ -256,7 +261,7 @@ def mean_torques(gait: go.Gait) -> Array:
     """Means of the copied torques over the step; shape (n_u,) [N m]."""
     total = np.zeros(len(gait.system.walker.actuators))
     for times, torques in copied_torques(gait):
-        for k, values in enumerate(torques.T):  # at Chebyshev points: the interpolant has the precision of the gait
+        for k, values in enumerate(torques.T):  # the interpolant at Chebyshev points is as accurate as the gait
             antiderivative = Chebyshev.fit(times, values, len(times) - 1).integ()
             total[k] += antiderivative(times[-1]) - antiderivative(times[0])
     return total / gait.scalar("period")

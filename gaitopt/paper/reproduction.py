@@ -1,7 +1,8 @@
 """The reproduction: compute the gaits and families of the paper on all cores, and write figures and table.
 
-Each part needs some gaits and families. Missing ones are computed, the longest first, and a part is written as soon as
-all its needs are met. Gaits and families are kept in run folders, so that a second reproduction computes nothing.
+Every figure, and the table, needs some gaits and families. Missing ones are computed, the longest first. A figure is
+written as soon as everything that it needs exists. Gaits and families are stored in run folders, so that a second
+reproduction computes nothing.
 """
 
 import json
@@ -30,11 +31,11 @@ PAPER = "gamus-or-2013"
 TABLE = "table"
 """The part that is not a figure."""
 OVER_FRICTION = ("fig4", "fig9", "fig11", "fig12")
-"""Figures of the families that start at their gaits."""
+"""Figures that show families; the others show gaits."""
 
 
 class Kind(StrEnum):
-    """What can be computed for a short name."""
+    """The kinds of results that can be computed for the short name of a gait."""
 
     FAMILY = "family"
     ROUNDED = "rounded torques"
@@ -42,21 +43,21 @@ class Kind(StrEnum):
 
 
 Need = tuple[Kind, str]
-"""A kind, and the short name of a gait."""
+"""A result that a figure needs: its kind, and the short name of its gait."""
 EVERYTHING: Sequence[Need] = (
     *((Kind.FAMILY, name) for name in reversed(tuple(FAMILIES))),
     *((Kind.ROUNDED, name) for name in ROUNDED),
     *((Kind.GAIT, name) for name in SOURCES),
 )
-"""All needs in the order of computation: the longest first, and families before their gaits, which they contain."""
+"""All results in the order of computation: the longest first, and families before their gaits, which they contain."""
 COSTS = {Kind.FAMILY: 3, Kind.ROUNDED: 1, Kind.GAIT: 1}
-"""Processor time relative to that of one figure."""
-CLOSED_LOOP = 3
-"""Factor for gaits that track a reference."""
+"""Processor time of a result relative to that of a figure; the progress depends on it."""
+CLOSED_LOOP_COST = 3
+"""Factor of the processor time for gaits that track a reference."""
 
 
 def parts() -> tuple[str, ...]:
-    """Names of everything that is reproduced."""
+    """Names of all figures, and of the table."""
     return (*SHOWN, TABLE)
 
 
@@ -80,7 +81,7 @@ def reproduce(
     only : names of figures such as ``fig9``, and ``table``; empty for everything.
     output : folder of figures and table, by default ``results/PAPER``.
     workers : number of processes; by default one per core.
-    narrate : called with a description of what is computed next.
+    narrate : called with a description of the next computation.
     progress : called with the percentage done, and 100.
     should_stop : polled; True ends the call with a KeyboardInterrupt.
 
@@ -91,9 +92,9 @@ def reproduce(
     Raises
     ------
     UnknownNameError
-        If there is no such paper or part of it.
+        If there is no such paper, or no such figure in it.
     SolveError
-        If there is no gait, or the forward simulation refutes it.
+        If a gait is not found, or the forward simulation refutes it.
     StorageError
         If a run folder is damaged, or a folder cannot be written.
     """
@@ -102,7 +103,7 @@ def reproduce(
     unknown = [name for name in only if name not in parts()]
     if unknown:
         raise UnknownNameError(f"{paper} has no {unknown[0]!r}; choose from {', '.join(parts())}")
-    archive = Archive(narrate=narrate or (lambda words: None), should_stop=should_stop or (lambda: False))
+    archive = Archive(narrate=narrate or (lambda description: None), should_stop=should_stop or (lambda: False))
     folder = RESULTS / paper if output is None else Path(output)
     return write(archive, folder, only, progress or (lambda done, total: None), workers or os.cpu_count() or 1)
 
@@ -118,7 +119,7 @@ def write(
 
     Returns
     -------
-    paths : of the files, in the order of ``parts()``.
+    paths : paths of the files, in the order of ``parts()``.
     """
     waiting = needs([name for name in parts() if not only or name in only])
     every, names = set().union(*waiting.values()), tuple(waiting)
@@ -130,16 +131,16 @@ def write(
         for name in [name for name, required in waiting.items() if required <= met]:
             written[name] = _table(archive, folder) if name == TABLE else _figure(archive, folder, name)
             del waiting[name]
-        costs = {need: COSTS[need[0]] * (CLOSED_LOOP if need[1].startswith("III") else 1) for need in needed}
+        costs = {need: COSTS[need[0]] * (CLOSED_LOOP_COST if need[1].startswith("III") else 1) for need in needed}
         unmet = [cost for need, cost in costs.items() if need not in met]
-        begun = sum(unmet[: workers if workers > 1 else 0]) / 2  # what several processes compute counts half
+        begun = sum(unmet[: workers if workers > 1 else 0]) / 2  # results that are being computed count half
         done = sum(costs.values()) - sum(unmet) + begun + len(written)
         progress(int(100 * done / (sum(costs.values()) + len(names))), 100)
     return [path for name in names for path in written[name]]
 
 
 def needs(parts: Sequence[str]) -> dict[str, set[Need]]:
-    """The needs of every part; of two needs with the same problem only the first in ``EVERYTHING``."""
+    """The results that every part needs; of two results with the same problem, the first in ``EVERYTHING`` is taken."""
     kinds = {part: Kind.FAMILY if part in OVER_FRICTION else Kind.GAIT for part in parts}
     needed = {p: {*EVERYTHING} if p == TABLE else {(kinds[p], name) for name in SHOWN[p]} for p in parts}
     every = set().union(*needed.values())
@@ -152,15 +153,15 @@ def needs(parts: Sequence[str]) -> dict[str, set[Need]]:
     for need in EVERYTHING:
         if need in every:
             first.setdefault(identity(need), need)
-    return {part: {first[identity(need)] for need in own} for part, own in needed.items()}
+    return {part: {first[identity(need)] for need in required} for part, required in needed.items()}
 
 
 def prepared(archive: Archive, needed: Sequence[Need], workers: int) -> Iterator[Need]:
-    """Compute what is missing, and yield every need once it is there.
+    """Compute the missing results, and yield every result once it is stored.
 
-    A need that fails in another process is yielded too; whoever uses it gets the error.
+    A result that fails in another process is yielded too; the error appears when it is used.
     """
-    missing = [need for need in needed if not _is_kept(archive, need)]
+    missing = [need for need in needed if not _is_stored(archive, need)]
     yield from (need for need in needed if need not in missing)
     count, results = min(workers, len(missing)), str(archive.results.resolve())
     if count < 2:
@@ -177,7 +178,7 @@ def prepared(archive: Archive, needed: Sequence[Need], workers: int) -> Iterator
         raise KeyboardInterrupt
 
 
-def _is_kept(archive: Archive, need: Need) -> bool:
+def _is_stored(archive: Archive, need: Need) -> bool:
     kind, name = need
     if kind is Kind.FAMILY:
         return archive.has_family(problem_of(name), FAMILIES[name])
@@ -185,7 +186,7 @@ def _is_kept(archive: Archive, need: Need) -> bool:
 
 
 def _compute(archive: Archive, need: Need) -> None:
-    """Compute a gait or family unless it is kept, and keep it."""
+    """Compute and store a result unless it is stored already."""
     kind, name = need
     compute = {Kind.FAMILY: family_of, Kind.ROUNDED: rounded_torques, Kind.GAIT: gait_of}[kind]
     compute(archive, name)
@@ -197,7 +198,7 @@ def _compute_in_process(argument: tuple[str, str, str]) -> None:
 
 
 def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:
-    from gaitopt.paper.figures import draw  # Matplotlib, which the processes that compute need not wait for
+    from gaitopt.paper.figures import draw  # imports Matplotlib, which the computing processes do not need
 
     return go.save_figures(draw(archive, name).figure, folder, [name])
 

@@ -1,8 +1,8 @@
-"""The table of the reproduction: every printed number and sentence beside what is computed, as Markdown and JSON.
+"""The table of the reproduction: printed numbers and statements compared with computed ones, as Markdown and JSON.
 
-``NUMBERS`` lists the printed numbers with what computes them, ``SENTENCES`` the statements without a number, which are
-examined on the computed families. A number that differs has one of the reasons in ``EXPLANATIONS``, with the values
-that other readings of the paper give. Nothing is fitted to a printed digit.
+``NUMBERS`` lists the printed numbers with the functions that compute them. ``SENTENCES`` lists the statements without a
+number, which are examined on the computed families. A number that differs has one of the reasons in ``EXPLANATIONS``,
+with the values that other readings of the paper give. Nothing is fitted to a printed digit.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -49,7 +49,7 @@ EXPLANATIONS = {
     ),
     Reason.UNEXPLAINED: "We know of no reason.",
 }
-"""Each reason in words."""
+"""The text that explains each reason."""
 
 
 Compute = Callable[[Archive], float]
@@ -61,12 +61,12 @@ class Printed:
 
     Attributes
     ----------
-    where : place in the paper.
+    where : section or figure of the paper.
     quantity : the quantity with its unit.
     printed : the printed digits.
-    compute : computes the number.
-    reason : why the computed number differs, or how the paper has to be read for it to agree.
-    otherwise : values that other readings give, by the words for the reading.
+    compute : the function that computes the number.
+    reason : why the computed number differs, or how the paper must be read to make it agree.
+    otherwise : functions that compute the number for other readings of the paper, by the name of the reading.
     """
 
     where: str
@@ -129,7 +129,7 @@ def printed_torque(name: str, which: int) -> Compute:
 
 
 def _rise(archive: Archive) -> float:
-    """By how much slipping raises the wheel's multiplier while its impact sticks [%]."""
+    """Largest increase of the wheel's multiplier by slip while its impact sticks [%]."""
     records = family_of(archive, "wheel")
     gaits = [r if r["record"] == "point" else r["gait"] for r in records if r["record"] in ("point", "special")]
     radii = [gait["spectral_radius"] for gait in gaits if gait.get("impact") == "stick"]
@@ -156,7 +156,7 @@ def _frictionless(name: str, key: str) -> dict[str, Compute]:
 
 def _weak_row(quantity: str, printed: str, key: str, reason: Reason) -> Printed:
     rounded = within_rounding("II, frictionless impact", key)
-    otherwise = _frictionless("II", key) | {f"frictionless impact, {words}": c for words, c in rounded.items()}
+    otherwise = _frictionless("II", key) | {f"frictionless impact, {name}": c for name, c in rounded.items()}
     return Printed("V", f"II: {quantity}", printed, scalar("II", key), reason, otherwise)
 
 
@@ -183,7 +183,7 @@ NUMBERS = (
     Printed(
         "V", "B: angle at impact over that of A", "0.5", ratio(scalar("B", "theta1"), scalar("A", "theta1")),
         Reason.FRICTIONLESS_IMPACT,
-        {words: ratio(angle, scalar("A", "theta1")) for words, angle in _frictionless("B", "theta1").items()},
+        {reading: ratio(angle, scalar("A", "theta1")) for reading, angle in _frictionless("B", "theta1").items()},
     ),
     Printed("IV, Fig. 9", "B: found up to μ", "0.3", special("B", "impact_change")),
     Printed("V, Fig. 10", "I: τ1, mean [N m]", "-2.73", printed_torque("passive", 0), Reason.TORQUE_SIGN),
@@ -201,38 +201,38 @@ NUMBERS = (
     _pd_row("cost of transport", "0.0055", "cost_of_transport"),
     _pd_row("|λ| at μ = 0.2", "0.37", "spectral_radius"),
 )  # fmt: skip
-"""All of them, in the order of the text."""
+"""All printed numbers, in the order of the paper."""
 
 
 LINE_WIDTH = 1e-3
-"""Width of a drawn line relative to the height of the curve; the paper resolves nothing smaller."""
+"""Width of a drawn line relative to the height of the curve. Smaller changes cannot be seen in the paper."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sentence:
-    """A statement.
+    """A statement of the paper without a number.
 
     Attributes
     ----------
-    where : place in the paper.
-    words : the statement.
-    holds : whether the statement is true.
+    where : section or figure of the paper.
+    text : the statement.
+    holds : the function that tells whether the statement is true.
     """
 
     where: str
-    words: str
+    text: str
     holds: Callable[[Archive], bool]
 
 
 def _column(archive: Archive, name: str, key: str, *, slipping_impact: bool = False) -> Array:
-    """A scalar at the points of a family, by falling friction."""
+    """A scalar at the points of a family, in the order of decreasing friction."""
     points = [record for record in family_of(archive, name) if record["record"] == "point"]
     points.sort(key=lambda record: -record["value"])
     return np.array([p[key] for p in points if not slipping_impact or p["impact"] != "stick"])
 
 
 def _rises(values: Array) -> bool:
-    """Whether a curve never falls by more than its drawn line is wide."""
+    """Whether a curve never falls by more than the width of its drawn line."""
     return bool(np.all(np.diff(values) >= -LINE_WIDTH * np.ptp(values)))
 
 
@@ -283,13 +283,13 @@ SENTENCES = (
     Sentence("V", "III is stable at μ = 0.2", lambda archive: scalar("III", "spectral_radius")(archive) < 1),
     Sentence("V", "III slips after the impact for μ > μ_c of I too", _beyond_sticking("III", "I")),
 )
-"""All of them, in the order of the text."""
+"""All statements, in the order of the paper."""
 
 
-SLACK = 1e-9
-"""Allows for rounding where a number is exactly half a digit away."""
-DIGITS = 5
-"""Significant digits in the Markdown table; the JSON has all of them."""
+ROUNDING = 1e-9
+"""Added to half a digit, so that rounding does not decide about a number exactly half a digit away."""
+MARKDOWN_DIGITS = 5
+"""Number of significant digits in the Markdown table; the JSON has all digits."""
 INTRODUCTION = """# Gamus & Or (2013): every printed number, computed again
 
 Written by `gaitopt reproduce gamus-or-2013`. *agrees* means to the last printed digit. A reason is given where
@@ -308,15 +308,15 @@ def row(archive: Archive, number: Printed) -> dict[str, Any]:
         "printed": number.printed,
         "computed": computed,
         "difference": difference,
-        "agrees": abs(difference) <= number.half_digit + SLACK,
+        "agrees": abs(difference) <= number.half_digit + ROUNDING,
         "reason": None if number.reason is None else str(number.reason),
-        "otherwise": {words: compute(archive) for words, compute in number.otherwise.items()},
+        "otherwise": {reading: compute(archive) for reading, compute in number.otherwise.items()},
     }
 
 
 def statement(archive: Archive, sentence: Sentence) -> dict[str, Any]:
     """One sentence as a JSON object."""
-    return {"where": sentence.where, "sentence": sentence.words, "holds": sentence.holds(archive)}
+    return {"where": sentence.where, "sentence": sentence.text, "holds": sentence.holds(archive)}
 
 
 def record(archive: Archive) -> dict[str, Any]:
@@ -324,7 +324,7 @@ def record(archive: Archive) -> dict[str, Any]:
     return {
         "numbers": [row(archive, number) for number in NUMBERS],
         "sentences": [statement(archive, sentence) for sentence in SENTENCES],
-        "reasons": {str(reason): words for reason, words in EXPLANATIONS.items()},
+        "reasons": {str(reason): text for reason, text in EXPLANATIONS.items()},
     }
 
 
@@ -343,11 +343,11 @@ def _numbers(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             entry["where"],
             entry["quantity"].replace("|", "\\|"),
             entry["printed"],
-            f"{entry['computed']:.{DIGITS}g}",
+            f"{entry['computed']:.{MARKDOWN_DIGITS}g}",
             f"{entry['difference']:+.2g}",
             "yes" if entry["agrees"] else "no",
             entry["reason"] or "",
-            ", ".join(f"{words}: {value:.{DIGITS}g}" for words, value in entry["otherwise"].items()),
+            ", ".join(f"{reading}: {value:.{MARKDOWN_DIGITS}g}" for reading, value in entry["otherwise"].items()),
         )
 
 

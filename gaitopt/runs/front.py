@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast, overload
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.frames import data_frame
-from gaitopt.gait.records import FrontRecord, OutcomeRecord, PlaceRecord, SolvedRecord, is_gait
+from gaitopt.gait.records import FrontRecord, OutcomeRecord, FrontEntryRecord, SolvedRecord, is_gait
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of
@@ -171,7 +171,7 @@ def read_fronts(folder: Path) -> list[Front]:
     problem = run.problem()
     for path in sorted(folder.glob(front_file("*"))):
         record = validated(FrontRecord, run.read_object(path.name), path, states=problem.walker.state_names())
-        key, places = record["over"].partition("=")[0], cast(list[PlaceRecord], record["points"])
+        key, places = record["over"].partition("=")[0], cast(list[FrontEntryRecord], record["points"])
         gaits = {place["value"]: gait for place, gait in zip(places, record["points"], strict=True)}
         pareto = {value: _undominated(value, gaits, key) for value in gaits}
         axis = Axis(key=key, lower=places[0]["value"], upper=places[-1]["value"], count=len(gaits))

@@ -1,9 +1,9 @@
-"""Run folders on the disk. A file that is missing, altered or cannot be written is a ``StorageError`` with its place.
+"""Run folders on the disk. A file that is missing, altered or not writable raises a ``StorageError`` that names it.
 
 - ``formats``: JSON, CSV and typed records as text, and checksums
-- ``files``: whole files that appear whole or not at all; files of records that grow line by line and survive a kill
-- ``lock``: one writer at a time
+- ``files``: files that appear whole or not at all; files of records that grow line by line and survive a kill
+- ``lock``: the lock that lets one process at a time write a folder
 - ``run``: the run folder as one object: problem, manifest, files, lines
 - ``gaits``: gaits, branch points and special points from their records
-- ``branch``: a stored branch as far as it got, from which its continuation goes on
+- ``branch``: an unfinished branch, read back so that its continuation can be resumed
 """

@@ -1,7 +1,7 @@
-"""A stored branch, read back so that its continuation goes on to the last bit.
+"""A stored branch, read back so that the resumed continuation gives the same bits as an uninterrupted one.
 
-A record of a point holds the unknowns of the equations, the tangent and the mesh with every bit. One of an earlier
-version may lack them; its gait is then solved again.
+The record of a point holds all bits of the unknowns, the tangent and the mesh. The records of earlier versions may lack
+them; the gait is then solved again.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,14 +30,14 @@ class StoredPoint:
 
     Attributes
     ----------
-    branch, index : its place.
+    branch, index : number of its branch, and of the point in it.
     length : arclength of the next step.
-    problem : with the value of the parameter, and the modes and the state of the point.
+    problem : the problem with the value of the parameter, and with the modes and the state of the point.
     solution : the unknowns with their equations, in which the parameter is free.
-    direction : ndarray - tangent of the branch in the unknowns; None where an earlier version has written the record,
-        whose ``solution`` is a guess.
-    tangent : ndarray - the same in scaled section coordinates, durations and parameter.
-    iterations : number of Newton iterations that led to it.
+    direction : ndarray - tangent of the branch in the unknowns. None if an earlier version wrote the record; the
+        ``solution`` is then only a guess.
+    tangent : ndarray - tangent of the branch in scaled section coordinates, durations and parameter.
+    iterations : number of Newton iterations that the point took.
     earlier : unknowns and direction of the point before it, if the next one is extrapolated from both.
     """
 
@@ -54,18 +54,18 @@ class StoredPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredContinuation:
-    """One continuation of a family as far as it is stored.
+    """The stored part of one continuation of a family.
 
     Attributes
     ----------
-    number : of its first branch.
-    is_named : whether a special point of another continuation has given this number.
+    number : number of its first branch.
+    is_named : whether a special point of another continuation announces this number.
     count : number of points.
-    last : the last point; None if there is none, or nothing is left to do.
+    last : the last point; None if there is no point, or if the continuation is complete.
     metric : ndarray, shape (n_z + 2,) - scales of arclength; None if they are not stored.
     specials : special points at which further branches begin.
-    largest : largest number of a branch in it.
-    is_complete : whether the family ends there.
+    largest : largest number of a branch in it or of one that begins at its special points.
+    is_complete : whether the continuation has reached its end.
     """
 
     number: int
@@ -88,15 +88,15 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
     Raises
     ------
     StorageError
-        If a continuation cannot go on from its records.
+        If a continuation cannot be resumed from its records.
     """
     continuations, named = _by_continuation(records)
     read = list[StoredContinuation]()
-    for number, own in continuations.items():
-        points = [record for record in own if record["record"] == "point"]
-        specials = [record for record in own if record["record"] == "special"]
+    for number, stored in continuations.items():
+        points = [record for record in stored if record["record"] == "point"]
+        specials = [record for record in stored if record["record"] == "special"]
         beginning = [record for record in specials if _begins_others(record)]
-        is_complete = own[-1]["record"] == "special" and own[-1]["type"] in TERMINAL
+        is_complete = stored[-1]["record"] == "special" and stored[-1]["type"] in TERMINAL
         metric = next((_metric(point) for point in points if point.get("walk") is not None), None)
         read.append(
             StoredContinuation(
@@ -106,7 +106,7 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
                 last=None if is_complete or not points else _last_point(family, parameter, points),
                 metric=metric,
                 specials=tuple(special_point(family, parameter, record) for record in beginning),
-                largest=max([record["branch"] for record in own] + [n for record in specials for n in record["next"]]),
+                largest=max([record["branch"] for record in stored] + [n for each in specials for n in each["next"]]),
                 is_complete=is_complete,
             )
         )
@@ -114,14 +114,14 @@ def stored_continuations(family: Gait, parameter: str, records: Sequence[BranchR
 
 
 def resumable(records: Sequence[BranchRecord], exhausted: Callable[[int], str | None]) -> list[BranchRecord]:
-    """The records from which an unfinished family goes on.
+    """The records from which an unfinished family is resumed.
 
-    Special points after the last point of a continuation are dropped and located again, and so is its end at a limit of
-    points or time, if more are allowed now.
+    Special points after the last point of a continuation are dropped, because they are located again. An end at a limit
+    of points or time is dropped if more of them are allowed now.
 
     Parameters
     ----------
-    exhausted : why a continuation with some number of points pauses; None if it goes on.
+    exhausted : number of points of a continuation -> why it pauses there; None if it continues.
     """
     again = set[int]()
     for stored in _by_continuation(records)[0].values():
@@ -143,14 +143,14 @@ def _by_continuation(records: Sequence[BranchRecord]) -> tuple[dict[int, list[Br
         continuations.setdefault(number, []).append(record)
         if record["record"] == "special":
             following = list(record["next"])
-            if following and "to" in record:  # the continuation itself goes on with the first of them
+            if following and "to" in record:  # the first of them belongs to this continuation
                 first[following.pop(0)] = number
             given.update(following)
     return continuations, given
 
 
 def _begins_others(record: SpecialRecord) -> bool:
-    """Whether branches begin at a special point other than the one with which its continuation goes on."""
+    """Whether a special point begins branches besides the one with which its own continuation proceeds."""
     return len(record["next"]) > ("to" in record)
 
 
@@ -167,7 +167,7 @@ def _last_point(family: Gait, parameter: str, points: Sequence[PointRecord]) -> 
     Raises
     ------
     StorageError
-        If the continuation cannot go on from the record.
+        If the continuation cannot be resumed from the record.
     """
     record = points[-1]
     try:
@@ -220,7 +220,7 @@ def _solution(family: Gait, problem: Problem, cycle: Cycle, parameter: str, stat
     Raises
     ------
     ValueError
-        If the state does not fit the modes, or is not a gait with them.
+        If the state does not fit the modes, or is not a solution for them.
     """
     system = family.system
     n_nodes = sum(intervals for *_, intervals in state.arcs) + len(cycle.resets)
@@ -248,5 +248,5 @@ def _solution(family: Gait, problem: Problem, cycle: Cycle, parameter: str, stat
 
 
 def _unusable(record: PointRecord, error: Exception) -> StorageError:
-    words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
-    return StorageError(f"branch {record['branch']} cannot be resumed from its point {record['index']}: {words}")
+    fault = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
+    return StorageError(f"branch {record['branch']} cannot be resumed from its point {record['index']}: {fault}")

@@ -1,11 +1,11 @@
 """Files that survive a crash: whole files appear whole or not at all, and files of records lose no line.
 
-A whole file is written beside its place under a random name, synced, and renamed into its place. No link is followed; a
-link planted under the name of a file is replaced.
+A whole file is written in its folder under a random name, synced, and then renamed. No link is followed; a link planted
+under the name of a file is replaced.
 
 A file of records grows line by line, and each line is durable once it is appended; a last line that a crash cut off is
-ignored. Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)), so
-that a line that was altered, removed, added or moved is noticed.
+ignored. Every line ends with a checksum that is chained to the one before it, crc_k = CRC-32(line_k, crc_(k-1)). It
+shows whether a line was altered, removed, added or moved.
 """
 
 import hashlib
@@ -23,11 +23,11 @@ from typing import Any, Self
 from gaitopt.errors import StorageError
 from gaitopt.store.formats import FileSum, json_text, parse_object, parsed, reason
 
-ATTEMPTS = 3
-"""To make a folder whose parents another process may be removing."""
+FOLDER_ATTEMPTS = 3
+"""Number of attempts to make a folder, because another process may just be removing its parents."""
 TEMPORARY_SUFFIX = ".tmp"
 MOST_LISTED = 12
-"""Names of other files in an error message."""
+"""Largest number of other files that an error message names."""
 TEMPORARY_NAME = re.compile(r"\..+\.(?P<pid>\d+)-[0-9a-f]{16}\.tmp")
 """Name of the temporary file of a process; those of killed processes are leftovers."""
 NO_LINK = os.O_NOFOLLOW | os.O_CLOEXEC if os.name == "posix" else os.O_BINARY  # type: ignore[attr-defined]
@@ -58,12 +58,12 @@ def write_whole(path: Path, content: str | bytes) -> None:
         others = f"kept whole in {path.parent}: {', '.join(listed)}" if names else "nothing was written"
         raise StorageError(f"cannot write {path}: {reason(error)}; {others}") from error
     finally:
-        with suppress(OSError, ValueError):  # a disk that refused the file may refuse this too
+        with suppress(OSError, ValueError):  # a disk that refused to write may refuse to delete
             temporary.unlink(missing_ok=True)
 
 
 def _temporary(path: Path) -> Path:
-    """A new name beside a file, for its content until it is complete."""
+    """A new name in the folder of a file, for its content until it is complete."""
     return path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(8)}{TEMPORARY_SUFFIX}")
 
 
@@ -80,16 +80,16 @@ def make_folder(folder: Path, *, parents: bool = True) -> list[Path]:
     Raises
     ------
     StorageError
-        If it cannot be made, or without ``parents`` if its parent does not exist.
+        If the folder cannot be made, or if its parent does not exist and ``parents`` is False.
     """
-    for attempt in range(ATTEMPTS):
+    for attempt in range(FOLDER_ATTEMPTS):
         try:
             missing = list(takewhile(lambda path: not path.is_dir(), (folder, *folder.parents)))
             for path in reversed(missing if parents else missing[:1]):
                 path.mkdir(exist_ok=True)
                 sync_folder(path.parent)
         except FileNotFoundError as error:  # another process has just removed a parent in which nothing was written
-            if not parents or attempt == ATTEMPTS - 1:
+            if not parents or attempt == FOLDER_ATTEMPTS - 1:
                 raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
         except (OSError, ValueError) as error:
             raise StorageError(f"cannot make the folder {folder}: {reason(error)}; nothing was written") from error
@@ -105,14 +105,14 @@ def entries(folder: Path) -> list[Path]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        words = f"cannot use {folder} as a run folder: {reason(error)}; choose another"
-        raise StorageError(words).concerning("output") from error
+        message = f"cannot use {folder} as a run folder: {reason(error)}; choose another"
+        raise StorageError(message).concerning("output") from error
 
 
 def clear_leftovers(*folders: Path) -> None:
     """Remove the temporary files of killed processes; those of running processes stay."""
     for folder in folders:
-        with suppress(OSError):  # what cannot be listed or removed does no harm
+        with suppress(OSError):  # leftovers that cannot be listed or removed do no harm
             for path in folder.iterdir():
                 matched = TEMPORARY_NAME.fullmatch(path.name)
                 if matched:
@@ -150,11 +150,11 @@ def check_file(path: Path) -> None:
     Raises
     ------
     StorageError
-        If it is a folder, its name is impossible, or as ``check_writable``.
+        If the path is a folder, if the name is impossible, or if ``check_writable`` refuses it.
     """
     if path.is_dir():
-        words = f"it is a folder; name a file in it, such as {path / 'walk'}{path.suffix}"
-        raise StorageError(f"cannot write {path}: {words}").concerning("output")
+        remedy = f"name a file in it, such as {path / 'walk'}{path.suffix}"
+        raise StorageError(f"cannot write {path}: it is a folder; {remedy}").concerning("output")
     try:
         _temporary(path).lstat()
     except FileNotFoundError:
@@ -173,16 +173,16 @@ def check_writable(path: Path) -> None:
         If the nearest existing path above it is not a folder, or may not be written.
     """
     try:
-        place = next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+        existing = next(each for each in (path.absolute(), *path.absolute().parents) if each.exists())
     except OSError as error:
         raise StorageError(f"cannot write {path}: {reason(error)}; choose another").concerning("output") from error
-    folder = place.parent if place == path.absolute() and place.is_file() else place
+    folder = existing.parent if existing == path.absolute() and existing.is_file() else existing
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
         raise StorageError(f"cannot write {path}: {folder} is not writable; choose another place").concerning("output")
 
 
 LINE = re.compile(rb'(\{.*), "crc": "([0-9a-f]{8})"\}\n')
-"""A record and its checksum, which counts as the last key of the object."""
+"""A line: a record whose last key is the checksum."""
 
 
 def lines_text(records: Iterable[Mapping[str, Any]]) -> str:
@@ -195,13 +195,13 @@ def lines_text(records: Iterable[Mapping[str, Any]]) -> str:
 
 
 class LineWriter:
-    """Appends records to a JSON-lines file, as a context manager; only the holder of the folder's lock may do so.
+    """A context manager that appends records to a JSON-lines file. Its user must hold the lock of the folder.
 
-    A file that exists is continued; a torn last line in it is cut off first.
+    If the file exists, it is continued after its last complete line.
 
     Attributes
     ----------
-    records : those that the file held when it was opened.
+    records : the records that the file contained when it was opened.
     """
 
     def __init__(self, path: Path, known: FileSum | None = None) -> None:
@@ -236,16 +236,16 @@ class LineWriter:
         try:
             write_all(self._file, line)
             os.fsync(self._file)
-            there = os.path.samestat(os.fstat(self._file), self._path.lstat())
+            still_exists = os.path.samestat(os.fstat(self._file), self._path.lstat())
         except FileNotFoundError:
-            there = False
+            still_exists = False
         except OSError as error:
             with suppress(OSError):  # a torn line is dropped on reading anyway
                 os.ftruncate(self._file, self._end)
             raise StorageError(
                 f"cannot append to {self._path}: {reason(error)}; all records before this one are kept"
             ) from error
-        if not there:
+        if not still_exists:
             raise StorageError(f"{self._path} was deleted or replaced while this command was writing it")
         self._end, self._crc = self._end + len(line), crc
 
@@ -260,7 +260,7 @@ def read_lines(path: Path, known: FileSum | None = None) -> Iterator[dict[str, A
 
     Parameters
     ----------
-    known : checksums of the file in the manifest, if it was finished; it may have grown since.
+    known : the checksum of the file in the manifest, if it has one; the file may have grown since.
     """
     return (record for record, _, _ in _whole_lines(path, known))
 
@@ -280,8 +280,9 @@ def _whole_lines(path: Path, known: FileSum | None) -> Iterator[tuple[dict[str, 
                 body = matched[1] + b"}" if matched else line
                 crc = zlib.crc32(body, crc)
                 if matched is None or f"{crc:08x}".encode() != matched[2]:
-                    words = "altered, or not in its place (the checksum of the line differs)"
-                    raise StorageError(f"{path}:{count}: {words}")
+                    raise StorageError(
+                        f"{path}:{count}: altered, or not in its place (the checksum of the line differs)"
+                    )
                 whole.update(line)
                 if known is not None and count == known.lines and whole.hexdigest() != known.sha256:
                     raise StorageError(f"{path}:{count}: altered since it was written; the run was not changed")

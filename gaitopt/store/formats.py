@@ -1,7 +1,7 @@
 """Text of the files of a run folder: JSON, CSV and typed records, and the checksums that notice a change.
 
-Floats are written with all digits, so that what is read has every bit of what was written. A checksum is the SHA-256 of
-a file and a short code of every line, code(line) = the last 16 bits of CRC-32(line), which locates a change.
+Floats are written with so many digits that reading gives back every bit. A checksum consists of the SHA-256 of a file
+and of a short code of every line, the last 16 bits of CRC-32(line), which locates a change.
 """
 
 import csv
@@ -31,7 +31,7 @@ _adapter = lru_cache(TypeAdapter)
 def validated(
     model: type[Model], record: Any, path: Path, line: int | None = None, *, states: Sequence[str] | None = None
 ) -> Model:
-    """The record of a file as a ``model``: a dataclass, or a type of ``gait.records``, which the record is itself.
+    """The validated record of a file: a dataclass ``model``, or the record itself for a type of ``gait.records``.
 
     Parameters
     ----------
@@ -40,19 +40,20 @@ def validated(
     Raises
     ------
     StorageError
-        If it does not match the type; the message names file, line and key.
+        If the record does not match the type; the message names file, line and key.
     """
     try:
         value = _adapter(model).validate_python(record, context={STATES: states})  # type: ignore[arg-type]
     except ValidationError as error:
         raise damaged(path, first_fault(error), line) from error
-    return cast(Model, record if isinstance(value, dict) else value)  # with every digit, and entries of later versions
+    # the record, unlike the validated copy, has all digits and the entries of later versions
+    return cast(Model, record if isinstance(value, dict) else value)
 
 
-def damaged(path: Path, words: str, line: int | None = None) -> StorageError:
-    """The error for a file whose content is not what was written; ``words`` is the fault."""
-    place = path if line is None else f"{path}:{line}"
-    return StorageError(f"{place} {words}; the run is damaged and was not changed")
+def damaged(path: Path, fault: str, line: int | None = None) -> StorageError:
+    """The error for a file whose content is not the one that was written."""
+    location = path if line is None else f"{path}:{line}"
+    return StorageError(f"{location} {fault}; the run is damaged and was not changed")
 
 
 MODE_COLUMN = "mode"
@@ -70,17 +71,17 @@ class Table:
 
 
 def json_text(record: Mapping[str, Any], *, indent: int | None = None) -> str:
-    """JSON of a record, in ASCII: floats to the last digit, NaN and infinities as null."""
+    """The JSON of a record in ASCII, with all digits of floats; NaN and infinities become null."""
     return json.dumps(_plain(record), indent=indent, allow_nan=False)
 
 
 def json_file(record: Mapping[str, Any]) -> str:
-    """The text of a JSON file: indented."""
+    """The text of a JSON file, indented for readers."""
     return json_text(record, indent=2) + "\n"
 
 
 def csv_text(table: Table) -> str:
-    """CSV of a table: floats to the last digit, NaN and infinities as empty cells."""
+    """The CSV of a table, with all digits of floats; NaN and infinities become empty cells."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.header)
@@ -91,12 +92,12 @@ def csv_text(table: Table) -> str:
 
 
 def parse_object(text: str) -> dict[str, Any]:
-    """Parse one JSON object, strictly.
+    """Parse a text that is exactly one JSON object.
 
     Raises
     ------
     ValueError
-        If the text is anything else; the message names the place.
+        If the text is anything else; the message says what and where.
     """
 
     def refuse_constant(name: str) -> None:
@@ -114,7 +115,7 @@ def parse_object(text: str) -> dict[str, Any]:
 
 
 def parse_csv(text: str) -> Table:
-    """Parse what ``csv_text`` wrote; an empty cell is NaN.
+    """Parse the output of ``csv_text``; an empty cell is NaN.
 
     Raises
     ------
@@ -149,7 +150,7 @@ def parse_cell(cell: str) -> float:
     Raises
     ------
     ValueError
-        If it is not a finite number.
+        If the cell is not a finite number.
     """
     number = parse_number(cell or "nan")
     if cell and not math.isfinite(number):
@@ -176,11 +177,11 @@ def parsed(parse: Callable[[str], Parsed], content: bytes, path: Path) -> Parsed
     Raises
     ------
     StorageError
-        If it is not text, or ``parse`` raises a ValueError; the message names the file.
+        If the content is not text, or ``parse`` raises a ValueError; the message names the file.
     """
     try:
         return parse(content.decode("utf-8"))
-    except ValueError as error:  # of which a UnicodeDecodeError is one
+    except ValueError as error:  # includes UnicodeDecodeError
         raise StorageError(f"{path}: {reason(error)}; the run is damaged and was not changed") from error
 
 
@@ -192,20 +193,20 @@ def reason(error: OSError | ValueError) -> str:
 
 
 def check_agrees(path: Path, record: Mapping[str, Any], true: Mapping[str, Any], source: str) -> None:
-    """Refuse a record that differs from the ``true`` one, which follows from the ``source``."""
+    """Refuse a record that differs from the ``true`` one, which ``source`` determines."""
     key = differing(record, true)
     if key:
         raise damaged(path, f"{key}: is not what {source} gives")
 
 
 TEXTS = (".csv", ".json", ".yaml")
-"""Files of lines that are written whole."""
-GROWING = ".jsonl"
-"""Files of lines that grow; each line has a checksum of its own."""
-CODE = 4
-"""Hexadecimal digits of the code of a line."""
+"""Suffixes of text files that are written whole."""
+RECORDS = ".jsonl"
+"""Suffix of files of records, which grow; each line has its own checksum."""
+CODE_DIGITS = 4
+"""Number of hexadecimal digits in the code of a line."""
 MOST_CODES = 20_000
-"""Lines that have a code; with more of them the manifest would become too large."""
+"""Only this many lines of a file have a code, because each code makes the manifest longer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,9 +215,9 @@ class FileSum:
 
     Attributes
     ----------
-    sha256 : of its first ``size`` bytes; only a file of records may have more of them.
-    lines : number of its lines; 0 where it is not a text.
-    codes : of its lines, one after the other.
+    sha256 : the SHA-256 of its first ``size`` bytes; only a file of records may have more bytes.
+    lines : number of its lines; 0 if it is not a text.
+    codes : the codes of its lines, one after the other.
     """
 
     sha256: str
@@ -227,23 +228,23 @@ class FileSum:
 
 def file_sum(path: Path, content: bytes) -> FileSum:
     """The checksum of a file that holds ``content``."""
-    lines = content.splitlines(keepends=True) if path.suffix in (*TEXTS, GROWING) else []
+    lines = content.splitlines(keepends=True) if path.suffix in (*TEXTS, RECORDS) else []
     codes = "".join(map(_code, lines[:MOST_CODES])) if path.suffix in TEXTS else ""
     return FileSum(sha256=hashlib.sha256(content).hexdigest(), size=len(content), lines=len(lines), codes=codes)
 
 
 def check_content(path: Path, content: bytes, known: FileSum) -> None:
-    """Refuse a file whose content has changed since it was written; names the first changed line, if it has codes."""
+    """Refuse a file whose content has changed since it was written; with line codes, name the first changed line."""
     if hashlib.sha256(content).hexdigest() == known.sha256:
         return
-    place = f"{path}"
+    location = f"{path}"
     if known.codes:
         codes = [_code(line) for line in content.splitlines(keepends=True)]
-        written = [known.codes[k : k + CODE] for k in range(0, len(known.codes), CODE)]
+        written = [known.codes[k : k + CODE_DIGITS] for k in range(0, len(known.codes), CODE_DIGITS)]
         same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(codes, written, strict=False)))
-        place = f"{path}:{same + 1}"
-    raise StorageError(f"{place}: altered since it was written (SHA-256 differs); the run was not changed")
+        location = f"{path}:{same + 1}"
+    raise StorageError(f"{location}: altered since it was written (SHA-256 differs); the run was not changed")
 
 
 def _code(line: bytes) -> str:
-    return f"{zlib.crc32(line):08x}"[-CODE:]
+    return f"{zlib.crc32(line):08x}"[-CODE_DIGITS:]

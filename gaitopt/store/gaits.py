@@ -1,8 +1,8 @@
 """Gaits, walks and special points from their records: the inverse of ``to_record``.
 
 A record holds the state after each impact, modes and durations, multipliers and scalars. The motion between the impacts
-comes from the table beside the record, or is integrated again from the state, z(t) = Phi_mode(t; z_plus), which gives
-every digit of a fresh gait but not the solver's own nodes.
+comes from the table beside the record. Without a table it is integrated again from the state, z(t) = Phi_mode(t;
+z_plus), which gives every digit of the original gait, but at other nodes than those of the solver.
 """
 
 from bisect import bisect_right
@@ -29,13 +29,15 @@ from gaitopt.solver.mesh import nearest
 from gaitopt.store.formats import Table
 
 POINTS = 33
-"""Chebyshev points of a phase; they resolve a phase of walking."""
-CLOSED = 1e-9
-"""Difference between the states at the start of a cycle and after it, in natural units, that rounding may cause."""
+"""Number of Chebyshev points of a phase; they resolve a phase of walking."""
+LARGEST_CLOSING_ERROR = 1e-9
+"""Largest difference between the states at the start and the end of a cycle that rounding can cause, in natural
+units."""
 SAME_TIME = 1e-14
-"""Relative to the period: the end of one arc and the start of the next may differ by rounding, other points never."""
-OLDER = {"damping_loss": 0.0, "gravity_cost": None, "torque_cost": None, "apex_height": None}
-"""Scalars that are missing in records of earlier versions."""
+"""Rounding may separate the end of one arc from the start of the next by this part of the period. Other points of a
+motion are farther apart."""
+MISSING_SCALARS = {"damping_loss": 0.0, "gravity_cost": None, "torque_cost": None, "apex_height": None}
+"""Values of the scalars that records of earlier versions lack."""
 
 
 def multipliers_of(record: Mapping[str, Any]) -> NDArray[np.complex128]:
@@ -59,11 +61,11 @@ def gait_from_record(
 
     Parameters
     ----------
-    dynamics : at the parameters of the gait.
-    steps : from ``tabulated_steps`` or ``integrated_steps``.
-    measures : its scalars by name; those of the record if they are not given.
+    dynamics : dynamics at the parameters of the gait.
+    steps : the motion, from ``tabulated_steps`` or ``integrated_steps``.
+    measures : the scalars by name; None to take those of the record.
     """
-    scalars: Mapping[str, Any] = {**OLDER, **record}
+    scalars: Mapping[str, Any] = {**MISSING_SCALARS, **record}
     return Gait(
         problem=problem,
         dynamics=dynamics,
@@ -80,12 +82,12 @@ def gait_from_record(
 
 
 def with_stored_torques(problem: Problem, record: GaitRecord) -> Problem:
-    """The problem of a gait, whose open-loop torques are those of the gait's record where the problem seeks them."""
+    """The problem of a gait; if it seeks open-loop torques, they are replaced by those of the gait's record."""
     law = problem.control
     if not isinstance(law, OpenLoop) or law.duration is not None or problem.is_open:
         return problem
     durations = [phase["duration"] for phase in record["phases"]]
-    duration = record["solver"].get("duration")  # of the law; earlier versions did not store it
+    duration = record["solver"].get("duration")  # that of the law, which earlier versions did not store
     known = float(duration) if isinstance(duration, int | float) else None
     return problem.with_torques(freed_values(record), record["state"], durations, known)
 
@@ -134,24 +136,24 @@ def special_point(family: Gait, parameter: str, record: SpecialRecord) -> Specia
 def integrated_steps(dynamics: Dynamics, record: Mapping[str, Any], points: int = POINTS) -> tuple[Step, ...]:
     """The steps of a gait, integrated from its states after the impacts.
 
-    One step between the points resolves most motions. Where the cycle does not close, the steps are halved, and the
-    points become more, until both are accurate.
+    One integration step between two points is accurate enough for most motions. If the cycle does not close, the motion
+    is integrated again with shorter steps and more points.
 
     Parameters
     ----------
-    dynamics : at the parameters for which the record holds.
-    record : with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
-    points : Chebyshev points of every phase.
+    dynamics : dynamics at the parameters of the record.
+    record : a record with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
+    points : number of Chebyshev points of every phase.
     """
     pairs = list(zip(cycle(dynamics.steps), record.get("steps", (record,)), strict=False))
     steps = tuple(_integrated(of_step, step, (points,)) for of_step, step in pairs)
-    if closing_error(steps) < CLOSED:
+    if closing_error(steps) < LARGEST_CLOSING_ERROR:
         return steps
     return tuple(_integrated(of_step, step, curves.COUNTS, accurate=True) for of_step, step in pairs)
 
 
 def closing_error(steps: Sequence[Step]) -> float:
-    """Largest difference between the states at the start of a cycle and after it, in natural units."""
+    """Largest difference between the states at the start and the end of a cycle, in natural units."""
     start = steps[0].arcs[0]
     return float(np.abs((steps[-1].final_impact.state - start.states[0]) / start.dynamics.state_units).max())
 
@@ -159,7 +161,7 @@ def closing_error(steps: Sequence[Step]) -> float:
 def _integrated(
     dynamics: Dynamics, record: GaitRecord | StepRecord, counts: Sequence[int], *, accurate: bool = False
 ) -> Step:
-    """A step with arcs at the first of ``counts`` Chebyshev points that resolves them, or at the last of them."""
+    """A step whose arcs have the first number of Chebyshev points in ``counts`` that resolves them, or the last one."""
     system, p = dynamics.system, dynamics.p
     breakpoints, units = system.control.breakpoints, dynamics.state_units
     z = np.array([record["state"][name] for name in system.state_names])
@@ -174,7 +176,7 @@ def _integrated(
         if mode.fixes_x:
             z[-1] = 0.0
         end = time + phase["duration"]
-        if UNTIL in phase:  # the next phase starts on the other side of the breakpoint
+        if UNTIL in phase:  # end exactly at the breakpoint, beyond which the next phase starts
             end = nearest(breakpoints, end)
         for t0, t1 in pairwise([time, *(b for b in breakpoints if time < b < end), end]):
             segment = bisect_right(breakpoints, (t0 + t1) / 2)
@@ -194,14 +196,14 @@ def _integrated(
 def tabulated_steps(
     dynamics: Dynamics, table: Table, starts: Sequence[float], impacts: Sequence[Mode]
 ) -> tuple[Step, ...]:
-    """The steps of a table as ``trajectory_rows`` writes it.
+    """The steps of a table that ``trajectory_rows`` wrote.
 
-    A time that occurs twice separates two arcs.
+    In such a table, a time that occurs twice separates two arcs.
 
     Parameters
     ----------
-    starts : time at which each step begins [s].
-    impacts : mode of the impact after each step; the last step of a walk may have none.
+    starts : the time at which each step begins [s].
+    impacts : the mode of the impact after each step; the last step of a walk may have none.
 
     Raises
     ------

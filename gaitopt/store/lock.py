@@ -1,7 +1,7 @@
 """The lock of a run folder: one process writes it at a time, readers wait for a file that is about to be finished.
 
-The lock is a file that the operating system locks for a process, so that it ends with the process. Beside it the writer
-leaves its name, for the messages of other processes.
+The operating system locks a file for the writing process, and releases it when the process ends. A second file names
+the writer for the messages of other processes.
 """
 
 import os
@@ -21,10 +21,10 @@ from gaitopt.store.formats import json_text, parse_object, parsed, reason, valid
 
 LOCK_FILE = ".lock"
 WRITER_FILE = ".writer"
-"""Names the process that holds the lock."""
-PATIENCE, LOOK_EVERY = 5.0, 0.02
-"""Time that a reader waits for another process to finish a file, and between two checks [s]."""
-LOOKS = 5
+"""The file that names the process that holds the lock."""
+PATIENCE, POLLING_TIME = 5.0, 0.02
+"""Time that a reader waits for another process to finish a file, and time between two checks [s]."""
+CHECKS_WITHOUT_WRITER = 5
 """Number of checks in a row that must find no writer, because one writer may follow another."""
 
 
@@ -39,14 +39,14 @@ class Writer:
 
 @contextmanager
 def only_writer(folder: Path) -> Iterator[None]:
-    """Lock an existing folder for writing, and remove the temporary files of killed writers; may be nested.
+    """Lock an existing folder for writing, and remove the temporary files of killed writers. Blocks may be nested.
 
     A folder in which nothing was written is removed at the end.
 
     Raises
     ------
     StorageError
-        If another process holds the lock, the folder cannot be locked, or it was deleted after it was locked.
+        If another process holds the lock, if the folder cannot be locked, or if it was deleted after it was locked.
     """
     try:
         lock = FileLock(folder.resolve() / LOCK_FILE, timeout=0, is_singleton=True)
@@ -55,8 +55,8 @@ def only_writer(folder: Path) -> Iterator[None]:
         remedy = "wait for it, or name another folder"
         raise StorageError(f"{folder} is being written by {_holder(folder)}; {remedy}").concerning("output") from error
     except (OSError, ValueError) as error:
-        words = f"cannot lock {folder}: {reason(error)}; choose another folder"
-        raise StorageError(words).concerning("output") from error
+        message = f"cannot lock {folder}: {reason(error)}; choose another folder"
+        raise StorageError(message).concerning("output") from error
     outermost = lock.lock_counter == 1
     try:
         if outermost:
@@ -69,7 +69,7 @@ def only_writer(folder: Path) -> Iterator[None]:
         yield
     finally:
         if outermost and _is_ours(folder):
-            with suppress(OSError):  # Windows does not remove open files: there the lock stays, which is harmless
+            with suppress(OSError):  # Windows does not remove open files; a lock file that stays is harmless
                 (folder / WRITER_FILE).unlink()
                 (folder / LOCK_FILE).unlink()
                 if not any(folder.iterdir()):
@@ -90,19 +90,19 @@ def written_elsewhere(folder: Path) -> bool:
 
 
 def wait_for_writer(folder: Path, ready: Callable[[], bool]) -> None:
-    """Return once ``ready()`` is true, or no other process writes the folder.
+    """Wait until ``ready()`` is true, or no other process writes the folder.
 
     Raises
     ------
     StorageError
-        If another process still writes it after ``PATIENCE``.
+        If another process still writes the folder after ``PATIENCE``.
     """
     deadline, alone = time.monotonic() + PATIENCE, 0
-    while not ready() and alone < LOOKS:
+    while not ready() and alone < CHECKS_WITHOUT_WRITER:
         alone = 0 if written_elsewhere(folder) else alone + 1
         if time.monotonic() > deadline:
             raise StorageError(f"{folder} is being written by {_holder(folder)}: wait until it has finished")
-        time.sleep(LOOK_EVERY)
+        time.sleep(POLLING_TIME)
 
 
 def _writer(folder: Path) -> Writer:
@@ -120,6 +120,6 @@ def _is_ours(folder: Path) -> bool:
 def _holder(folder: Path) -> str:
     try:
         writer = _writer(folder)
-    except StorageError:  # it holds the lock, but has not written its name yet
+    except StorageError:  # the process holds the lock, but has not written its name yet
         return "another process"
     return f"process {writer.pid} ({writer.command}, since {writer.since})"

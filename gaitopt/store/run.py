@@ -1,10 +1,10 @@
 """A run folder: one problem, and the results that were computed for it.
 
 The manifest states format, schema, versions, platform, the hash of the problem, and the SHA-256 of every finished file.
-A file is written in three steps: its checksum leaves the manifest, the file is replaced, its new checksum enters. A
-file without a checksum is therefore unfinished. The manifest is written first, so that every folder knows its problem;
-the record of a gait is written last, so that a folder with a gait is complete. After a crash the same command completes
-the folder. One process at a time writes it.
+A file is written in three steps: its checksum is removed from the manifest, the file is replaced, and its new checksum
+is entered. A file without a checksum is therefore unfinished. The manifest is written first, so that every folder
+states its problem; the record of a gait is written last, so that a folder with a gait is complete. After a crash the
+same command completes the folder. One process at a time writes it.
 """
 
 import hashlib
@@ -52,18 +52,20 @@ RESULTS = Path("results")
 MANIFEST_FILE = "manifest.json"
 PROBLEM_FILE = "problem.yaml"
 ROBOT_FILE = "robot.urdf"
-"""Copy of the URDF file that the problem names; the resolved problem has its text as well."""
+"""Copy of the URDF file that the problem names; the resolved problem contains its text as well."""
 TABLE_FILE = "control.{}.csv"
-"""Copy of the table that the problem names for a key of its control law; the resolved problem has its text as well."""
+"""Copy of the table that a key of the control law names; the resolved problem contains its text as well."""
 PROBLEM_FILES = PROBLEM_FILE, RESOLVED_FILE
 GAIT_FILE, WALK_FILE = "gait.json", "walk.json"
 GAIT_FILES, WALK_FILES = (GAIT_FILE, "trajectory.csv"), (WALK_FILE, "walk.csv")
 """Record and table of a gait, and of a simulated walk."""
 LONGEST_NAME = 60
-"""Characters of a problem's name in the name of its folder: with four bytes each they fit every file system."""
+"""Largest number of characters of a problem's name in the name of its folder. With four bytes each, they fit every file
+system."""
 FORMAT = "gaitopt run"
 SCHEMA = 2
-"""Raised whenever a reader of the previous schema would misread what is written; 2 has checksums."""
+"""Version of the layout of a run folder. It is raised if older readers would misread a folder; 2 introduced
+checksums."""
 CHECKSUM = "checksum"
 """Key of the SHA-256 of the rest of the manifest."""
 PACKAGES = ("gaitopt", "casadi", "numpy", "scipy", "pydantic", "ruamel.yaml")
@@ -76,9 +78,9 @@ class Manifest:
 
     Attributes
     ----------
-    problem, hash : name of the problem, and hash of what it resolves to with its references.
-    versions, platform : of the packages and the machine that wrote the run; the host is not named.
-    files : checksums of the finished files by their paths within the folder.
+    problem, hash : name of the problem, and hash of its resolved values, including those of its references.
+    versions, platform : versions of the packages that wrote the run, and kind of machine; the host is not named.
+    files : checksums of the finished files, by their paths within the folder.
     """
 
     problem: str
@@ -91,7 +93,7 @@ class Manifest:
 
     @classmethod
     def of(cls, problem: Problem, files: Mapping[str, FileSum] | None = None) -> Self:
-        """The manifest of a run of ``problem`` that is written now."""
+        """The manifest of a run of ``problem``, with the versions and platform of this process."""
         machine = {"system": platform.system(), "machine": platform.machine()}
         return cls(
             problem=problem.name, hash=problem.digest, versions=_versions(), platform=machine, files=dict(files or {})
@@ -116,16 +118,17 @@ def _versions() -> dict[str, str]:
 class Run:
     """A run folder: a problem and what was computed for it. The folder need not exist yet.
 
-    To write, lock it with ``begun``, then ``write`` whole files or append records with ``appending``. To read, ask
-    ``holds`` what is finished, ``problem`` and ``manifest`` where it comes from, and ``read``, ``read_object``,
-    ``read_result`` or ``lines`` for the content. Names of files are paths within the folder, or within ``part``.
+    To write, lock the folder with ``begun``, then ``write`` whole files or append records with ``appending``. To read,
+    ``holds`` tells which files are finished, ``problem`` and ``manifest`` tell their origin, and ``read``,
+    ``read_object``, ``read_result`` and ``lines`` return their content. Names of files are paths within the folder, or
+    within ``part``.
 
-    Reading raises a ``StorageError`` that names file and line if something is missing, unfinished or altered; it waits
-    for another process that is about to finish a file.
+    Reading raises a ``StorageError`` that names file and line if a file is missing, unfinished or altered. It waits
+    while another process is about to finish a file.
 
     Attributes
     ----------
-    folder : of the run, with its manifest.
+    folder : the folder of the run, with its manifest.
     part : subfolder of a sweep or a basin, whose files the manifest of the run lists; empty for the run itself.
     """
 
@@ -134,7 +137,7 @@ class Run:
 
     @classmethod
     def of(cls, problem: Problem, folder: str | Path | None = None, *, results: Path = RESULTS) -> Self:
-        """The run of a problem in ``results/NAME-HASH8``, or in ``folder``; no name leads out of ``results``."""
+        """The run of a problem in ``results/NAME-HASH8``, whatever characters its name has, or in ``folder``."""
         if folder is not None:
             return cls(Path(folder))
         name = re.sub(r"[^\w.-]+", "-", problem.name)[:LONGEST_NAME].strip(".-") or "problem"
@@ -142,7 +145,7 @@ class Run:
 
     @classmethod
     def at(cls, place: Path) -> Self:
-        """The run in a folder, or the part of a run whose subfolder it is."""
+        """The run in the folder ``place``, or the part of a run that has this subfolder."""
         if (place / MANIFEST_FILE).is_file() or not (place / ".." / MANIFEST_FILE).is_file():
             return cls(place)
         return cls(place.resolve().parent, place.resolve().name)
@@ -153,7 +156,7 @@ class Run:
         return self.folder / self.part
 
     def path(self, name: str) -> Path:
-        """Where a file is."""
+        """The path of a file."""
         return self.place / name
 
     def _key(self, name: str) -> str:
@@ -167,16 +170,16 @@ class Run:
 
         Parameters
         ----------
-        write : refuse a run of this problem too if the system does not let this process write into its folder.
+        write : whether to check as well that this process may write into an existing run of the problem.
 
         Raises
         ------
         StorageError
-            If it holds another problem's run, anything that is not a run, a broken run, or a newer one.
+            If the folder contains the run of another problem, files that are not a run, or a damaged or newer run.
         """
         names = [path.name for path in entries(self.folder)]
-        left = [n for n in names if n.startswith(".") and n.endswith(TEMPORARY_SUFFIX)]  # by a writer that was killed
-        if not set(names) - {LOCK_FILE, WRITER_FILE, *left}:
+        leftovers = [n for n in names if n.startswith(".") and n.endswith(TEMPORARY_SUFFIX)]  # of a killed writer
+        if not set(names) - {LOCK_FILE, WRITER_FILE, *leftovers}:
             check_writable(self.folder)
             return
         manifest = self.manifest()
@@ -190,27 +193,27 @@ class Run:
 
     @contextmanager
     def writing(self, problem: Problem) -> Iterator[None]:
-        """Lock the folder for writing; it is made if necessary and removed if nothing was written. May be nested.
+        """Lock the folder for writing. It is made if necessary, and removed if nothing is written. Blocks may nest.
 
         Raises
         ------
         StorageError
-            As ``check``, and if another process holds the folder.
+            If ``check`` refuses the folder, or if another process is writing it.
         """
         self.check(problem)
         made = make_folder(self.folder)
         try:
             with only_writer(self.folder):
-                self.check(problem)  # another process may have been first
+                self.check(problem)  # again: another process may have written before the folder was locked
                 yield
         finally:
             for folder in made:
-                with suppress(OSError):  # one that is not empty stays
+                with suppress(OSError):  # only an empty folder can be removed
                     folder.rmdir()
 
     @contextmanager
     def begun(self, problem: Problem) -> Iterator[None]:
-        """Lock the folder as ``writing`` does, and write what every run has: manifest and problem."""
+        """Lock the folder like ``writing``, and write the files of every run: manifest and problem."""
         with self.writing(problem):
             files = self.manifest().files if (self.folder / MANIFEST_FILE).exists() else {}
             self._write_manifest(Manifest.of(problem, files))
@@ -229,7 +232,7 @@ class Run:
     def write(self, contents: Mapping[str, str]) -> None:
         """Write files by name; they count as unfinished until all of them are written.
 
-        A finished file with the same content is not changed, so that the problem of a run can be read at any time.
+        Finished files with the same content are left alone, so that the problem of a run can be read at any time.
         """
         manifest = self.manifest()
         contents = {name: text for name, text in contents.items() if not self._is_finished(name, text, manifest)}
@@ -264,9 +267,9 @@ class Run:
 
     @contextmanager
     def appending(self, name: str) -> Iterator[LineWriter]:
-        """Append to a file of records; its length is entered into the manifest at the end, also of an interrupted call.
+        """Append to a file of records; when the block ends or is interrupted, the file's checksum enters the manifest.
 
-        ``LineWriter.records`` has the records that were there before.
+        ``LineWriter.records`` contains the records from earlier calls.
         """
         complete = False
         try:
@@ -282,11 +285,13 @@ class Run:
 
     @contextmanager
     def adding(self, place: Path) -> Iterator[list[Path]]:
-        """Add figures or pages to a folder; those in the run folder that the block collects in the list get checksums.
+        """Add figures or pages to a folder; the block collects their paths in the list.
+
+        Files in the run folder get checksums.
 
         Parameters
         ----------
-        place : folder of the files, made if necessary: in the run folder, or elsewhere.
+        place : folder of the files, in the run folder or elsewhere; made if necessary.
         """
         added: list[Path] = []
         if not place.resolve().is_relative_to(self.folder.resolve()):
@@ -310,7 +315,7 @@ class Run:
         Raises
         ------
         StorageError
-            If the folder is not a run, is broken, or was written by a newer gaitopt or by one without checksums.
+            If the folder is not a run, is damaged, or was written by a newer gaitopt or by one without checksums.
         """
         path = self.folder / MANIFEST_FILE
         if not path.is_file():
@@ -340,8 +345,8 @@ class Run:
         Raises
         ------
         StorageError
-            If what it resolves to is not a problem, or not that of the manifest; or if its walker or its control law is
-            not installed.
+            If the resolved values are not those of a problem, or not of the manifest's, or if its walker or control law
+            is not installed.
         """
         run = Run(self.folder)
         resolved, path = run.read_object(RESOLVED_FILE), run.path(RESOLVED_FILE)
@@ -362,13 +367,13 @@ class Run:
         return problem
 
     def holds(self, *names: str) -> bool:
-        """Whether there are finished files of these names; the folder need not be a run."""
+        """Whether files of these names exist and are finished; the folder need not be a run."""
         if not self.path(names[0]).is_file():
             return False
         return {self._key(name) for name in names} <= self.manifest().files.keys()
 
     def read(self, *names: str) -> list[bytes]:
-        """Finished files, all as the same writer left them."""
+        """The contents of finished files, all from the same write."""
         keys = [self._key(name) for name in names]
         while True:
             wait_for_writer(self.folder, lambda: self.manifest().files.keys() >= {*keys})
@@ -376,8 +381,8 @@ class Run:
             missing = next((name for name, stated in zip(names, known, strict=True) if stated is None), None)
             if missing is not None and not written_elsewhere(self.folder):
                 unfinished = self.path(missing).exists()
-                words = "the run is unfinished: repeat the command that writes it" if unfinished else "missing"
-                raise StorageError(f"{self.path(missing)}: {words}; it was not changed")
+                fault = "the run is unfinished: repeat the command that writes it" if unfinished else "missing"
+                raise StorageError(f"{self.path(missing)}: {fault}; it was not changed")
             if missing is not None:
                 continue
             try:
@@ -419,7 +424,7 @@ class Run:
         return parsed(parse_object, record, self.path(files[0])), parsed(parse_csv, table, self.path(files[1]))
 
     def lines(self, name: str) -> list[dict[str, Any]]:
-        """The records of a file in order, all as the same writer left them; none if there is no such file."""
+        """The records of a file in order, all from the same write; none if there is no such file."""
         while True:
             (known,) = self._checksums([self._key(name)])
             try:

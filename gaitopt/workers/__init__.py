@@ -1,5 +1,5 @@
 """Many independent jobs in processes of this machine or on a Dask cluster.
 
-- ``jobs``: jobs, workers, and the loop that runs them
+- ``jobs``: the jobs with their keys and results, the choice of workers, and the loop that runs the jobs
 - ``cluster``: the Dask client: worker processes of this machine, or a scheduler by address
 """

@@ -1,7 +1,7 @@
-"""The Dask client that runs jobs: with worker processes of this machine, or on a scheduler by its address.
+"""The Dask client that runs jobs in worker processes of this machine, or on a scheduler with a known address.
 
-Whoever connects to a Dask scheduler can run code as its owner. The scheduler on this machine therefore uses TLS with a
-key that is made for the run, stays in memory, and is required on both sides of every connection.
+Anyone who connects to a Dask scheduler can run code as its owner. The scheduler on this machine therefore uses TLS. Its
+key is made for the run, stays in memory, and is required on both sides of every connection.
 """
 
 import asyncio
@@ -20,18 +20,18 @@ from typing import Any
 from gaitopt.errors import UnknownNameError
 
 ALLOWED_DEATHS = 2
-"""Workers that may die on a job by bad luck; with the next death the job is given up."""
+"""A job is repeated after the death of its worker up to this many times, and given up after the next death."""
 GRACE = 0.5
-"""Time for a worker to end by itself [s]; after that it is killed."""
+"""A worker that has not ended by itself after this time is killed [s]."""
 CONNECT_TIMEOUT = 10
 """Time limit for the answer of a scheduler [s]."""
 CLOSE_TIMEOUT = 10
-"""Time for closing everything else [s]; what is still open after that ends with this process."""
+"""Time limit for closing a client or cluster [s]; connections that are still open then end with this process."""
 SETTINGS = {
-    "distributed.scheduler.worker-saturation": 1.0,  # a worker holds its current job only, and loses no other
+    "distributed.scheduler.worker-saturation": 1.0,  # a worker has one job at a time, so its death costs only that job
     "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
     "distributed.admin.low-level-log-length": 0,
-    "distributed.scheduler.http.routes": [],  # every user of the machine could read pages about the run
+    "distributed.scheduler.http.routes": [],  # otherwise every user of the machine could read pages about the run
     "distributed.worker.http.routes": [],
 }
 METHOD = "distributed.worker.multiprocessing-method"
@@ -46,7 +46,7 @@ def check_address(scheduler: str) -> None:
     Raises
     ------
     UnknownNameError
-        If the form is not tcp://HOST:PORT or tls://HOST:PORT, or there are no usable certificates.
+        If the address is not of the form tcp://HOST:PORT or tls://HOST:PORT, or if there are no usable certificates.
     """
     matched = ADDRESS.fullmatch(scheduler)
     if matched is None or not 0 < int(matched["port"]) < 2**16:
@@ -66,9 +66,9 @@ def check_address(scheduler: str) -> None:
 
 @contextmanager
 def connected(count: int, scheduler: str | None) -> Iterator[Any]:
-    """A Dask client with ``count`` workers of this machine, which end with the block, or of a scheduler.
+    """A Dask client with ``count`` workers of this machine, which end with the block, or with those of a scheduler.
 
-    Only one thread at a time can have workers of this machine; others wait.
+    Only one thread at a time can use workers of this machine; others wait.
 
     Raises
     ------
@@ -114,13 +114,13 @@ def connected(count: int, scheduler: str | None) -> Iterator[Any]:
 
 @contextmanager
 def _closed_at_last(connection: Any) -> Iterator[Any]:
-    """Close a client or a cluster after the block; if it does not answer on a busy machine, no result is lost."""
+    """Close a client or a cluster after the block. Errors are only logged: all results have arrived by then."""
     try:
         yield connection
     finally:
         try:
             connection.close(timeout=CLOSE_TIMEOUT)
-        except (TimeoutError, OSError, AssertionError) as error:  # it asserts that every worker has ended
+        except (TimeoutError, OSError, AssertionError) as error:  # Dask asserts that every worker has ended
             logging.getLogger(__name__).info("closing %s: %r", type(connection).__name__, error)
 
 
@@ -137,17 +137,17 @@ def _end_workers(cluster: Any) -> None:
     except TimeoutError as error:
         logging.getLogger(__name__).info("workers did not confirm their end: %r", error)
     for process in processes:
-        with suppress(ProcessLookupError, ValueError):  # it has just ended, or has been closed
+        with suppress(ProcessLookupError, ValueError):  # the process has just ended or been closed
             if process.is_alive():
                 os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
 
 @contextmanager
 def script_not_repeated() -> Iterator[None]:
-    """Processes that are spawned in the block do not import the caller's script.
+    """Keep processes that are spawned in the block from importing the caller's script.
 
-    A script that calls the library at its top level would start itself again in every worker. Workers do not need it:
-    its functions are pickled by value.
+    A script that calls the library at its top level would otherwise start itself again in every worker. Workers do not
+    need the script, because its functions are pickled by value.
     """
     main = sys.modules["__main__"]
     file, spec = main.__dict__.pop("__file__", None), main.__spec__
@@ -162,14 +162,14 @@ def script_not_repeated() -> Iterator[None]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C to the end of the block; threads and processes that start in it do not receive it.
+    """Delay Ctrl-C to the end of the block; threads and processes that start in the block do not receive it.
 
-    A terminal sends it to all processes, and a worker would print a traceback.
+    A terminal sends Ctrl-C to all processes, and every worker would print a traceback.
     """
     if os.name != "posix" or threading.current_thread() is not threading.main_thread():
         yield
         return
-    resource_tracker.ensure_running()  # its start would lift the mask
+    resource_tracker.ensure_running()  # if it started inside the block, it would lift the mask
     pressed = threading.Event()
     handler = signal.signal(signal.SIGINT, lambda *_: pressed.set())
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

@@ -1,8 +1,8 @@
 """Many independent jobs in this process, in several processes of this machine, or on the workers of a Dask cluster.
 
-Every job has a key and is submitted once. A worker leaves its result with the scheduler before the job counts as
-finished; the caller receives it from there and can store it at once, so that no job is done twice. If a worker dies,
-only its current job is repeated; a job on which three workers have died is given up.
+Every job has a key and is submitted once. A worker hands its result to the scheduler before the job counts as finished.
+The caller gets the result from there and can store it at once, so that no job is done twice. If a worker dies, only its
+current job is repeated; a job on which three workers have died is given up.
 """
 
 import hashlib
@@ -19,23 +19,23 @@ from typing import Any
 from gaitopt.callbacks import Counted, Stop, TimeLimit
 from gaitopt.requests import WorkersRequest
 
-AHEAD = 4
-"""Jobs submitted per worker beyond the current one, so that no worker waits for this process."""
-PATIENCE = 0.1
+JOBS_AHEAD = 4
+"""Number of jobs that are submitted per worker beyond the current one, so that no worker waits for this process."""
+POLLING_TIME = 0.1
 """Time between two calls of ``should_stop`` [s]."""
-RECOUNT = 1.0
+RECOUNT_AFTER = 1.0
 """Time after which the workers are counted again [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """One job.
+    """One call of a task.
 
     Attributes
     ----------
-    key : its name, the same in every run.
+    key : name of the job, the same in every run.
     argument : first argument of the task.
-    parent : key of the job whose result it starts from, or None.
+    parent : key of the job whose result is the second argument of the task; None if there is no such job.
     """
 
     key: str
@@ -44,20 +44,20 @@ class Job:
 
 
 def key_of(identity: Any) -> str:
-    """A key made of everything that a result depends on: the SHA-256 of its JSON."""
+    """The key of a job: the SHA-256 of the JSON of ``identity``, which contains all that the result depends on."""
     return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailedJob:
-    """In place of a result: the reason why a job failed."""
+    """The reason why a job failed; it takes the place of a result."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workers:
-    """Where jobs run: ``count`` processes of this machine (1 is this very process), or a Dask scheduler by address."""
+    """Where jobs run: on a Dask ``scheduler`` with this address, in ``count`` processes, or in this one if it is 1."""
 
     count: int = field(default_factory=lambda: os.cpu_count() or 1)
     scheduler: str | None = None
@@ -81,17 +81,18 @@ def run_jobs(
     *,
     should_stop: Stop = None,
 ) -> Iterator[tuple[str, Any]]:
-    """Run ``task(argument, result of the parent)`` for every job; keys and results as they finish.
+    """Run ``task(argument, result of the parent)`` for every job; yields keys and results as jobs finish.
 
     Parameters
     ----------
-    task : a function of a module that the workers can import; in this very process, where Ctrl-C may be swallowed by
-        compiled code, it is given ``should_stop`` as a third argument.
-    jobs : in the order in which they are started, parents before their children; drawn as there is room for them.
-    workers : where they run.
-    results : of parents, by key. They are looked up when a child starts: where parents are among the jobs, the caller
-        adds their results as it receives them.
-    should_stop : polled; when true, jobs that are not finished are dropped.
+    task : a function of a module that the workers can import. If the jobs run in this process, whose compiled code may
+        swallow Ctrl-C, the task gets ``should_stop`` as a third argument.
+    jobs : the jobs in the order in which they are started, parents before their children. They are drawn from the
+        iterable only when workers are ready for them.
+    workers : where the jobs run.
+    results : results of parents by key, which are looked up when a child starts. If parents are among the jobs, the
+        caller must add their results when it receives them.
+    should_stop : polled; if it returns True, jobs that are not finished are dropped.
 
     Raises
     ------
@@ -108,7 +109,7 @@ def run_jobs(
         return
     first = list(islice(jobs, workers.count))
     if first:
-        from gaitopt.workers.cluster import connected  # takes long to import, and is not needed for one process
+        from gaitopt.workers.cluster import connected  # slow to import, and not needed for one process
 
         with connected(len(first), workers.scheduler) as client:
             yield from _Submissions(client, task, chain(first, jobs), known).results(should_stop)
@@ -116,17 +117,17 @@ def run_jobs(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResumableJobs:
-    """Jobs of one kind with their results; those that have a result are not done again.
+    """Jobs of one kind with their results. A job that has a result is not done again.
 
     Attributes
     ----------
-    workers : where jobs run.
-    results : by key; new ones are added.
-    store : stores a new result under its key, before the next one is accepted, and returns what memory holds of it;
-        None where nothing is stored.
+    workers : where the jobs run.
+    results : the results by key; new ones are added.
+    store : function of a key and a new result. It stores the result before the next one is accepted, and returns the
+        part of it that stays in memory. None if nothing is stored.
     progress : called with the number of finished jobs and their total.
     should_stop : polled before every job.
-    limit : when its time is over, jobs that are not finished are left out.
+    limit : time limit, after which unfinished jobs are left out.
     """
 
     workers: Workers
@@ -137,22 +138,21 @@ class ResumableJobs:
     limit: TimeLimit = field(default_factory=TimeLimit)
 
     def complete(self, task: Callable[..., Any], jobs: Iterable[Job], total: int) -> list[Any]:
-        """Do the jobs that have no result yet; returns the results of all in the order of the jobs.
+        """Do the jobs that have no result yet; returns the results of all jobs in their order.
 
-        When the time of ``limit`` is over, the results are those of the finished jobs.
-
-        A ``FailedJob`` is not stored, so that the next call tries it again.
+        If the time limit is reached, only the results of the finished jobs are returned. A ``FailedJob`` is not stored,
+        so that the next call tries it again.
 
         Parameters
         ----------
         task : see ``run_jobs``.
-        jobs : drawn one by one; where there is one process, a job is drawn after the results of those before it.
-        total : their number.
+        jobs : the jobs; with one process, each one is drawn after the results of those before it.
+        total : number of the jobs.
 
         Raises
         ------
         KeyboardInterrupt
-            If ``should_stop`` returned True; finished jobs are stored.
+            If ``should_stop`` returned True; the results of finished jobs are stored.
         """
         keys, drawn, done = list[str](), set[str](), 0
         stop = self.should_stop if self.limit.seconds is None else replace(self.limit, should_stop=self.should_stop)
@@ -187,13 +187,13 @@ class ResumableJobs:
 
 
 def _result_of(parent: str | None, results: Mapping[str, Any]) -> Any:
-    """The result from which a job starts; None where there is none."""
+    """The result of a job's parent; None if there is no parent, or it failed."""
     result = None if parent is None else results.get(parent)
     return None if isinstance(result, FailedJob) else result
 
 
 class _Submissions:
-    """Submitted jobs, and those that wait for their parents."""
+    """The jobs that are submitted to a Dask client, and those that wait for their parents."""
 
     def __init__(self, client: Any, task: Callable[..., Any], jobs: Iterator[Job], results: Mapping[str, Any]) -> None:
         self._client, self._task, self._jobs, self._results = client, task, jobs, results
@@ -202,14 +202,14 @@ class _Submissions:
         self._unfinished = set[str]()
         self._finished: Queue[tuple[str, Any]] = Queue()
         self._running: dict[str, Any] = {}
-        self._threads, self._counted = 0, -RECOUNT
+        self._threads, self._counted = 0, -RECOUNT_AFTER
 
     def results(self, should_stop: Stop) -> Iterator[tuple[str, Any]]:
-        """Keys and results as they finish."""
+        """Keys and results of the jobs as they finish."""
         self._submit()
         while self._running and not (should_stop is not None and should_stop()):
             try:
-                key, future = self._finished.get(timeout=PATIENCE)
+                key, future = self._finished.get(timeout=POLLING_TIME)
             except Empty:
                 continue
             result = self._result(future)
@@ -221,8 +221,8 @@ class _Submissions:
         self._client.cancel(list(self._running.values()), force=True)
 
     def _submit(self) -> None:
-        """Submit jobs while there is room; children of unfinished jobs wait."""
-        while len(self._running) < self._room():
+        """Submit as many jobs as the workers can take; children of unfinished jobs wait."""
+        while len(self._running) < self._capacity():
             job = self._ready.popleft() if self._ready else next(self._jobs, None)
             if job is None:
                 return
@@ -236,11 +236,11 @@ class _Submissions:
             self._running[job.key] = future
             future.add_done_callback(lambda future, key=job.key: self._finished.put((key, future)))
 
-    def _room(self) -> int:
-        """How many jobs may be submitted; workers of a cluster come and go."""
-        if time.monotonic() > self._counted + RECOUNT:
+    def _capacity(self) -> int:
+        """Number of jobs that may be submitted at a time; workers are counted anew, because a cluster may change."""
+        if time.monotonic() > self._counted + RECOUNT_AFTER:
             self._threads, self._counted = sum(self._client.nthreads().values()), time.monotonic()
-        return max(self._threads * (1 + AHEAD), 1)
+        return max(self._threads * (1 + JOBS_AHEAD), 1)
 
     def _result(self, future: Any) -> Any:
         from distributed import KilledWorker
@@ -258,17 +258,17 @@ class _Submissions:
 
 
 def perform(task: Callable[..., Any], key: str, argument: Any, parent: Any) -> None:
-    """Do a job in a worker and leave its result with the scheduler, which forgets it together with the job.
+    """Do a job in a worker and hand its result to the scheduler, which forgets it together with the job.
 
-    If the worker dies after that, another one may begin the job again, and has nothing to do: either the result is
-    there, or it has been taken and the scheduler has just forgotten the job.
+    If the worker dies after that, another one may start the job again. It has nothing to do: either the scheduler still
+    has the result, or the caller has taken it and the scheduler has just forgotten the job.
     """
     from distributed import get_worker
     from distributed.protocol.pickle import dumps
     from distributed.utils import sync
 
     loop, scheduler = get_worker().loop, get_worker().scheduler
-    # in this order: a job that is neither finished nor pending has been taken
+    # ask in this order: the result of a job that is neither finished nor pending has been taken
     has_result = sync(loop, scheduler.get_metadata, keys=[key], default=None) is not None
     is_pending = sync(loop, scheduler.get_task_status, keys=[key])[key] is not None
     if is_pending and not has_result:

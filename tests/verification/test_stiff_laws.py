@@ -25,7 +25,7 @@ from gaitopt.verification.verify import confirm
 
 LARGEST_PRODUCT = 5.9
 """Up to which the step of order 8 damps all that the flow damps: the half disc of its stability."""
-FACTOR, LEAST_FACTOR = 10**0.25, 1.01
+FACTOR, SMALLEST_FACTOR = 10**0.25, 1.01
 """Of g from one simulated gait to the next; it shrinks where the return map has no fixed point next to the last."""
 
 
@@ -50,7 +50,7 @@ def simulated(name: str, g: float) -> Problem:
         walked = return_map.damped_fixed_point(xi, np.maximum(np.abs(xi), return_map.unit / 10))
         if walked is None:
             factor = factor**0.5
-            assert factor > LEAST_FACTOR, f"the simulator finds no gait with g = {stiff:g}"
+            assert factor > SMALLEST_FACTOR, f"the simulator finds no gait with g = {stiff:g}"
             continue
         point = return_map.fixed_point(walked[0].arcs[0].states[0][section.indices])
         assert point.residual < 1e-10
