@@ -38,9 +38,9 @@ __all__ = ["animate", "draw", "html", "page_in", "plot", "report", "save", "save
 ANIMATION = "animation"
 """Name of the page of the moving walker, beside the names of figures."""
 UNTITLED = (Branch, Trajectory, NonlinearProgram)
-"""Results whose tables do not begin with what they are."""
-SMALL = 80
-"""Resolution of the picture beside a table [dots per inch]; figures are six inches wide."""
+"""Types of results whose tables have no title of their own."""
+PICTURE_RESOLUTION = 80
+"""Resolution of the small picture beside a table [dots per inch]; figures are six inches wide."""
 
 
 def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | None = None) -> Axes:
@@ -55,19 +55,18 @@ def plot(result: Any, what: str | None = None, *, ax: Axes | Sequence[Axes] | No
         ``load_records`` or ``continuation_records``.
     what : for gaits ``portrait`` (default), ``force``, ``force_over_COORDINATE``, ``slip``, ``torques``,
         ``postures``, ``multipliers`` or ``methods``; for a walk ``section``, ``portrait``, ``force``, ``slip``,
-        ``torques`` or ``postures``; of a branch ``multipliers``, or a scalar of the result; of a sweep or of several
-        branches a scalar. A scalar that is not given is ``spectral_radius``.
-
-    ax : axes to draw into, several for a figure with several panels; by default a new figure.
+        ``torques`` or ``postures``; for a branch ``multipliers`` or a scalar of the result; for a sweep or several
+        branches a scalar. The default scalar is ``spectral_radius``.
+    ax : axes to draw into, one for each panel of the figure; by default a new figure.
 
     Returns
     -------
-    axes : those of the largest panel, or ``ax``; ``axes.figure.savefig(path)`` writes it.
+    axes : the axes of the largest panel, or ``ax``; ``axes.figure.savefig(path)`` writes the figure.
 
     Raises
     ------
     ValueError
-        If there is no such figure, nothing to draw, or ``ax`` has not as many axes as the figure has panels.
+        If there is no such figure or nothing to draw, or if ``ax`` does not have one axes for each panel.
     """
     if ax is not None:
         with drawing_into(ax):
@@ -95,9 +94,9 @@ def save_figures(
 
     Parameters
     ----------
-    result : as for ``plot``; or a Matplotlib figure, whose name is then the only entry of ``what``.
-    folder : created if it is missing.
-    what : names of figures as for ``plot``, and ``animation`` for a gait or a walk; by default all figures that apply.
+    result : see ``plot``; or a Matplotlib figure, whose name is then the only entry of ``what``.
+    folder : folder of the files, made if necessary.
+    what : names of figures, see ``plot``, and ``animation`` for a gait or a walk; by default all figures that apply.
     formats : ``svg``, ``png``, ``pdf`` for figures; ``html`` (default), ``gif``, ``mp4`` for the animation. If only
         formats of the animation are given, no figures are drawn.
 
@@ -112,44 +111,44 @@ def save_figures(
     StorageError
         If the folder cannot be written.
     """
-    place, unwritten = Path(folder), [word for word in formats if word not in (*STILL, PAGE, *MOVIES)]
-    if unwritten:
-        raise UnknownNameError(f"format {unwritten[0]}: choose from {', '.join((*STILL, PAGE, *MOVIES))}")
-    check_writable(place)
+    folder, unknown_formats = Path(folder), [name for name in formats if name not in (*STILL, PAGE, *MOVIES)]
+    if unknown_formats:
+        raise UnknownNameError(f"format {unknown_formats[0]}: choose from {', '.join((*STILL, PAGE, *MOVIES))}")
+    check_writable(folder)
     still, moving_formats = [f for f in formats if f in STILL], [f for f in formats if f not in STILL] or [PAGE]
     if isinstance(result, Figure):
         (name,) = what
-        with adding(place) as written:
-            written += save_figure(result, place / name, formats)
+        with adding(folder) as written:
+            written += save_figure(result, folder / name, formats)
         return written
     figures = result if isinstance(result, Figures) else figures_of(result)
     moving = [] if figures.animation is None else [ANIMATION]
     known = (*figures.names, *moving)
-    unknown = [word for word in what if word not in known]
+    unknown = [name for name in what if name not in known]
     if unknown:
         raise UnknownNameError(f"{unknown[0]}: choose from {', '.join(known)}").concerning("what")
     chosen = what or (*(figures.usual if still else ()), *moving)
-    unmoving = [word for word in chosen if word != ANIMATION]
+    unmoving = [name for name in chosen if name != ANIMATION]
     if not chosen or (unmoving and not still):
-        words = f"{unmoving[0] if unmoving else 'this result'} does not move"
-        raise UnknownNameError(f"format {moving_formats[0]}: {words}; choose from {', '.join(STILL)}")
-    with adding(place) as written:
-        for word in chosen:
-            if word == ANIMATION and figures.animation is not None:
+        reason = f"{unmoving[0] if unmoving else 'this result'} does not move"
+        raise UnknownNameError(f"format {moving_formats[0]}: {reason}; choose from {', '.join(STILL)}")
+    with adding(folder) as written:
+        for name in chosen:
+            if name == ANIMATION and figures.animation is not None:
                 for extension in moving_formats:
-                    path = place / f"{ANIMATION}.{extension}"
+                    path = folder / f"{ANIMATION}.{extension}"
                     write_whole(path, figures.animation(extension))
                     written.append(path)
             else:
-                written += save_figure(figures.draw(word), place / (figures.stem or word), still)
+                written += save_figure(figures.draw(name), folder / (figures.stem or name), still)
     return written
 
 
 @contextmanager
 def adding(place: Path) -> Iterator[list[Path]]:
-    """Write figures or pages into a folder, made if necessary; those in a run folder get their checksums.
+    """Write figures or pages into a folder, which is made if necessary; the block collects the files in the list.
 
-    The block collects the files in the list.
+    Files in a run folder get checksums.
     """
     for folder in (place, *place.resolve().parents):
         if _is_run(folder):
@@ -199,7 +198,7 @@ def report(*results: Any, replays: Sequence[Any] = ()) -> Page:
 
 
 def page_in(folder: Path) -> Page | None:
-    """The page about the branch or walk in a run folder; None if it holds something else."""
+    """The page about the branch or walk in a run folder; None if the folder contains another result."""
     kind = kind_of(folder)
     if kind == "branch":
         problem, parameter, records = stored_branch(folder)
@@ -208,17 +207,17 @@ def page_in(folder: Path) -> Page | None:
 
 
 def html(result: Any) -> str:
-    """The table that the command line prints and a small picture, for a notebook."""
+    """A small picture and the table that the command line prints, for a notebook."""
     try:
-        code = b64encode(encoded(draw(result), "png", SMALL)).decode()
+        code = b64encode(encoded(draw(result), "png", PICTURE_RESOLUTION)).decode()
         picture = f'<img alt="" src="data:image/png;base64,{code}">'
-    except (TypeError, ValueError):  # has none
+    except (TypeError, ValueError):  # the result has no figure
         picture = ""
     return f"{picture}{printed(result, titled=isinstance(result, UNTITLED))}"
 
 
 def write_page(page: Page, path: Path) -> Path:
-    """Write a page, or the movie of a moving walker, by the ending of the path; it appears whole or not at all."""
+    """Write a page, or the movie of an animation, in the format of the path's ending; the file is never incomplete."""
     endings = (PAGE, *(() if page.movie is None else MOVIES))
     extension = path.suffix.lower().removeprefix(".")
     if extension not in endings:
@@ -232,7 +231,7 @@ def write_page(page: Page, path: Path) -> Path:
 
 
 def _show(figure: Figure) -> None:
-    """Display a figure where there is a notebook; nothing is imported for it elsewhere."""
+    """Display a figure if the caller is a notebook; IPython is not imported otherwise."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is not None and getattr(shell, "kernel", None) is not None:
         from IPython.display import display

@@ -18,30 +18,30 @@ from rich.progress import (
 
 from gaitopt.display import counted
 
-SOLVED = 1e-10
-"""Violation at which the bar is full."""
-FEW = 10
-"""The first part predicts the time left only if there are at most this many."""
-LINES = 10
-"""Iterations that have a line each where there is no terminal."""
+FULL_BAR = 1e-10
+"""The bar of a solver is full at this constraint violation."""
+MOST_PREDICTED_BY_FIRST = 10
+"""If there are more jobs than this, the time of the first one does not predict the remaining time."""
+FIRST_LINES = 10
+"""Without a terminal, this many iterations have a line each."""
 LINE_EVERY = 5.0
-"""Seconds between two lines of progress where there is no terminal."""
+"""Time between two lines of progress without a terminal [s]."""
 
 CountProgress = bool | Callable[[int, int], None]
-"""``progress`` of a call with countable parts: whether to show it, or a function of finished parts and total."""
+"""Argument ``progress`` of a call with countable jobs: whether to show it, or a function of finished jobs and total."""
 ValueProgress = bool | Callable[[int, float], None]
-"""``progress`` of a solution or a continuation: whether to show it, or a function of a number and a value."""
+"""Argument ``progress`` of a solution or continuation: whether to show it, or a function of a number and a value."""
 TextProgress = bool | Callable[[str], None]
-"""``progress`` of a call that describes its stages: whether to show them, or a function of the text."""
+"""Argument ``progress`` of a call that describes its stages: whether to show them, or a function of the text."""
 
 
 @contextmanager
 def shown(
-    progress: bool | Callable[..., None], bar: Callable[..., AbstractContextManager[Callable[..., None]]], *words: str
+    progress: bool | Callable[..., None], bar: Callable[..., AbstractContextManager[Callable[..., None]]], *labels: str
 ) -> Iterator[Callable[..., None]]:
     """The callback for the argument ``progress``: the argument itself if it is a function, or that of a bar.
 
-    A bar is shown on standard error of a terminal or in the output of a notebook, and nowhere else.
+    A bar is only shown on the standard error of a terminal, or in the output of a notebook.
     """
     if callable(progress):
         yield progress
@@ -50,13 +50,13 @@ def shown(
     if not (progress and _is_live(console)):
         yield lambda *_: None
         return
-    with bar(console, *words) as show:
+    with bar(console, *labels) as show:
         yield show
 
 
 def _is_live(console: Console) -> bool:
-    """Whether a bar is wanted and can be redrawn; in a notebook that takes ipywidgets."""
-    if console.quiet:  # else a notebook would show an empty widget
+    """Whether a bar is wanted and can be redrawn, for which a notebook needs ipywidgets."""
+    if console.quiet:  # otherwise a notebook would show an empty widget
         return False
     return find_spec("ipywidgets") is not None if console.is_jupyter else console.is_terminal
 
@@ -65,8 +65,8 @@ def _is_live(console: Console) -> bool:
 def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, float], None]]:
     """Yield a callback that shows iteration and violation: a bar on a terminal, some twenty lines elsewhere.
 
-    The bar shows the negative decimal logarithm of the violation. Elsewhere the first iterations have a line each; from
-    there on one follows whenever their number has doubled.
+    The bar shows the negative decimal logarithm of the violation. Without a terminal the first iterations have a line
+    each, and later a line is printed whenever their number has doubled.
     """
     if not _is_live(console):
         console.print(what)
@@ -76,19 +76,19 @@ def solver_progress(console: Console, what: str) -> Iterator[Callable[[int, floa
             nonlocal calls, due
             calls += 1
             if calls == due:
-                due = calls + 1 if calls < LINES else 2 * calls
+                due = calls + 1 if calls < FIRST_LINES else 2 * calls
                 console.print(f"  iteration {iteration}, violation {violation:.1e}")
 
         yield tell
         return
     columns = (TextColumn("{task.description}", markup=False), BarColumn(bar_width=20), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task(what, total=-math.log10(SOLVED))
+        bar = progress.add_task(what, total=-math.log10(FULL_BAR))
 
         def show(iteration: int, violation: float) -> None:
-            digits = -math.log10(max(violation, SOLVED))
-            words = f"{what}  iteration {iteration}, violation {violation:.1e}"
-            progress.update(bar, completed=max(digits, 0.0), description=words)
+            digits = -math.log10(max(violation, FULL_BAR))
+            description = f"{what}  iteration {iteration}, violation {violation:.1e}"
+            progress.update(bar, completed=max(digits, 0.0), description=description)
 
         yield show
 
@@ -106,23 +106,23 @@ def word_progress(console: Console, what: str) -> Iterator[Callable[[str], None]
     columns = (TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=console.quiet) as progress:
         bar = progress.add_task(what, total=None)
-        yield lambda words: progress.update(bar, description=f"{what}  {words}")
+        yield lambda text: progress.update(bar, description=f"{what}  {text}")
 
 
 @contextmanager
 def stage_progress(console: Console, what: str) -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a callback (words, done, total) that shows the stages of a computation, each with a bar of its parts.
+    """Yield a callback (stage, done, total) that shows the stages of a computation, each with a bar of its parts.
 
-    Words begin a stage; without words the parts of the present one are counted.
+    A text begins a new stage. With an empty text, the callback updates the finished parts of the current stage.
     """
     last = time.monotonic()
     if not _is_live(console):
 
-        def tell(words: str, done: int, total: int) -> None:
+        def tell(stage: str, done: int, total: int) -> None:
             nonlocal last
-            if words or time.monotonic() - last > LINE_EVERY:
+            if stage or time.monotonic() - last > LINE_EVERY:
                 last = time.monotonic()
-                console.print(words or f"  {done} of {total} parts", soft_wrap=True)
+                console.print(stage or f"  {done} of {total} parts", soft_wrap=True)
 
         yield tell
         return
@@ -130,9 +130,9 @@ def stage_progress(console: Console, what: str) -> Iterator[Callable[[str, int, 
     with Progress(*columns, console=console, transient=True) as progress:
         bar = progress.add_task(what, total=None)
 
-        def show(words: str, done: int, total: int) -> None:
-            if words:
-                progress.reset(bar, description=words, total=None)
+        def show(stage: str, done: int, total: int) -> None:
+            if stage:
+                progress.reset(bar, description=stage, total=None)
             else:
                 progress.update(bar, completed=done, total=total)
 
@@ -154,7 +154,8 @@ def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], N
             yield lambda done, total: progress.update(bar, completed=done, total=total)
         return
     began = last = time.monotonic()
-    first: tuple[int, float] | None = None  # the first part, which also builds what all parts need, predicts no other
+    # the first job also builds the functions that all jobs need; its time does not predict that of the others
+    first: tuple[int, float] | None = None
 
     def show(done: int, total: int) -> None:
         nonlocal last, first
@@ -164,8 +165,8 @@ def job_progress(console: Console, what: str) -> Iterator[Callable[[int, int], N
             return
         rate = (done - counted_from) / (now - since) if done > counted_from else 1 / (now - began)
         last, left = now, (total - done) / rate
-        known = done > counted_from or total <= FEW
-        words = f", about {left:.0f} s left" * known if done < total else f", {now - began:.0f} s"
-        console.print(f"  {what}: {done} of {total}{words}")
+        known = done > counted_from or total <= MOST_PREDICTED_BY_FIRST
+        times = f", about {left:.0f} s left" * known if done < total else f", {now - began:.0f} s"
+        console.print(f"  {what}: {done} of {total}{times}")
 
     yield show

@@ -1,4 +1,4 @@
-"""Results in run folders: saved, and loaded again, whole or in part."""
+"""Results in run folders: how they are saved, and loaded again as a whole or in part."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from gaitopt.runs.results import Result
 
 SPECIAL, ATTRACTOR = "@special.", "@attractor."
-"""What separates a run folder from the number of a special point of its branch, or of an attractor of its basin."""
+"""Texts between a run folder and the number of a special point of its branch, or of an attractor of its basin."""
 REPLAY = "replay-"
-"""Start of the names of files with replays; the name of the engine follows."""
+"""Names of files with replays start with this text; the name of the engine follows."""
 
 
 def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
-    """Store a gait or a walk in a run folder, as the command line does.
+    """Store a gait or a walk in a run folder, like the command line.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
     SolveError
         If the gait is a failed solve.
     StorageError
-        If the folder belongs to something else or cannot be written.
+        If the folder contains other files or cannot be written.
     """
     from gaitopt.runs.results import write_result
 
@@ -48,18 +48,18 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
     try:
         write_result(result, run)
     except GaitoptError as error:
-        error.result = result  # it took time to compute, and can still be printed
+        error.result = result  # the caller can still print it
         raise
     return run.folder
 
 
 def check_problem_file(path: str | Path) -> Path:
-    """The path of a new problem file, before anything is computed for it.
+    """The path of a new problem file, checked before anything is computed for it.
 
     Raises
     ------
     StorageError
-        If it does not end in ``.yaml``, exists already, or cannot be written.
+        If the path does not end in ``.yaml``, exists already, or cannot be written.
     """
     file = Path(path)
     if file.suffix not in SUFFIXES:
@@ -71,12 +71,12 @@ def check_problem_file(path: str | Path) -> Path:
 
 
 def write_problem_file(problem: Problem, file: Path) -> None:
-    """Write a problem as a new file, with the robots and tables that it names beside it.
+    """Write a problem as a new file, and the robots and tables that it names into the same folder.
 
     Raises
     ------
     StorageError
-        If a file cannot be written, or one with other content has the name of a robot or a table.
+        If a file cannot be written, or if a file with the name of a robot or a table has other content.
     """
     text, files = problem_yaml(problem)
     make_folder(file.parent)
@@ -113,7 +113,7 @@ def stored_gait(problem: Problem, path: str | Path | None = None) -> Gait | None
     Raises
     ------
     StorageError
-        If the folder belongs to something else, or is damaged.
+        If the folder contains other files or is damaged.
     """
     from gaitopt.runs.results import restore_gait
 
@@ -123,9 +123,9 @@ def stored_gait(problem: Problem, path: str | Path | None = None) -> Gait | None
 
 
 def stored_gait_record(problem: Problem) -> dict[str, Any]:
-    """The JSON object of the gait in the default run folder of a problem; empty where there is none that can be read.
+    """The JSON object of the gait in the default run folder of a problem; empty if there is none that can be read.
 
-    A broken run is reported by the functions that need it.
+    Damaged runs raise no error here; functions that need the gait report them.
     """
     run = Run.of(problem)
     try:
@@ -136,7 +136,7 @@ def stored_gait_record(problem: Problem) -> dict[str, Any]:
 
 
 def compared(walk: Walk) -> Walk:
-    """The walk of a problem with the gait in the problem's default run folder, if there is one, to compare with."""
+    """A walk with the states of the gait in the default run folder of its problem, if there is one, for comparison."""
     from gaitopt.runs.results import restore_gait
 
     run = Run.of(walk.problem)
@@ -148,23 +148,23 @@ def compared(walk: Walk) -> Walk:
 def load_run(
     path: str | Path, *, walkers: Walkers = (), controls: Controls = ()
 ) -> "Result | BranchPoint | SpecialPoint | Attractor":
-    """Load the result in a run folder: a branch, gait, walk or front, or the sweep or basin in a folder of its own.
+    """Load the result in a run folder: a branch, gait, walk or front, or the sweep or basin in its own folder.
 
     Parameters
     ----------
-    path : the folder; or a part of the result in it: ``RUN@BRANCH.INDEX`` is a point of a branch, ``RUN@special.K`` its
-        K-th special point and ``RUN@attractor.K`` the K-th attractor of a basin, both from 0; the rest of the branch is
-        not restored.
+    path : the folder, or an element of the result in it: ``RUN@BRANCH.INDEX`` is a point of a branch, ``RUN@special.K``
+        its K-th special point and ``RUN@attractor.K`` the K-th attractor of a basin, both counted from 0. The rest of
+        the branch is not restored then.
     walkers, controls : classes of the run's walker and control law, if they are not registered.
 
     Raises
     ------
     StorageError
-        If the folder is not a run, or is damaged, unfinished or newer.
+        If the folder is not a run, or is damaged, unfinished, or written by a newer version.
     UnknownNameError
-        If the result has no such part.
+        If the result has no such element.
     ProblemError
-        If a class is not well formed.
+        If a class is invalid.
     """
     with passing(walkers, controls):
         return _loaded(path)
@@ -175,7 +175,7 @@ def _loaded(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attracto
 
     try:
         is_whole = "@" not in str(path) or Path(path).exists()
-    except OSError:  # a name that is too long, for instance
+    except OSError:  # for example, the name is too long
         is_whole = False
     if is_whole:
         return read_result(Path(path))
@@ -197,7 +197,7 @@ def load_records(path: str | Path) -> list[dict[str, Any]]:
     Raises
     ------
     StorageError
-        As ``load_run``.
+        See ``load_run``.
     """
     from gaitopt.runs.branch import read_branch
     from gaitopt.runs.results import KINDS, kind_of, refuse_other_results
@@ -233,8 +233,10 @@ def load_special_point(place: str) -> tuple[SpecialPoint, str]:
     specials = {str(k): record for k, record in enumerate(r for r in records if r["record"] == "special")}
     if index not in specials:
         known = f"0 to {len(specials) - 1}" if specials else "none"
-        words = f"the special points of its branch are {known}, in the order of the table"
-        raise UnknownNameError(f"{run} has no special point {shown(index)}: {words}")
+        raise UnknownNameError(
+            f"{run} has no special point {shown(index)}: the special points of its branch are {known}, in the order "
+            "of the table"
+        )
     return special_point(motionless_gait(problem, parameter), parameter, specials[index]), parameter
 
 

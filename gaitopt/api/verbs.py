@@ -1,11 +1,11 @@
-"""Everything that gaitopt computes, each as one function, with progress and with the run folder that keeps the result.
+"""The computations of gaitopt, one function each, with progress and with a run folder that stores the result.
 
 Three arguments mean the same everywhere. ``problem`` may be a name or a path, which ``load_problem`` reads.
 ``progress`` is True (a bar on a terminal or in a notebook), False, or a function that is called instead. ``output`` is
-the run folder in which the result is kept; a call that was interrupted resumes from the contents of its folder.
+the run folder in which the result is stored; a call that was interrupted resumes from the contents of its folder.
 
-The library alone has what takes functions or arrays: ``events`` of ``continuation``, ``run_parallel``, ``return_map``,
-``check_walker`` and ``equations_of_motion``.
+Some features take functions or arrays and are therefore missing from the command line: ``events`` of ``continuation``,
+``run_parallel``, ``return_map``, ``check_walker`` and ``equations_of_motion``.
 """
 
 import warnings
@@ -81,14 +81,14 @@ if TYPE_CHECKING:
     from gaitopt.search.stabilise import Stabilised
 
 Output = str | Path | bool
-"""Where a result is kept: True for the default folder in ``results``, False for nowhere."""
+"""The folder in which a result is stored: True for the default folder in ``results``, False to store nothing."""
 Over = Mapping[str, tuple[float | str, float | str, int]]
 """Lower and upper end and number of values of each dotted key; angles may be texts such as ``"2 deg"``."""
 
 CERTIFICATE_FILE = "proof.json"
 """The certificate of a proof in the run folder of its gait."""
 STEP_BYTES_MEMORY, STEP_BYTES_DISK = 40_000, 20_000
-"""Size of the arcs of one step, in memory and as rows of a table."""
+"""Size of the arcs of one step in memory, and on the disk as rows of a table [bytes]."""
 
 
 def solve(
@@ -104,16 +104,18 @@ def solve(
     progress: ValueProgress = True,
     should_stop: Stop = None,
 ) -> Gait:
-    """Solve a problem for its gait; the reference of a PD law is solved first.
+    """Find the gait of a problem.
 
-    If continuous parameters of a problem were changed by ``replace``, the gait of its file is followed from the file's
-    values to the new ones. If its family ends on the way, the status is ``infeasible``; the message says where, and
-    the causes say what the motion would violate at the new values. The command line, sweeps and ``explain`` do the
-    same. ``solve(problem.from_guess())`` starts from the guess instead; so does ``solve`` if the guess, the mode
-    sequence or the structure was changed, for designs, and if the problem of the file has no gait.
+    If you changed continuous parameters of a problem with ``replace``, ``solve`` starts from the gait of the original
+    file and follows it to the new values. If its family ends on the way, the status is ``infeasible``; the message says
+    where, and the causes say which conditions the motion would violate at the new values. The command line, sweeps and
+    ``explain`` do the same. ``solve(problem.from_guess())`` starts from the guess instead. ``solve`` itself starts from
+    the guess for designs, if the guess, the mode sequence or the structure was changed, and if the problem of the file
+    has no gait.
 
-    If the mode sequence is open, the result is a stable gait of those that ``find`` lists (the one nearest to the guess
-    if there is a guess), or else the least unstable one; for a design, the gait with the best objective.
+    If the mode sequence is open, ``solve`` calls ``find`` and returns the stable gait nearest to the guess; if none is
+    stable, the least unstable one; for a design, the gait with the best objective. If a PD law tracks the gait of
+    another problem, that gait is solved first.
 
     Parameters
     ----------
@@ -127,11 +129,11 @@ def solve(
         Newton's method; ``gait.solver`` states the method.
     newton_steps : maximum number of Newton steps from the guess; each is at most half as long as the one before.
     ipopt_iterations : maximum number of iterations of IPOPT.
-    intervals : shooting intervals of a step in the first mesh. A motion gets more where it is stiff or where its
-        integration is not accurate. These three limits are those of a search for a gait at given parameters: designs
-        and open mode sequences have their own. ``gait.solver`` states them if they are not the defaults.
+    intervals : number of shooting intervals of a step in the first mesh. Stiff or inaccurate parts of a motion get more
+        intervals. These three limits apply to the search for a gait at given parameters; designs and open mode
+        sequences have their own limits. ``gait.solver`` states them if they are not the defaults.
     output : run folder; the gait is verified and saved in it. True for ``results/NAME-HASH``.
-    reuse : read the gait from the run folder if it is there, as the command line does for RUN.
+    reuse : whether to read the gait from the run folder if it is there, like the command line for RUN.
     progress : whether to show it, or a function of the iteration number and the largest constraint violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -150,7 +152,7 @@ def solve(
     ProblemError
         If ``reuse`` is given without ``output`` or for an attractor, or if ``start`` is a solution of another problem.
     StorageError
-        If the folder belongs to something else or cannot be written.
+        If the folder contains other files or cannot be written.
     """
     wanted, question = choice(Method, method), problem if isinstance(problem, Attractor) else _loaded(problem)
     loaded = question.problem if isinstance(question, Attractor) else question
@@ -181,7 +183,7 @@ def solve(
 
 
 def _check_limits(question: Problem | Attractor, limit: str) -> None:
-    """Refuse a limit of the search for one gait from a known motion where another search takes place."""
+    """Refuse a limit of the search from a guessed motion if the problem needs another kind of search."""
     if isinstance(question, Attractor):
         reason = "an attractor, which is a motion already"
     elif question.is_open:
@@ -449,8 +451,8 @@ def find(
         else:
             from gaitopt.runs.jobs import FindPlan
 
-            kept = FindPlan(**vars(plan), folder=folder, found=found)
-            gaits = kept.complete(processes, progress=show, should_stop=should_stop, limit=limit)
+            resumable = FindPlan(**vars(plan), folder=folder, found=found)
+            gaits = resumable.complete(processes, progress=show, should_stop=should_stop, limit=limit)
     for sentence in gaits.searched["warnings"]:
         warnings.warn(sentence, GaitoptWarning, stacklevel=2)
     return gaits
@@ -492,7 +494,7 @@ def explain(
     request = ExplainRequest(starts=starts, seed=seed, seconds=seconds)
     loaded, processes = _loaded(problem), make_workers(workers, None)
     with shown(False if callable(progress) else progress, stage_progress, f"explaining {loaded.name}") as show:
-        say = progress if callable(progress) else lambda words: show(words, 0, 0)
+        say = progress if callable(progress) else lambda stage: show(stage, 0, 0)
         return explain_problem(
             loaded, request, workers=processes.count, found=found, progress=say,
             parts=parts or (lambda done, total: show("", done, total)), should_stop=should_stop,
@@ -576,7 +578,7 @@ def continuation(
             return collected(parameter, points)
         from gaitopt.runs.branch import restore_branch
 
-        records = _kept_records(start, request, None if output is True else output, should_stop)
+        records = _stored_records(start, request, None if output is True else output, should_stop)
         head = next(records)
         for number, record in enumerate(records, start=1):
             if number > head["stored"]:
@@ -630,17 +632,17 @@ def continuation_records(
         verify_every=verify_every,
         follow={"doublings": doublings, "branch_points": branch_points, "mode_changes": mode_changes},
     )
-    return _kept_records(start, request, output, should_stop)
+    return _stored_records(start, request, output, should_stop)
 
 
-def _kept_records(
+def _stored_records(
     start: Gait | SpecialPoint, request: "Request", output: str | Path | None, should_stop: Stop
 ) -> Iterator[dict[str, Any]]:
     from gaitopt.runs.branch import BranchPlan
 
     if request.events:
         raise ProblemError("events are functions and cannot be stored; leave out events or output")
-    request.first_gait(start)  # raises what is wrong before a folder is written
+    request.first_gait(start)  # raises errors before a folder is made
     gait = start if isinstance(start, Gait) else start.gait
     assert gait is not None
     kind = start.type if isinstance(start, SpecialPoint) else ""
@@ -709,7 +711,7 @@ def prove(
         if start.type not in BRACKETED or gait is None:
             raise UnknownNameError(f"the special point is of type {start.type}; {', '.join(BRACKETED)} can be proved")
         problem = gait.problem.with_gait(gait.to_record()).replace({parameter: start.value})
-        gait = single.solve(problem)  # as precise as a gait of its own, with its shooting nodes
+        gait = single.solve(problem)  # refined, and with the shooting nodes that a special point lacks
     if gait is None:
         raise SolveError(f"{start!r} has no gait")
     if not gait.converged:
@@ -814,8 +816,8 @@ def replay(
     simulator = engines.adapter(engine)
     known = simulator.settings
     if isinstance(settings, str) and settings not in known:
-        words = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
-        raise UnknownNameError(words).concerning("setting")
+        message = f"{settings!r}: {simulator.name} has no setting of this name; use {', '.join(known)}"
+        raise UnknownNameError(message).concerning("setting")
     named = known if settings is None else {settings: known[settings]} if isinstance(settings, str) else settings
     steps = sorted({*(request.time_steps or engines.TIME_STEPS)}, reverse=True)
     gait = start if isinstance(start, Gait) else solve(start, progress=False, should_stop=should_stop)
@@ -909,7 +911,7 @@ def attractors(
     progress: CountProgress = True,
     should_stop: Stop = None,
 ) -> "Attractors":
-    """Find what walks settle on at each value of a parameter: cycles, or motions that do not repeat.
+    """Find the attractors of walks at each value of a parameter: cycles, or motions that do not repeat.
 
     Each attractor has its largest Lyapunov exponent per step, which is positive for chaos. Walks start from the
     attractors of the previous value, from the stable gaits on the branch of the problem's gait, around all of these and
@@ -1072,7 +1074,7 @@ def run_parallel(
     UnknownNameError
         If the scheduler does not answer.
     """
-    run = uuid4().hex  # no two runs on one scheduler have a key in common
+    run = uuid4().hex  # makes the keys of different runs on one scheduler different
     jobs = (Job(key=f"{run}-{number}", argument=argument) for number, argument in enumerate(arguments))
     processes = make_workers(workers, scheduler)
     for key, result in run_jobs(partial(_call, task), jobs, processes, should_stop=should_stop):
@@ -1080,7 +1082,7 @@ def run_parallel(
 
 
 def _call(task: Callable[[Any], Any], argument: Any, *_: Any) -> Any:
-    """Perform a job that has no parent."""
+    """The task of a job without a parent."""
     return task(argument)
 
 
@@ -1095,13 +1097,13 @@ def _loaded(problem: Problem | str | Path, *, needs_gait: bool = True) -> Proble
             problem.check_gait()
         return problem
     if not isinstance(problem, str | Path):
-        words = "; its problem is gait.problem" if isinstance(problem, Gait) else ""
-        raise ProblemError(f"expected a problem, its name or its path, not a {type(problem).__name__}{words}")
+        remedy = "; its problem is gait.problem" if isinstance(problem, Gait) else ""
+        raise ProblemError(f"expected a problem, its name or its path, not a {type(problem).__name__}{remedy}")
     return _loaded(load_problem(problem), needs_gait=needs_gait)
 
 
 def _folder(problem: Problem, output: Output) -> Path | None:
-    """The folder that ``output`` stands for, None if nothing is kept."""
+    """The folder that ``output`` stands for; None if nothing is stored."""
     if output is False:
         return None
     return Run.of(problem, None if output is True else output).folder

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 SHOWN = ("record", "branch", "n_steps", "value", "type", "status", "reason", "next", "spectral_radius")
-"""Keys of a record for its line and the summary; the gaits themselves are not held in memory."""
+"""Keys of a record that its line and the summary show. The rest of the record is not kept in memory."""
 
 
 def continue_(
@@ -87,8 +87,8 @@ def continue_(
     from gaitopt.show.tables import print_branch, sequence
 
     targets = [number(value, "--to") for value in to]
-    least = None if lower is None else number(lower, "--lower")
-    largest = None if upper is None else number(upper, "--upper")
+    lowest = None if lower is None else number(lower, "--lower")
+    highest = None if upper is None else number(upper, "--upper")
     levels = counts(follow)
     start: Gait | SpecialPoint
     if stored.SPECIAL in problem:
@@ -98,9 +98,10 @@ def continue_(
             )
         start, _ = stored.load_special_point(problem)
         gait = start.gait
-        if gait is not None and gait.problem.free:  # whose values a point of the branch does not hold
-            words = "has free parameters: fix them at the values of the design, then continue"
-            raise ProblemError(f"{gait.problem.name} {words}")
+        if gait is not None and gait.problem.free:  # a point of a branch does not store the values of the design
+            raise ProblemError(
+                f"{gait.problem.name} has free parameters: fix them at the values of the design, then continue"
+            )
     else:
         start = gait = gait_of(problem, changes, None, terminal, keep=False)[0]
         if not gait.converged:
@@ -108,7 +109,7 @@ def continue_(
     refuted, summary = False, list[dict[str, Any]]()
     with interruptible() as interrupted, _live(terminal, param) as show:
         records = verbs.continuation_records(
-            start, param, targets, lower=least, upper=largest, max_points=max_points, max_seconds=max_seconds,
+            start, param, targets, lower=lowest, upper=highest, max_points=max_points, max_seconds=max_seconds,
             verify_every=verify_every, output=output, should_stop=interrupted, **levels,
         )  # fmt: skip
         head = next(records)
@@ -134,7 +135,7 @@ def continue_(
 
 @contextmanager
 def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], None]]:
-    """Yield a function that shows a record: on a terminal a live line, elsewhere one line per record."""
+    """Yield a function that shows a record: in a live line on a terminal, in a line of its own elsewhere."""
     from gaitopt.show.tables import event
 
     console, began, points = terminal.narration, time.monotonic(), 0
@@ -146,12 +147,12 @@ def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], Non
             return
         points += 1
         rate, radius = points / max(time.monotonic() - began, 1e-9), record["spectral_radius"]
-        place = f"{parameter} = {record['value']:.6g}  |multiplier| {radius:.4f}"
-        words = f"{place}  {record['sequence']}  {rate:.0f} gaits/s"
+        point = f"{parameter} = {record['value']:.6g}  |multiplier| {radius:.4f}"
+        line = f"{point}  {record['sequence']}  {rate:.0f} gaits/s"
         if console.is_terminal:
-            status.update(words)
+            status.update(line)
         else:
-            console.print(f"  {words}")
+            console.print(f"  {line}")
 
     with console.status("continuing") as status:
         yield show
@@ -217,8 +218,8 @@ def sweep(
             loaded, ranges, warm=warm, from_guess=from_guess, method=method, workers=workers, scheduler=scheduler,
             output=output, progress=progress, should_stop=interrupted,
         )  # fmt: skip
-    place = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
-    terminal.show({**swept.to_record(), **place, **_drawn(swept, [what])}, print_sweep, "table")
+    paths = {"table": f"{swept.folder}/{TABLE_FILE}", "run": str(swept.folder)}
+    terminal.show({**swept.to_record(), **paths, **_drawn(swept, [what])}, print_sweep, "table")
     return 0
 
 
@@ -299,7 +300,7 @@ def basin(
 
 
 def _drawn(result: "Sweep | Basin", what: Sequence[str]) -> dict[str, list[str]]:
-    """Draw a sweep or a basin over one or two keys into its folder; the entry ``figures`` of its record."""
+    """Draw a sweep or a basin over one or two keys into its folder; returns the entry ``figures`` of its record."""
     from gaitopt.api.pictures import save_figures
     from gaitopt.show.catalogue import DRAWN_AXES
 

@@ -312,10 +312,10 @@ def find(
 
     def name(gaits: "Gaits") -> None:
         for gait in gaits:
-            words = f"{gait.problem.cycle}, period {gait.period:.6g} s, radius {gait.spectral_radius:.4g}"
-            if words not in named:
-                named.add(words)
-                terminal.say(f"  found: {words}")
+            line = f"{gait.problem.cycle}, period {gait.period:.6g} s, radius {gait.spectral_radius:.4g}"
+            if line not in named:
+                named.add(line)
+                terminal.say(f"  found: {line}")
 
     with terminal.working("parts of the search") as (progress, interrupted):
         gaits = verbs.find(
@@ -357,7 +357,7 @@ def explain(
     with interruptible() as interrupted, stage_progress(terminal.narration, f"explaining {loaded.name}") as progress:
         explanation = verbs.explain(
             loaded, starts=starts, seed=seed, seconds=seconds, workers=workers, found=show,
-            progress=lambda words: progress(words, 0, 0), parts=lambda done, total: progress("", done, total),
+            progress=lambda stage: progress(stage, 0, 0), parts=lambda done, total: progress("", done, total),
             should_stop=interrupted,
         )  # fmt: skip
     terminal.show(explanation.to_record(), lambda console, record: print_explanation(console, record, printed))
@@ -419,7 +419,7 @@ def _prove_special(place: str, width: float | None, output: Path | None, termina
 
 
 def _intervals(changes: list[str] | None) -> tuple[list[str] | None, dict[str, str]]:
-    """``--set`` with the middle of every interval, and the intervals ``KEY=LO..HI`` by key."""
+    """The options ``--set`` with every interval replaced by its middle, and the intervals ``LO..HI`` by key."""
     from gaitopt.proof.arithmetic import INTERVAL, ball, precision
 
     pairs = [key_value(text, "--set") for text in changes or ()]

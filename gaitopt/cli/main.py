@@ -37,10 +37,11 @@ PREFIXES = {
     "engine": "--engine ",
     "setting": "--setting ",
 }
-"""Options by the argument of the library function that an error concerns."""
+"""Text before a message, by the argument of the library function that the error concerns."""
 SUFFIXES = {"output": " with -o"}
+"""Text after a message, likewise."""
 FLAGS = {"time_steps": "--dt", "parameter": "--param"}
-"""Options whose names are not those of the arguments."""
+"""Options that have another name than the argument of the library function."""
 
 Shared = tuple[str, Any]
 JSON: Shared = (
@@ -56,7 +57,7 @@ DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Print th
 
 
 def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callable[..., int]:
-    """A command as Typer calls it: its argument ``terminal`` is replaced by the ``shared`` options and --debug."""
+    """The function that Typer calls for a command: the ``shared`` options and --debug replace its ``terminal``."""
     options = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=False, annotation=kind) for name, kind in (*shared, DEBUG)
     ]
@@ -73,13 +74,13 @@ def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callabl
 
 
 COLLECT_AFTER = 100_000
-"""New objects between two garbage collections. Modules and compiled functions live until the command ends; Python's
-default of 700 costs a tenth of its time."""
+"""Number of new objects between two garbage collections. Modules and compiled functions live until the command ends;
+Python's default of 700 costs a tenth of the time of a command."""
 
 VALUE_ERROR = "Value error, "
-"""Begins some messages about the value of an option."""
+"""Start of messages by pydantic, which is left out."""
 COMPLETION = "_GAITOPT_COMPLETE"
-"""Environment variable by which a shell asks for completions; see ``--show-completion``."""
+"""Environment variable with which a shell asks for completions; see ``--show-completion``."""
 
 
 def print_version(requested: bool) -> None:
@@ -150,15 +151,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             with _shown_warnings():
                 return _run(arguments)
         except GaitoptError as error:
-            return _say(_error_words(error), error.exit_code, arguments)
+            return _say(_message(error), error.exit_code, arguments)
         except typer.TyperException as error:
             command = getattr(getattr(error, "ctx", None), "command_path", "gaitopt")
-            words = error.format_message().replace(VALUE_ERROR, "")
-            return _say(f"{words} (see {command} --help)", error.exit_code, arguments)
+            message = error.format_message().replace(VALUE_ERROR, "")
+            return _say(f"{message} (see {command} --help)", error.exit_code, arguments)
         except KeyboardInterrupt:
-            return _say(received.words, received.exit_code, arguments)
+            return _say(received.message, received.exit_code, arguments)
         except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the interpreter complains at its end
+            # otherwise the interpreter would fail to flush stdout at its end
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return BROKEN_PIPE
         except OSError as error:
             if error.strerror is None:  # raised by a library, not by the system
@@ -166,7 +168,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _say(f"{error.strerror}: {error.filename or 'file or connection'}", STORAGE, arguments)
         except Exception as error:  # noqa: BLE001 - the last resort, so that no traceback reaches a user unasked
             if received:  # compiled code has turned the interrupt into an error of its own
-                return _say(received.words, received.exit_code, arguments)
+                return _say(received.message, received.exit_code, arguments)
             return _say(_internal_error(error), INTERNAL_ERROR, arguments)
 
 
@@ -195,8 +197,8 @@ def _shown_warnings() -> Iterator[None]:
         yield
 
 
-def _error_words(error: GaitoptError) -> str:
-    """The message of an error with the option that it concerns."""
+def _message(error: GaitoptError) -> str:
+    """The message of an error, with the option that it concerns."""
     if isinstance(error, ArgumentError):
         return f"{FLAGS.get(error.argument) or '--' + error.argument.replace('_', '-')} {error.words}"
     prefix, suffix = PREFIXES.get(error.argument, ""), SUFFIXES.get(error.argument, "")
@@ -206,9 +208,9 @@ def _error_words(error: GaitoptError) -> str:
 def _internal_error(error: Exception) -> str:
     """One line about a bug: the exception and its place, because some exceptions have no message."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
-    words = ": ".join(filter(None, (type(error).__name__, str(error))))
-    place = "/".join(Path(frame.filename).parts[-2:])
-    return f"internal error: {words} ({place}:{frame.lineno}); rerun with --debug for the traceback"
+    description = ": ".join(filter(None, (type(error).__name__, str(error))))
+    file = "/".join(Path(frame.filename).parts[-2:])
+    return f"internal error: {description} ({file}:{frame.lineno}); rerun with --debug for the traceback"
 
 
 def _run(arguments: list[str]) -> int:
@@ -225,7 +227,7 @@ def _run(arguments: list[str]) -> int:
 
 @cache
 def _commands() -> Any:
-    """The parser of all commands, which takes a while to build."""
+    """The parser of all commands, built once because that takes a while."""
     return typer.main.get_command(app)
 
 

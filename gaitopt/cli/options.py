@@ -1,4 +1,4 @@
-"""Options that several commands take, and how their texts are read: ``KEY=VALUE``, ranges, grids, states and numbers.
+"""Options that several commands have, and the readers of their texts: ``KEY=VALUE``, ranges, grids, states, numbers.
 
 Angles may have the unit deg or rad.
 """
@@ -37,7 +37,7 @@ def key_value(text: str, option: str) -> tuple[str, str]:
 
 
 def overrides(texts: Texts) -> dict[str, object]:
-    """Values by dotted key from ``--set`` options, as YAML reads them; of equal keys the last one counts."""
+    """Values by dotted key from ``--set`` options, read as YAML; if a key occurs twice, the last value counts."""
     from gaitopt.problem.source import parse_value
 
     values: dict[str, object] = {}
@@ -50,7 +50,7 @@ def overrides(texts: Texts) -> dict[str, object]:
 
 
 def grid(texts: Iterable[str]) -> "Over":
-    """The ranges of ``--over KEY=LO:HI:N`` options by key, as the library takes them."""
+    """The ranges of ``--over KEY=LO:HI:N`` options by key, in the form that the library takes."""
     from gaitopt.model.units import parse_count
     from gaitopt.runs.grid import Grid, axis_of
 
@@ -100,7 +100,7 @@ def state(texts: Texts) -> dict[str, float]:
 
 
 def number(text: str, option: str) -> float:
-    """A number as YAML reads it, or an angle."""
+    """The number in a text, read as YAML, or an angle."""
     from gaitopt.model.units import parse_angle
     from gaitopt.problem.source import parse_value
 
@@ -115,7 +115,7 @@ def number(text: str, option: str) -> float:
 
 
 def counts(texts: Texts) -> dict[str, int]:
-    """Numbers of times by kind, for all kinds, from ``--follow KIND=N`` options."""
+    """The levels N of ``--follow KIND=N`` options for all kinds; 0 for kinds that are not given."""
     from gaitopt.branches.request import FOLLOWS
     from gaitopt.model.units import parse_count
 
@@ -131,7 +131,7 @@ def counts(texts: Texts) -> dict[str, int]:
 
 
 def option(request: type[Request], name: str, flag: str = "", *, metavar: str | None = None) -> Any:
-    """The option for a field of a request, with its help, bounds and choices; by default it has the field's name."""
+    """The option for a field of a request, with its help, bounds and choices; its default name is the field's."""
     field = entries(request)[name]
     is_number = field.is_number and metavar is None
     return typer.Option(

@@ -1,4 +1,4 @@
-"""The argument RUN: a run folder, or a problem whose gait is taken from the store or solved now."""
+"""The argument RUN: a run folder, or a problem whose gait is read from its run folder or solved now."""
 
 import shlex
 from collections.abc import Iterator, Sequence
@@ -31,7 +31,8 @@ def load(problem: str, changes: list[str] | None, terminal: Terminal | None = No
     stated = load_problem(problem)
     changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if terminal is not None:
-        terminal.typed.setdefault(stated.name, [problem, *(word for text in changes or () for word in ("--set", text))])
+        options = [argument for text in changes or () for argument in ("--set", text)]
+        terminal.typed.setdefault(stated.name, [problem, *options])
         for remark in changed.remarks:
             terminal.say(f"warning: {remark}")
     return changed
@@ -43,7 +44,7 @@ def is_folder(run: str) -> bool:
     Raises
     ------
     UnknownNameError
-        If it is a path to nothing, and no problem file.
+        If it is a path that does not exist, and not the name of a problem file.
     """
     from gaitopt.problem.faults import shown
     from gaitopt.problem.source import problem_names
@@ -76,7 +77,7 @@ def stored_gait(run: str, changes: list[str] | None) -> "Gait":
 def gait_of(
     run: str, changes: list[str] | None, output: Path | None, terminal: Terminal, *, keep: bool = True
 ) -> "tuple[Gait, Path, bool]":
-    """A gait, its run folder, and whether it was solved just now; it is then verified, and stored if ``keep``."""
+    """A gait, its run folder, and whether it was solved just now; a new gait is verified, and stored if ``keep``."""
     from gaitopt.api import stored
     from gaitopt.store.run import Run
 
@@ -94,8 +95,8 @@ def gait_of(
 def gaits_of(runs: "Sequence[str]", changes: list[str] | None, terminal: Terminal) -> "tuple[list[Gait], list[Path]]":
     """Gaits and their run folders; failed solves are reported.
 
-    A new gait is read back from its folder: times there are rounded sums, and a command that is repeated must write
-    the same figures to the last byte.
+    A new gait is read back from its folder, where times are rounded sums, so that a repeated command writes the same
+    figures to the last byte.
     """
     from gaitopt.runs.results import restore_gait
 
@@ -120,7 +121,7 @@ def solve_verified(
     *,
     limits: SearchLimits = DEFAULT_LIMITS,
 ) -> "Gait":
-    """The gait of a problem with its verification, stored in a folder if one is given; or the failed solve."""
+    """The verified gait of a problem, stored in a folder if one is given; or the failed solve."""
     from gaitopt.api import verbs
 
     with terminal.solving(problem.name) as (progress, interrupted):
@@ -143,8 +144,8 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
             print_gait(console, record, gait.problem)
             return
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
-        words = terminal.typed.get(gait.problem.name, [gait.problem.name])
-        console.print(f"`gaitopt explain {shlex.join(words)}` says more", soft_wrap=True)
+        arguments = terminal.typed.get(gait.problem.name, [gait.problem.name])
+        console.print(f"`gaitopt explain {shlex.join(arguments)}` says more", soft_wrap=True)
 
     folder = folder if gait.converged else None
     record = {**gait.to_record(), "run": None if folder is None else str(folder), **(more or {})}
@@ -156,7 +157,7 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
 
 @contextmanager
 def shown_result(show: "Callable[[Any], object]") -> Iterator[None]:
-    """Show the result that an error within the block carries: its storage failed, or no proof can start from it."""
+    """Show the result that an error in the block carries, which could not be stored or used, and raise the error."""
     try:
         yield
     except GaitoptError as error:

@@ -1,9 +1,9 @@
 """The output of a command, and the signals that end it.
 
-The result goes to stdout, as tables or JSON; narration and progress go to stderr. Texts are printed as they are, but no
-terminal obeys them: control characters, and characters that the encoding of the stream lacks, are written as escapes.
+The result goes to stdout, as tables or JSON; narration and progress go to stderr. Control characters in texts, and
+characters that the encoding of the stream lacks, are written as escapes, so that a terminal does not interpret them.
 
-Ctrl-C and SIGTERM end every command in the same way, with everything that is finished on the disk.
+Ctrl-C and SIGTERM end every command in the same way; all finished results are then on the disk.
 """
 
 import os
@@ -26,20 +26,21 @@ if TYPE_CHECKING:
 
 INTERNAL_ERROR, USAGE, NOT_A_GAIT, NOT_VERIFIED, STORAGE = 1, 2, 4, 5, 6
 INTERRUPTED, BROKEN_PIPE, TERMINATED = 130, 141, 143
-"""Exit codes, as a shell reports a program that SIGINT, SIGPIPE or SIGTERM has ended."""
+"""Exit codes with which a shell reports that SIGINT, SIGPIPE or SIGTERM has ended a program."""
 PIPED_WIDTH = 160
 """Width of tables that do not go to a terminal [characters]."""
 NARROWEST_WIDTH, WIDEST_WIDTH = 20, 10_000
-"""Bounds of the width that COLUMNS may state [characters]: a table of one column, and far beyond any screen."""
+"""Bounds of the width that COLUMNS may state [characters]. The narrowest shows a table of one column; the widest is
+wider than any screen."""
 
 Progress = Callable[[int, Any], None]
 Record = Mapping[str, Any]
 
 
 def allow_any_encoding() -> None:
-    r"""Write characters that the encoding of stdout or stderr lacks as escapes such as \xe9 from now on."""
+    r"""From now on, write characters that the encoding of stdout or stderr lacks as escapes such as \xe9."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # a caller may have put anything else there
+        if isinstance(stream, TextIOWrapper):  # a caller may have replaced the streams
             stream.reconfigure(errors="backslashreplace")
 
 
@@ -67,9 +68,9 @@ def console(*, stderr: bool, quiet: bool = False) -> "Console":
 
 
 def _width(stream: TextIO) -> int | None:
-    """Width of the tables on a stream [characters], None for that of its terminal.
+    """Width of the tables on a stream [characters]; None for the width of its terminal.
 
-    A terminal that does not know its size exports COLUMNS=0, with which the console would print nothing.
+    A terminal that does not know its size exports COLUMNS=0; the console would then print nothing.
     """
     from gaitopt.model.units import parse_count
 
@@ -83,7 +84,10 @@ def _width(stream: TextIO) -> int | None:
 class Terminal:
     """Output of one command: results on stdout, as tables or with --json as JSON; narration and progress on stderr.
 
-    ``typed`` has the arguments by which a problem was named, with its ``--set`` options, by the problem's name.
+    Attributes
+    ----------
+    json : whether results are printed as JSON.
+    typed : for each problem by its name, the arguments that named it, with its ``--set`` options.
     """
 
     def __init__(self, *, json: bool, quiet: bool) -> None:
@@ -100,17 +104,17 @@ class Terminal:
         """The console of results; texts are printed as they are, without markup."""
         return console(stderr=False)
 
-    def say(self, words: str) -> None:
+    def say(self, sentence: str) -> None:
         """Print a sentence of narration."""
-        self.narration.print(words, soft_wrap=True)
+        self.narration.print(sentence, soft_wrap=True)
 
-    def show(self, record: Record, table: Callable[["Console", Any], None], *places: str) -> None:
-        """Print a result: its record as JSON, or its table and then the files and folders under the keys ``places``."""
+    def show(self, record: Record, table: Callable[["Console", Any], None], *paths: str) -> None:
+        """Print a result: its record as JSON, or its table and then the files and folders under the keys ``paths``."""
         if self.json:
             self.print_json(record)
             return
         table(self.results, record)
-        for key in places:
+        for key in paths:
             self.results.print(f"{key}: {record[key]}", soft_wrap=True)
 
     def print_json(self, record: Record) -> None:
@@ -126,7 +130,7 @@ class Terminal:
 
     @contextmanager
     def working(self, jobs: str) -> Iterator[tuple[Progress, Callable[[], bool]]]:
-        """Show progress in ``jobs``; yields a callback (done, total) and a function that says whether to stop."""
+        """Show progress in ``jobs``; yields a callback (done, total) and a function that returns whether to stop."""
         from gaitopt.api.progress import job_progress
 
         with interruptible() as interrupted, job_progress(self.narration, jobs) as progress:
@@ -134,7 +138,7 @@ class Terminal:
 
     @contextmanager
     def solving(self, name: str) -> Iterator[tuple[Progress, Callable[[], bool]]]:
-        """Show the iterations of a solver; yields a callback and a function that says whether to stop."""
+        """Show the iterations of a solver; yields a callback and a function that returns whether to stop."""
         from gaitopt.api.progress import solver_progress
 
         with interruptible() as interrupted, solver_progress(self.narration, f"solving {name}") as progress:
@@ -142,7 +146,7 @@ class Terminal:
 
 
 class SignalRecord:
-    """The signals that the command has received."""
+    """The signals that the command has received; it is true if there are any."""
 
     def __init__(self) -> None:
         self._received: list[int] = []
@@ -166,7 +170,7 @@ class SignalRecord:
         return TERMINATED if self._received[:1] == [signal.SIGTERM] else INTERRUPTED
 
     @property
-    def words(self) -> str:
+    def message(self) -> str:
         """The message for the user."""
         return "terminated" if self.exit_code == TERMINATED else "interrupted"
 
@@ -189,10 +193,10 @@ def listening() -> Iterator[SignalRecord]:
 
 @contextmanager
 def interruptible() -> Iterator[Callable[[], bool]]:
-    """Yield a function that says whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
+    """Yield a function that returns whether Ctrl-C was pressed; if so, the block ends with a KeyboardInterrupt.
 
-    CasADi may swallow the KeyboardInterrupt and return normally, or turn it into another error; hence the flag. Python
-    delivers signals to the main thread only; in other threads the flag stays down.
+    The flag is needed because CasADi may swallow the KeyboardInterrupt and return normally, or turn it into another
+    error. Python delivers signals to the main thread only; in other threads the function always returns False.
     """
     pressed = threading.Event()
     if threading.current_thread() is not threading.main_thread():

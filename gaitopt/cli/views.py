@@ -38,7 +38,7 @@ def list_problems(terminal: Terminal) -> int:
 
 
 class TextFormat(StrEnum):
-    """The problem file as it is, and formats of the walker for other programs."""
+    """Formats of ``show``: the problem file itself, and the walker for other programs."""
 
     YAML = "yaml"
     URDF = "urdf"
@@ -164,17 +164,17 @@ def plot(
     folder, alone = Path(runs[0]), len(runs) == 1
     figures = folder_figures(*map(Path, runs), over=[Path(run) for run in over or ()])
     if figures:
-        place = output or (Path(COMPARISON) if not alone else folder if kind_of(folder) in PARTS else folder / FIGURES)
+        target = output or (Path(COMPARISON) if not alone else folder if kind_of(folder) in PARTS else folder / FIGURES)
     else:
         gaits, folders = gaits_of(runs, changes, terminal)
         if not all(gait.converged for gait in gaits):
             return NOT_A_GAIT
         if not alone and {"methods", ANIMATION} & {*(what or ())}:
             raise typer.BadParameter(f"--what methods and animation show one gait, not {len(gaits)}")
-        place = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
+        target = output or (folders[0] / FIGURES if alone else Path(COMPARISON))
         figures = [figures_of(gaits)]
     for drawn in figures:
-        terminal.print_paths(save_figures(drawn, place, what or (), formats or (Format.SVG, Format.PNG)))
+        terminal.print_paths(save_figures(drawn, target, what or (), formats or (Format.SVG, Format.PNG)))
     return 0
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast, overload
 from gaitopt.display import Plotted
 from gaitopt.errors import ProblemError, UnknownNameError
 from gaitopt.gait.frames import data_frame
-from gaitopt.gait.records import FrontRecord, OutcomeRecord, FrontEntryRecord, SolvedRecord, is_gait
+from gaitopt.gait.records import FrontEntryRecord, FrontRecord, OutcomeRecord, SolvedRecord, is_gait
 from gaitopt.problem.faults import nearest_keys
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import DESIGN_SCALARS, SCALARS, unit_of

@@ -1,7 +1,7 @@
 """Comparison of a gait with the simulation.
 
-return_map  the simulator's return map: derivative, fixed points, differences
-step_map    the return map of thousands of states at once
-walk        simulated walks of any length
-verify      claims about a gait, each with figure and tolerance
+- ``return_map``: the simulator's return map: derivative, fixed points, differences
+- ``step_map``: the return map of thousands of states at once
+- ``walk``: simulated walks of any length
+- ``verify``: claims about a gait, each with figure and tolerance
 """

@@ -2,14 +2,14 @@
 
 xi -> Pi(xi),      Newton:  xi <- xi - t (DPi - I)^-1 (Pi(xi) - xi)            Gamus & Or (2013), section II.C
 
-t is 1 next to a fixed point; from afar it is the first of 1, 1/2, ... that reduces the defect. DPi follows from
+Next to a fixed point t is 1; far from it t is the first of 1, 1/2, ... that reduces the defect. DPi follows from
 variational equations and saltation,
 
     d/dt Z = f_z Z  along every arc,     Z -> S Z  at every switch,     Z -> R_z (I - f grad g' / g_dot) Z  at impact
 
-with the saltation matrix S of ``model.dynamics``. A breakpoint of the control has a fixed time since the impact, the
-same for all neighbouring motions, so that it leaves deviations as they are. Independently of that, the derivative along
-a direction v follows from walks alone, by differences that are extrapolated to h = 0:
+with the saltation matrix S of ``model.dynamics``. A breakpoint of the control does not change deviations, because its
+time since the impact is the same for all neighbouring motions. As an independent check, the derivative along a
+direction v also follows from walks alone, by differences that are extrapolated to h = 0:
 
     (Pi(xi + h v) - Pi(xi - h v)) / 2h = DPi v + c_2 h^2 + c_4 h^4 + ...    Ridders (1982), Adv. Eng. Software 4, 75-76
 """
@@ -33,20 +33,25 @@ from gaitopt.model.transitions import margin_unit
 from gaitopt.simulation.simulator import Simulator
 
 AT_EVENT = 1e-9
-"""A margin this close to zero, in natural units, has fallen. It is not close where a torque jumps."""
+"""A margin that is this close to zero, in natural units, has caused the event. If the jump of a torque caused it, the
+margin is larger."""
 ROUNDING = 1e-12
 """Error of a simulated step in natural units, before its amplification by the map."""
 NEWTON_STEPS = 12
-CLOSE = 1e-9
-"""Defect, relative to the sizes of the coordinates, at which a damped search ends; the solver refines the result."""
+"""Largest number of undamped Newton steps."""
+DAMPED_DEFECT = 1e-9
+"""A damped search ends at this defect, relative to the sizes of the coordinates; the solver refines the result."""
 LARGEST_NEWTON_STEP = 0.5
 """Longest step of a damped search, relative to the sizes of the coordinates."""
 DAMPING = (1.0, 0.5, 0.25, 0.125, 0.0625)
+"""Values of t that a damped search tries for every step."""
 DAMPED_STEPS = 25
-LARGEST, SIZES = 2.0**-12, 16
-SMALL = LARGEST / 2**12
-"""Largest deviation of a difference, in natural units, and number of deviations, each half as large as the one before.
-At the smallest, 7e-9, the rounding of a step is 1e-6 to 1e-5 of the deviation."""
+"""Largest number of damped Newton steps."""
+LARGEST_DEVIATION, DEVIATIONS = 2.0**-12, 16
+"""Largest deviation h of a difference, in natural units, and number of deviations, each half as large as the one
+before. At the smallest, 7e-9, rounding of a step is 1e-6 to 1e-5 of the deviation."""
+SMALL_DEVIATION = LARGEST_DEVIATION / 2**12
+"""If walks with the largest deviation leave the modes of the gait, this one shows whether close ones keep them."""
 
 Difference = Callable[[float], Array | None]
 StepModes: TypeAlias = list[tuple[tuple[Mode, ...], Mode]]
@@ -58,9 +63,9 @@ class CycleOutcome:
 
     Attributes
     ----------
-    xi : ndarray, shape (n_xi,) - section coordinates after the cycle; None if it did not return to the section.
+    xi : ndarray, shape (n_xi,) - section coordinates after the cycle; None if the walk did not return to the section.
     steps : the simulated steps.
-    message : why it did not return.
+    message : why the walk did not return.
     """
 
     xi: Array | None
@@ -80,10 +85,10 @@ class FixedPoint:
     Attributes
     ----------
     xi : ndarray, shape (n_xi,) - last iterate.
-    cycle : the cycle from there.
-    residual : largest entry of Pi(xi) - xi in natural units; infinite where the map is not defined.
-    accuracy : residual that rounding causes; the derivative of the map amplifies that of early events.
-    jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``; None where it is not defined.
+    cycle : the simulated cycle that starts at ``xi``.
+    residual : largest entry of Pi(xi) - xi in natural units; infinite if the map is not defined there.
+    accuracy : residual that rounding causes. The derivative of the map amplifies the rounding errors of early events.
+    jacobian : ndarray, shape (n_xi, n_xi) - derivative of the map at ``xi``; None if it is not defined there.
     message : why there is no derivative.
     """
 
@@ -96,7 +101,7 @@ class FixedPoint:
 
     @property
     def converged(self) -> bool:
-        """Whether only rounding is left of the residual."""
+        """Whether the residual is no larger than rounding makes it."""
         return self.residual <= self.accuracy
 
 
@@ -105,8 +110,9 @@ class ReturnMap:
 
     Parameters
     ----------
-    section : the section; or of a walker that stands on one foot at a time, the mode just after the impact.
-    near : ndarray, shape (n_z,) - a state of the section, next to which the others are; needed for named contacts.
+    section : the section. For a walker that stands on one foot at a time, the mode just after the impact suffices.
+    near : ndarray, shape (n_z,) - a state on the section. Named contacts need it, because several states can have the
+        same section coordinates; the map takes the one near this state.
 
     Attributes
     ----------
@@ -150,7 +156,7 @@ class ReturnMap:
 
         Parameters
         ----------
-        simulators : of the steps in turn; they differ where the legs do.
+        simulators : simulators of consecutive steps, repeated in turn; they differ if the legs differ.
         """
         system = self.simulator.system
         for step, simulator in zip(steps, cycle(simulators), strict=False):
@@ -168,11 +174,11 @@ class ReturnMap:
         return deviations
 
     def scaled(self, jacobian: Array) -> Array:
-        """A derivative of the map in natural units."""
+        """A derivative of the map, converted to natural units."""
         return jacobian * self.unit / self.unit[:, None]
 
     def fixed_point(self, xi: Array) -> FixedPoint:
-        """Newton's method from ``xi``, until only rounding is left of the residual or it no longer falls."""
+        """Newton's method from ``xi``, until the residual is down to rounding or does not decrease any more."""
         point = self._evaluated(xi)
         for _ in range(NEWTON_STEPS):
             if point.converged or point.jacobian is None:
@@ -184,7 +190,7 @@ class ReturnMap:
         return point
 
     def correction(self, point: FixedPoint) -> Array:
-        """The next Newton step from a point, in natural units; infinite where the map has no derivative."""
+        """The next Newton step from a point, in natural units; infinite if the map has no derivative there."""
         if point.jacobian is None or point.cycle.xi is None:
             return np.full(point.xi.size, np.inf)
         defect = (point.cycle.xi - point.xi) / self.unit
@@ -204,7 +210,7 @@ class ReturnMap:
         outcome = self(xi)
         defect = defect_of(outcome, xi)
         for _ in range(DAMPED_STEPS):
-            if defect < CLOSE or outcome.xi is None:
+            if defect < DAMPED_DEFECT or outcome.xi is None:
                 break
             slope = self.jacobian(outcome.steps) - np.eye(xi.size)
             if not np.isfinite(slope).all():
@@ -219,7 +225,7 @@ class ReturnMap:
             else:
                 break
             xi, outcome, defect = trial, returned, defect_of(returned, trial)
-        return outcome.steps if defect < CLOSE else None
+        return outcome.steps if defect < DAMPED_DEFECT else None
 
     def _evaluated(self, xi: Array) -> FixedPoint:
         """The defect and the derivative of the map at ``xi``."""
@@ -242,19 +248,20 @@ def directional_derivative(
 ) -> tuple[Array | None, float, str]:
     """Derivative of a map at its fixed point along ``v`` by differences of walks, in natural units.
 
-    Only walks with the modes of the fixed point's cycle are used. Where the central difference is not accurate enough,
-    as where one side has no such walks (a gait at the limit of friction), those of either side follow.
+    Only walks with the modes of the fixed point's cycle are used. If the central difference is not accurate enough, the
+    one-sided differences are tried. At the limit of friction, for example, one side has no walks with these modes.
 
     Parameters
     ----------
     v : ndarray, shape (n_xi,) - direction in natural units.
-    goal, enough : estimated errors at which no smaller deviation, and no other difference, is tried.
+    goal, enough : estimated errors. Smaller deviations are tried until the error is below ``goal``, other differences
+        until it is below ``enough``.
 
     Returns
     -------
     derivative : ndarray, shape (n_xi,); None if no perturbed walk has the modes of the gait.
-    error : its estimated error.
-    reason : why the last perturbed walk without these modes was not used.
+    error : estimated error of the derivative.
+    reason : why the last rejected walk was not used; empty if none was rejected.
     """
     if point.cycle.xi is None:
         return None, np.inf, point.message
@@ -287,21 +294,21 @@ def directional_derivative(
     def attempts() -> Iterator[tuple[Difference, int]]:
         """Differences in turn, with the first power of h in their errors."""
         sides = (ahead, behind)
-        wide = [side for side in sides if side(LARGEST) is not None]
+        wide = [side for side in sides if side(LARGEST_DEVIATION) is not None]
         if len(wide) == 2:
             yield central, 2
         yield from ((side, 1) for side in wide)
-        if len(wide) < 2:  # where a small deviation to a side has other modes, so do larger ones
-            small = [side for side in sides if side(SMALL) is not None] or sides
+        if len(wide) < 2:  # if a small deviation to one side leads to other modes, so do larger ones
+            small = [side for side in sides if side(SMALL_DEVIATION) is not None] or sides
             if len(small) == 2:
                 yield central, 2
             yield from ((side, 1) for side in small if side not in wide)
 
     best, error = None, np.inf
     for difference, power in attempts():
-        derivative, its_error = extrapolated(difference, power=power, goal=goal)
-        if its_error < error:
-            best, error = derivative, its_error
+        derivative, estimate = extrapolated(difference, power=power, goal=goal)
+        if estimate < error:
+            best, error = derivative, estimate
         if error <= enough:
             break
     return best, error, reason
@@ -312,8 +319,8 @@ def extrapolated(difference: Difference, *, power: int, goal: float) -> tuple[Ar
 
     Parameters
     ----------
-    difference : quotient for the deviation h; None where it is not defined.
-    power : difference of the exponents of its error: 2 of central differences, 1 of one-sided ones.
+    difference : the quotient as a function of the deviation h; None if it is not defined.
+    power : step of the exponents of h in its error: 2 for central differences, 1 for one-sided ones.
     goal : estimated error at which to stop.
 
     References
@@ -322,8 +329,8 @@ def extrapolated(difference: Difference, *, power: int, goal: float) -> tuple[Ar
     """
     best, error = None, np.inf
     row: list[Array] = []
-    for k in range(SIZES):
-        value = difference(LARGEST / 2**k)
+    for k in range(DEVIATIONS):
+        value = difference(LARGEST_DEVIATION / 2**k)
         if value is None:
             row = []
             continue
@@ -339,7 +346,7 @@ def extrapolated(difference: Difference, *, power: int, goal: float) -> tuple[Ar
 
 
 def _has_modes_of(cycle: StepModes, walked: StepModes) -> bool:
-    """Whether a walk next to a cycle has its modes; contacts that change together there may do so one by one."""
+    """Whether a walk next to a cycle has its modes; contacts that change together in the cycle may do so one by one."""
     if [impact for _, impact in walked] != [impact for _, impact in cycle]:
         return False
     for (phases, _), (passed, _) in zip(cycle, walked, strict=True):
@@ -355,14 +362,14 @@ def _has_modes_of(cycle: StepModes, walked: StepModes) -> bool:
 
 
 def _lies_between(mode: Mode, before: Mode, after: Mode) -> bool:
-    """Whether every contact does in a mode what it does in one of two others."""
+    """Whether every contact has in ``mode`` its state of ``before`` or of ``after``."""
     return mode.is_named and all(
-        word in (before.contacts[name], after.contacts[name]) for name, word in mode.contacts.items()
+        state in (before.contacts[name], after.contacts[name]) for name, state in mode.contacts.items()
     )
 
 
 def _switches_at_breakpoint(arc: Arc, after: Arc) -> bool:
-    """Whether the mode changes at a breakpoint of the control by an event, and not by the jump of a torque."""
+    """Whether an event changes the mode at a breakpoint of the control, and not the jump of a torque."""
     if after.mode is arc.mode:
         return False
     dynamics, table = arc.dynamics, arc.dynamics.system.transitions
@@ -373,17 +380,17 @@ def _switches_at_breakpoint(arc: Arc, after: Arc) -> bool:
 
 
 def _struck(system: HybridSystem, arc: Arc) -> Mode | None:
-    """The landing with which an arc begins, with the contacts as they are called before it."""
+    """The landing with which an arc begins, with the names of the contacts before it."""
     return None if arc.struck is None else system.transitions.struck_within(arc.struck)
 
 
 def _swapped(system: HybridSystem, impact: Mode) -> Mode:
-    """The impact at the end of a step, with the contacts as they are called before it."""
+    """The impact at the end of a step, with the names of the contacts before it."""
     return system.walker.swapped(impact) if system.cycle_end == TOUCHDOWN else impact
 
 
 def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
-    """Matrix by which the event at the end of an arc of a step with a final ``impact`` maps deviations; (n_z, n_z)."""
+    """Matrix (n_z, n_z) by which the event at the end of an arc maps deviations; the step ends with ``impact``."""
     system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
     data, struck = system.data(arc.segment), _swapped(system, impact) if after is None else _struck(system, after)
     transition = system.transitions.between(arc.mode, None if after is None else after.mode, struck)
@@ -408,5 +415,5 @@ def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
 
 
 def _matrix(function: Function, *values: Array | float) -> Array:
-    """The one output of a function as a matrix, valid until it is called again."""
+    """The first output of a function as a matrix, valid until the function is called again."""
     return buffered(function)(*values)[0].reshape(function.size_out(0), order="F")

@@ -1,4 +1,4 @@
-"""The return map of thousands of states at once: arrays in, arrays and named outcomes out."""
+"""The return map of thousands of states at once, from arrays of states to arrays of states and named outcomes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -24,35 +24,37 @@ from gaitopt.threads import cached_property, per_thread
 from gaitopt.workers.jobs import FailedJob, Job, Workers, run_jobs
 
 RowLift = Callable[[Array, Array, Array | None], Array]
-UNDEFINED = StepOutcome(
+UNDEFINED_STATE = StepOutcome(
     step=None, ending=Ending.NUMERICAL, message="the section coordinates belong to no state of the walker"
 )
-"""Outcome where a coordinate or rate does not follow from the section, as for a runner too fast for its energy."""
+"""Outcome if a coordinate or rate does not follow from the section, for example if a runner is too fast for its
+energy."""
 CHUNK = 4096
-"""Number of states of one job: a tenth of a second of work, a third of a megabyte."""
+"""Number of states in one job, which takes a tenth of a second and a third of a megabyte."""
 
 
 def return_map(
     start: Problem | Gait, states: Array, *, engine: str = Engine.AUTO, workers: int = 1, should_stop: Stop = None
 ) -> StepOutcomes:
-    """Walk one step from each of many states just after an impact; one step with either leg if the legs differ.
+    """Walk one step from each of many states just after an impact; one step with each leg if the legs differ.
 
-    The result of a state depends neither on the other states nor on their number, order or distribution over processes.
+    The result for a state does not depend on the other states, on their order, or on their distribution over processes.
 
     Parameters
     ----------
     start : problem or gait; its walker, control and friction are used.
-    states : ndarray, shape (n, k) - section coordinates, with ``dx`` as the last column or without it (at rest). Those
-        of a walker with several contacts are the ones of its gait's section, see ``Problem.map_section``.
+    states : ndarray, shape (n, k) - section coordinates. The last column, ``dx``, may be left out if the foot is at
+        rest. For a walker with several contacts, these are the coordinates of its gait's section, see
+        ``Problem.map_section``.
     engine : ``auto``, ``scipy`` or ``heyoka``.
     workers : number of processes.
 
     Raises
     ------
     ProblemError
-        If the name of a problem is given in place of it.
+        If ``start`` is the name of a problem.
     ValueError
-        If ``states`` does not have such a shape, or is not finite.
+        If ``states`` has another shape or is not finite.
     UnknownNameError
         If the engine is unknown or not installed.
     """
@@ -65,25 +67,25 @@ def return_map(
     chunks = [xi[k : k + CHUNK] for k in range(0, len(xi), CHUNK)] or [xi]
     arguments = [(problem, p, chosen, chunk) for chunk in chunks]
     if workers == 1:
-        parts = [map_chunk(argument) for argument in arguments]
+        outcomes = [map_chunk(argument) for argument in arguments]
     else:
         jobs = [Job(key=f"chunk-{k}-{id(xi)}", argument=argument) for k, argument in enumerate(arguments)]
         results = dict(run_jobs(map_chunk, jobs, Workers(count=workers), should_stop=should_stop))
         for result in results.values():
             if isinstance(result, FailedJob):
                 raise RuntimeError(f"a chunk of states was not mapped: {result.reason}")
-        parts = [results[job.key] for job in jobs]
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
-    return replace(parts[0], **joined)
+        outcomes = [results[job.key] for job in jobs]
+    joined: dict[str, Any] = {name: np.concatenate([getattr(each, name) for each in outcomes]) for name in ARRAYS}
+    return replace(outcomes[0], **joined)
 
 
 def section_coordinates(problem: Problem, states: Array) -> Array:
-    """The states as floats with all section coordinates, ``dx`` included; shape (n, k).
+    """The states as floats with all section coordinates, including ``dx``; shape (n, k).
 
     Raises
     ------
     ValueError
-        If their shape is wrong, or they are not finite.
+        If ``states`` has a wrong shape, or is not finite.
     """
     section, xi = problem.map_section, np.asarray(states, dtype=float)
     names = section.names
@@ -95,7 +97,7 @@ def section_coordinates(problem: Problem, states: Array) -> Array:
 
 
 def map_chunk(argument: tuple[Problem, tuple[float, ...] | None, Engine, Array], _: None = None) -> StepOutcomes:
-    """One chunk of ``return_map``; runs in any process."""
+    """The job of one chunk of ``return_map``, in any process."""
     problem, p, engine, xi = argument
     return step_map(problem, p, engine)(xi)
 
@@ -105,9 +107,9 @@ class StepMap:
 
     Attributes
     ----------
-    names, indices : of the section coordinates, and of these in the state; of all states if modes are open, from which
-        the section follows.
-    is_stated : whether any step leads back to these coordinates, and they determine the state.
+    names, indices : names of the section coordinates, and their indices in the state. If the modes are open, there is
+        no section, and these are all states.
+    is_stated : whether every step leads back to these coordinates, and they determine the state.
     """
 
     def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem) -> None:
@@ -122,23 +124,23 @@ class StepMap:
         self._near = None if problem.start is None else np.array([problem.start.state[name] for name in names])
 
     def __call__(self, xi: Array) -> StepOutcomes:
-        """One step from every state; one step with either leg if the legs differ. See ``section_coordinates``."""
+        """One step from every state; one step with each leg if the legs differ. See ``section_coordinates``."""
         walked = self.walk(self.lift(xi))
         return replace(walked, names=self.names, states=walked.states[:, self.indices])
 
     def lift(self, xi: Array) -> Array:
-        """The whole states with these section coordinates, shape (n, n_z)."""
+        """The whole states that have these section coordinates, shape (n, n_z)."""
         return self._lift(xi, self.dynamics.p, self._near)
 
     def closed(self, xi: Array) -> tuple[Callable[[Array], StepOutcomes], Array]:
-        """A map that can follow any walk, and its states from section coordinates.
+        """A map that can follow every walk, and the states in its terms for section coordinates.
 
-        A walk may leave the section of a gait, where more contacts slip or touch: then it maps whole states.
+        A walk may leave the section of a gait if more contacts slip or touch. In that case the map takes whole states.
         """
         return (self, xi) if self.is_stated else (self.walk, self.lift(xi))
 
     def walk(self, states: Array) -> StepOutcomes:
-        """Walk from whole states, shape (n, n_z), to whole states, which may leave the section."""
+        """Walk one step from whole states, shape (n, n_z), to whole states, which may lie off the section."""
         first, *others = self._steps
         walked = first(states)
         for step in others:
@@ -151,12 +153,12 @@ class StepMap:
     def _steps(self) -> list[Callable[[Array], StepOutcomes]]:
         """One step from every state, shape (n, n_z), for each of ``dynamics.steps``."""
         if self.engine is Engine.HEYOKA:
-            from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
+            from gaitopt.simulation.heyoka_batch import BatchSimulator  # imports heyoka, which is optional
 
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
 
         def one_by_one(simulator: Simulator, states: Array) -> StepOutcomes:
-            outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED for state in states]
+            outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED_STATE for state in states]
             return stack_outcomes(outcomes, states, simulator.system)
 
         return [partial(one_by_one, each) for each in Simulator(self.dynamics, stepper_class(self.engine)).per_step]
@@ -164,6 +166,6 @@ class StepMap:
 
 @per_thread(maxsize=8)
 def step_map(problem: Problem, p: tuple[float, ...] | None, engine: Engine) -> StepMap:
-    """The map of a problem, built once per thread; ``p`` are parameters other than those of the problem."""
+    """The map of a problem, built once per thread; ``p`` replaces the parameters of the problem if it is given."""
     dynamics = problem_dynamics(problem)
     return StepMap(Dynamics(dynamics.system, np.array(p)) if p else dynamics, engine, problem)

@@ -1,17 +1,18 @@
 """Verification of a gait by the forward simulator, claim by claim.
 
-The solver shoots through a given mode sequence; the simulator finds modes and events itself. They share the mechanics
-only, and no equation of the solver is used here. The argument has four parts. Figures are dimensionless, errors in the
-natural units of the walker.
+The solver shoots through a given mode sequence; the simulator finds modes and events itself. They share only the
+mechanics, and no equation of the solver is used here. The argument has four parts. Figures are dimensionless; errors
+are in the natural units of the walker.
 
-1. The simulator takes the gait's modes and impacts, started from its state after impact (mode sequence). It walks the
-   same motion (period, switching times, states inside) back to the same state (periodicity). Both methods are accurate
-   to ``AGREEMENT``; an unstable cycle magnifies their errors by its spectral radius.
-2. The gait obeys the laws of its modes, also between the nodes of the solver: friction cone, slip direction, normal
-   force; and energy changes by the work of motors and friction (energy balance).
-3. The numbers of its record are those of the simulated cycle and, to rounding, of its own motion (measures, impact).
-4. Its state and multipliers are those of the simulator's return map: its fixed point (state), and the eigenvalues of
-   its derivative by saltation (multipliers), which in turn agrees with differences of perturbed walks (perturbation).
+1. From the gait's state after impact, the simulator goes through the gait's modes and impacts (mode sequence). It walks
+   the same motion (period, switching times, states inside) back to the same state (periodicity). Both methods are
+   accurate to ``AGREEMENT``; an unstable cycle magnifies their errors by its spectral radius.
+2. The gait obeys the laws of its modes, also between the nodes of the solver: friction cone, slip direction and normal
+   force. Its energy changes by the work of motors and friction (energy balance).
+3. The numbers of its record are those of the simulated cycle and, to rounding, those of its own motion (measures,
+   impact).
+4. Its state is a fixed point of the simulator's return map (state). Its multipliers are the eigenvalues of the map's
+   derivative by saltation (multipliers), which in turn agrees with differences of perturbed walks (perturbation).
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,35 +36,37 @@ from gaitopt.simulation.simulator import Simulator, stepper_class
 from gaitopt.verification.return_map import ROUNDING, FixedPoint, ReturnMap, directional_derivative
 
 INTERIOR_AGREEMENT = 1e-8
-"""Agreement of states inside an arc, where the simulator interpolates, and of all scalars of arcs."""
+"""Tolerance of states inside an arc, where the simulator interpolates, and of all scalars of arcs."""
 RECOMPUTED = 1e-9
-"""Relative agreement of a stated scalar with its value along the gait's own motion; only rounding differs."""
-SMALL = 1e-4
-"""In natural units: smaller scalars are compared as if they were this large, since rounding is 1e-15 of the unit."""
+"""Relative tolerance of a stated scalar and its value along the gait's own motion, which differ by rounding only."""
+SMALLEST_SCALAR = 1e-4
+"""Smaller scalars are compared as if they were this large, in natural units, since rounding is 1e-15 of the unit."""
 FORCE_SLACK = 1e-8
 """Excess over the friction coefficient that rounding at the edge of the cone can cause."""
 ENERGY_AGREEMENT = 1e-9
-"""Relative to the largest change of energy or to weight times leg length, whichever is larger."""
+"""Tolerance of the energy balance, relative to the larger one of two energies: the largest change along an arc, and
+weight times leg length."""
 MULTIPLIER_AGREEMENT = 1e-9
-"""Relative where a multiplier exceeds one. An unstable cycle magnifies the errors of both methods by its radius: of 900
-random gaits the worst is a tenth of this times the radius."""
-DISCERNIBLE = 2e-6
+"""Tolerance of the multipliers, relative if they exceed one. An unstable cycle magnifies the errors of both methods by
+its radius: among 900 random gaits the worst error is a tenth of this times the radius."""
+LARGEST_MULTIPLIER_TOLERANCE = 2e-6
 """Largest tolerance of the multipliers: an error of 1e-5 must be detected, however unstable or sensitive they are."""
 ZERO_DYNAMICS_AGREEMENT = 1e-8
-"""Agreement of delta_zero squared with the multiplier on the constraint surface."""
+"""Tolerance between delta_zero squared and the multiplier on the constraint surface."""
 ROUNDING_SAMPLES = 4
+"""Number of random changes of the derivative that show how sensitive the multipliers are to rounding."""
 LINEARITY = 2e-6
 """Largest deviation from linearity, relative to the norm of the derivative. A derivative with a relative error of 1e-5
 exceeds it along at least one of up to 25 directions; named gaits stay below 1e-8."""
-RESOLVED = LINEARITY / 4
+DECISIVE_ERROR = LINEARITY / 4
 """Largest estimated error of an extrapolated difference that can decide the claim."""
-SETTLED = RESOLVED / 100
-"""Estimated error below which no smaller deviation is tried."""
+SUFFICIENT_ERROR = DECISIVE_ERROR / 100
+"""If the estimated error is below this, no smaller deviation is tried."""
 SPARE_DIRECTIONS = 8
-"""Random directions per coordinate that are tried if some coordinate direction leaves the gait's modes on both sides,
-as next to two limits at once."""
-INDEPENDENT = 0.1
-"""Least part of a unit vector that must be orthogonal to the directions before it."""
+"""Number of random directions per coordinate that are tried if perturbations along a coordinate leave the gait's modes
+on both sides, which happens next to two limits at once."""
+SMALLEST_ORTHOGONAL_PART = 0.1
+"""A further direction is used only if this part of the unit vector is orthogonal to the directions before it."""
 
 
 class Outcome(StrEnum):
@@ -81,7 +84,7 @@ OUTCOMES: Mapping[str, str] = {
     Outcome.NOT_EXAMINED: "not examined",
     Outcome.NO_LINEAR_RANGE: "no linear range",
 }
-"""Outcomes in words."""
+"""How outcomes are printed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,12 +93,12 @@ class Claim:
 
     Attributes
     ----------
-    name : what was examined.
-    figure, tolerance : the measured error, infinite if it could not be measured, and its limit.
+    name : name of the claim, such as ``period``.
+    figure, tolerance : the measured error, and its limit. The error is infinite if it could not be measured.
     passed : whether the claim holds.
     note : what the figure measures, or why there is none.
-    outcome : ``holds``, ``fails``, ``not_examined`` (there is no motion to examine) or ``no_linear_range`` (for every
-        size of the deviation, rounding or curvature is too large to judge a derivative).
+    outcome : ``holds``, ``fails``, ``not_examined`` (there is no motion to examine) or ``no_linear_range`` (rounding or
+        curvature is too large to judge a derivative, whatever the deviation).
     """
 
     name: str
@@ -120,8 +123,8 @@ class Verification(Tabulated):
 
     def __repr__(self) -> str:
         failed = [claim.name for claim in self.claims if not claim.passed]
-        words = f"FAILED: {', '.join(failed)}" if failed else "passed"
-        return f"<Verification: {len(self.claims)} claims, {words}>"
+        verdict = f"FAILED: {', '.join(failed)}" if failed else "passed"
+        return f"<Verification: {len(self.claims)} claims, {verdict}>"
 
     @property
     def passed(self) -> bool:
@@ -129,7 +132,7 @@ class Verification(Tabulated):
         return all(claim.passed for claim in self.claims)
 
     def figure(self, name: str) -> float | None:
-        """Figure of one claim, or None if it could not be examined."""
+        """Figure of the claim with this name; None if it could not be examined."""
         return next((claim.figure for claim in self.claims if claim.name == name and np.isfinite(claim.figure)), None)
 
     def to_record(self) -> VerificationRecord:
@@ -156,7 +159,7 @@ class Verification(Tabulated):
 
 
 def recorded_claims(record: VerificationRecord) -> list[Claim]:
-    """The claims of a record of ``Verification.to_record``; records of early versions name no outcomes."""
+    """The claims in a record of ``Verification.to_record``; in records of early versions the outcome follows."""
     claims = []
     for entry in record["claims"]:
         name, figure, limit = entry["name"], entry["figure"], entry["tolerance"]
@@ -178,8 +181,8 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO, tolerance: float = AGREEMEN
     gait : a converged gait.
     engine : integrator of the simulation: ``auto``, ``scipy`` or ``heyoka``.
     tolerance : largest difference of period, switching times and states just after the impact between the two methods,
-        in natural units. The tolerances of all other claims are in proportion, except that of perturbations, which
-        differences of walks resolve no better. Each claim states its own.
+        in natural units. The tolerances of all other claims are scaled in proportion, except that of perturbations,
+        because differences of walks are not more accurate. Each claim states its own tolerance.
 
     Raises
     ------
@@ -206,7 +209,7 @@ def verify(gait: Gait, *, engine: str = Engine.AUTO, tolerance: float = AGREEMEN
 
 
 def _with_tolerance(known: Claim, factor: float) -> Claim:
-    """A claim with its tolerance multiplied; what was not measured, or depends on differences of walks, stays."""
+    """A claim with its tolerance multiplied, unless it was not measured or depends on differences of walks."""
     if factor == 1 or known.outcome not in (Outcome.HOLDS, Outcome.FAILS) or known.name == "perturbation":
         return known
     return claim(known.name, known.figure, factor * known.tolerance, known.note)
@@ -225,7 +228,7 @@ def confirm(gait: Gait) -> Verification:
 
 
 def _simulated_cycle(gait: Gait, simulator: Simulator) -> tuple[Claim, tuple[Step, ...]]:
-    """The claim that the simulator takes the modes and impacts of the gait, and the simulated steps."""
+    """The claim that the simulator goes through the modes and impacts of the gait, and the simulated steps."""
     if not gait.steps:
         raise SolveError(f"{gait.problem.name} is {gait.status}, there is no gait to verify: {gait.message}")
     cycle = gait.problem.cycle
@@ -238,7 +241,7 @@ def _simulated_cycle(gait: Gait, simulator: Simulator) -> tuple[Claim, tuple[Ste
 
 
 def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
-    """Times and states of the simulated steps ``walked`` equal those of the gait."""
+    """The claims that times and states of the simulated steps ``walked`` equal those of the gait."""
     scales, unit, growth = gait.dynamics.scales, gait.dynamics.state_units, magnification(gait)
     durations = ([duration for step in steps for _, duration in step.phases] for steps in (gait.steps, walked))
     ours, theirs = (np.cumsum(phases) / scales.time for phases in durations)
@@ -251,9 +254,9 @@ def motion_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
 
 
 def law_claims(gait: Gait) -> Iterator[Claim]:
-    """The gait obeys the friction law of each mode and the balance of energy, also between the solver's nodes.
+    """The claims that the gait obeys the friction law of each mode and the energy balance, also between the nodes.
 
-    Energy gained in an arc equals the work of motors and friction less the loss in dampers.
+    The energy gained along an arc equals the work of motors and friction minus the loss in dampers.
     """
     scales = gait.dynamics.scales
     missing_friction, backward, lowest = -np.inf, 0.0, np.inf
@@ -281,11 +284,11 @@ def law_claims(gait: Gait) -> Iterator[Claim]:
 
 
 def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
-    """The scalars, parameters and impacts of the gait's record are those of its motion.
+    """The claims that scalars, parameters and impacts of the gait's record are those of its motion.
 
-    Scalars and impacts are compared with the simulated steps ``walked`` and, where these confirm the gait's states,
-    more closely with their values along the gait's own motion; parameters with those of the motion. A claim has the
-    figure and the tolerance of the comparison that is worse.
+    Scalars and impacts are compared with the simulated steps ``walked``. If these confirm the gait's states, they are
+    compared more closely with the values along the gait's own motion. Parameters are compared with those of the motion.
+    A claim has the figure and the tolerance of its worse comparison.
     """
     units, tolerance = measure_scales(gait.dynamics.scales), magnification(gait) * INTERIOR_AGREEMENT
     errors = {k: _error(gait.measures.get(k), value, units[k]) for k, value in measure(walked).items()}
@@ -301,7 +304,7 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
         ]
         values = {k: _relative_error(gait.measures.get(k), v, units[k]) for k, v in measure(recomputed).items()}
         if _unloads(gait):
-            del values["min_normal_force"]  # zero, but for the rounding of a length times the stiffness
+            del values["min_normal_force"]  # it is zero up to the rounding error of a length times the stiffness
         closely = values | closely
         impacts_closely = _impact_errors(gait, recomputed, _relative_error)
     yield _worst("measures", (errors, tolerance), (closely, RECOMPUTED))
@@ -309,12 +312,12 @@ def record_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
 
 
 def _unloads(gait: Gait) -> bool:
-    """Whether the force on a foot falls to zero in every step, as it does without a mass of the foot."""
+    """Whether the force on a foot falls to zero in every step, as it does if the leg has no mass."""
     return bool(gait.system.walker.weightless())
 
 
 def phase_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
-    """A phase variable of the control law moves on all along the simulated steps; no claim if the law has none."""
+    """The claim that the control law's phase variable is monotone along the simulated steps, if the law has one."""
     name, slowest = gait.system.control.phase_variable, np.inf
     if not name:
         return
@@ -325,35 +328,36 @@ def phase_claims(gait: Gait, walked: Sequence[Step]) -> Iterator[Claim]:
             rates = np.array([float(rate(z, arc.dynamics.p)) for z in arc.states])
             direction = direction or np.sign(rates[rates.size // 2])
             slowest = min(slowest, -curves.maximum(-direction * rates)[1])
-    words = f"{name} does not turn back: its rate is at least {slowest:.4g} per second in size"
-    yield claim("phase variable", -slowest * gait.dynamics.scales.time, 0.0, words)
+    note = f"{name} does not turn back: its rate is at least {slowest:.4g} per second in size"
+    yield claim("phase variable", -slowest * gait.dynamics.scales.time, 0.0, note)
 
 
 def return_map_claims(gait: Gait, return_map: ReturnMap) -> Iterator[Claim]:
-    """State and multipliers of the gait are those of the simulator's return map, and its derivative is right."""
+    """The claims that state and multipliers are those of the simulator's return map, and its derivative is right."""
     xi = gait.state[gait.system.section(gait.problem.cycle).indices]
     point = return_map.fixed_point(xi)
     if point.jacobian is None:
-        words = f"no fixed point of the simulated return map: {point.message}"
-        yield claim("state", np.inf, AGREEMENT, words, Outcome.NOT_EXAMINED)
+        note = f"no fixed point of the simulated return map: {point.message}"
+        yield claim("state", np.inf, AGREEMENT, note, Outcome.NOT_EXAMINED)
         return
     distance = np.abs((point.xi - xi) / return_map.unit).max()
-    if not point.converged:  # rounding stops Newton's method short of the fixed point, by its next correction
+    if not point.converged:  # rounding stops Newton's method before the fixed point; its next step estimates how far
         distance += np.abs(return_map.correction(point)).max()
     yield claim("state", distance, AGREEMENT, "distance to the fixed point of the simulator")
     distance = multiplier_distance(gait.multipliers, floquet_multipliers(point.jacobian), relative=True)
     sensitivity = _rounding_of_multipliers(return_map.scaled(point.jacobian))
-    tolerance = min(max(magnification(gait) * MULTIPLIER_AGREEMENT, sensitivity), DISCERNIBLE)
+    tolerance = min(max(magnification(gait) * MULTIPLIER_AGREEMENT, sensitivity), LARGEST_MULTIPLIER_TOLERANCE)
     yield claim("multipliers", distance, tolerance, "saltation against implicit differentiation")
     yield from zero_dynamics_claims(gait, return_map, point)
     yield perturbation_claim(return_map, point)
 
 
 def zero_dynamics_claims(gait: Gait, return_map: ReturnMap, point: FixedPoint) -> Iterator[Claim]:
-    """delta_zero squared of a gait on its constraint surface is a multiplier; no claim about any other gait.
+    """The claim that delta_zero squared is a multiplier, for a gait on its constraint surface only.
 
-    The figure is the error of D w = delta_zero^2 w for the derivative D of the simulator's return map, with the rates
-    after the impact as the direction w that the surface has in the section; or that of the gait's closest multiplier.
+    The figure is the larger one of two errors. The first is that of D w = delta_zero^2 w, where D is the derivative of
+    the simulator's return map. The direction w of the surface in the section has the rates after the impact. The second
+    error is the distance to the gait's closest multiplier.
     """
     known = gait.constraints
     if known is None or known.delta_squared is None or point.jacobian is None:
@@ -364,21 +368,21 @@ def zero_dynamics_claims(gait: Gait, return_map: ReturnMap, point: FixedPoint) -
     w /= np.linalg.norm(w)
     simulated = float(np.abs(return_map.scaled(point.jacobian) @ w - known.delta_squared * w).max())
     solved = float(np.abs(gait.multipliers - known.delta_squared).min())
-    words = f"delta_zero^2 = {known.delta_squared:.9g} against the multiplier on the constraint surface"
+    note = f"delta_zero^2 = {known.delta_squared:.9g} against the multiplier on the constraint surface"
     limit = magnification(gait) * ZERO_DYNAMICS_AGREEMENT
-    yield claim("zero dynamics", max(simulated, solved), limit, words)
+    yield claim("zero dynamics", max(simulated, solved), limit, note)
 
 
 def perturbation_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:
-    """Small perturbations return as the derivative of the return map says, along a basis of the section.
+    """The claim that small perturbations along a basis of the section return as the derivative of the map predicts.
 
-    The figure is the largest error of a direction, relative to the norm of the derivative. The basis are the coordinate
-    directions, or random ones in place of those along which no walk keeps the modes of the gait.
+    The figure is the largest error along a direction, relative to the norm of the derivative. The basis consists of the
+    coordinate directions. Random directions replace those along which no walk keeps the modes of the gait.
 
     Parameters
     ----------
-    return_map : of the simulator, over one cycle.
-    point : its fixed point, with the derivative to be judged.
+    return_map : the simulator's return map over one cycle.
+    point : its fixed point, with the derivative that the claim is about.
     """
     if point.jacobian is None:
         return claim("perturbation", np.inf, LINEARITY, point.message, Outcome.NOT_EXAMINED)
@@ -389,30 +393,30 @@ def perturbation_claim(return_map: ReturnMap, point: FixedPoint) -> Claim:
     figure, doubt, reason = 0.0, 0.0, ""
     for v in (*np.eye(n), *(w / np.linalg.norm(w) for w in spare)):
         basis = np.linalg.qr(np.array(judged).T)[0] if judged else np.zeros((n, 0))
-        if np.linalg.norm(v - basis @ (basis.T @ v)) <= INDEPENDENT:
+        if np.linalg.norm(v - basis @ (basis.T @ v)) <= SMALLEST_ORTHOGONAL_PART:
             continue
         derivative, error, lost = directional_derivative(
-            return_map, point, v, goal=SETTLED * size, enough=RESOLVED * size
+            return_map, point, v, goal=SUFFICIENT_ERROR * size, enough=DECISIVE_ERROR * size
         )
         reason = lost or reason
         if derivative is None:
             continue
-        if not error <= RESOLVED * size:
-            words = f"differences of the return map are uncertain by {error / size:.1g} at every size of deviation"
-            return claim("perturbation", np.inf, LINEARITY, words, Outcome.NO_LINEAR_RANGE)
+        if not error <= DECISIVE_ERROR * size:
+            note = f"differences of the return map are uncertain by {error / size:.1g} at every size of deviation"
+            return claim("perturbation", np.inf, LINEARITY, note, Outcome.NO_LINEAR_RANGE)
         figure = max(figure, float(np.linalg.norm(derivative - jacobian @ v)) / size)
         doubt, judged = max(doubt, error / size), [*judged, v]
         if len(judged) == n:
             note = f"extrapolated differences of the return map against the Jacobian, known to {doubt:.1g}"
             return claim("perturbation", figure, LINEARITY, note)
-    words = f"{reason}: only {len(judged)} of {n} directions keep the modes of the gait"
-    return claim("perturbation", np.inf, LINEARITY, words, Outcome.NO_LINEAR_RANGE)
+    note = f"{reason}: only {len(judged)} of {n} directions keep the modes of the gait"
+    return claim("perturbation", np.inf, LINEARITY, note, Outcome.NO_LINEAR_RANGE)
 
 
 def claim(name: str, figure: float, tolerance: float, note: str = "", outcome: Outcome | None = None) -> Claim:
-    """The claim that ``figure`` does not exceed ``tolerance``, unless another outcome is given.
+    """The claim that ``figure`` does not exceed ``tolerance``, or one with the given outcome.
 
-    It fails where the figure is not a number.
+    If the figure is not a number, the claim fails.
     """
     outcome = outcome or (Outcome.HOLDS if figure <= tolerance else Outcome.FAILS)
     passed = outcome is Outcome.HOLDS
@@ -427,8 +431,9 @@ def magnification(gait: Gait) -> float:
 def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
     """Largest difference of the states at the times of the gait's arcs, in natural units.
 
-    Simulated arcs are found by time, among those after as many swaps of the feet and with the same stops locked: where
-    a switch falls on a breakpoint of the control, rounding decides which comes first.
+    The simulated arc is found by its time, not by its number: if a switch falls on a breakpoint of the control,
+    rounding decides which comes first. Only arcs with the same stops locked, the same contacts on the ground and the
+    same number of swaps of the feet before them are compared.
     """
 
     def between_impacts(step: Step) -> Iterator[tuple[Arc, tuple[object, ...]]]:
@@ -437,10 +442,10 @@ def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
             landed += arc.struck is not None and not arc.struck.is_named
             yield arc, (landed, arc.mode.locked, arc.mode.touching)
 
-    def states_at(step: Step, ours: Arc, where: tuple[object, ...]) -> Array:
-        arcs = [arc for arc, place in between_impacts(step) if place == where]
+    def states_at(step: Step, ours: Arc, key: tuple[object, ...]) -> Array:
+        arcs = [arc for arc, other in between_impacts(step) if other == key]
         outside = [np.maximum(np.maximum(arc.start - ours.times, ours.times - arc.end), 0.0) for arc in arcs]
-        index = np.argmin(outside, axis=0)  # the first of those that contain the time, or else the closest one
+        index = np.argmin(outside, axis=0)  # the first arc that contains the time, or the closest one
         states = np.empty(ours.states.shape)
         for k in np.unique(index).tolist():
             arc = arcs[k]
@@ -449,9 +454,9 @@ def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
         return states
 
     return max(
-        float(np.abs((states_at(step, arc, where) - arc.states) / gait.dynamics.state_units).max())
+        float(np.abs((states_at(step, arc, key) - arc.states) / gait.dynamics.state_units).max())
         for step, solved in zip(walked, gait.steps, strict=True)
-        for arc, where in between_impacts(solved)
+        for arc, key in between_impacts(solved)
     )
 
 
@@ -475,27 +480,27 @@ def _impact_errors(
             "state": worst(ours.state, theirs.state, units),
             "mode": 0.0 if ours.mode is theirs.mode else np.inf,
         }
-        place = f" of step {number}" if len(gait.steps) > 1 else ""
-        errors |= {f"{name}{place}": value for name, value in of_step.items()}
+        suffix = f" of step {number}" if len(gait.steps) > 1 else ""
+        errors |= {f"{name}{suffix}": value for name, value in of_step.items()}
     return errors
 
 
 def _error(ours: float | None, theirs: float | None, unit: float) -> float:
-    """Difference in units of ``unit``; infinite where only one of the two is defined."""
+    """Difference in units of ``unit``; infinite if only one of the two is defined."""
     if ours is None or theirs is None:
         return 0.0 if ours is theirs else np.inf
     return abs(ours - theirs) / unit
 
 
 def _relative_error(ours: float | None, theirs: float | None, unit: float) -> float:
-    """Difference relative to ``theirs``, or to ``SMALL`` units if that is larger."""
+    """Difference relative to ``theirs``, or to ``SMALLEST_SCALAR`` times the unit if that is larger."""
     if ours == theirs:
         return 0.0
-    return _error(ours, theirs, max(abs(theirs or 0.0), SMALL * unit) or np.inf)
+    return _error(ours, theirs, max(abs(theirs or 0.0), SMALLEST_SCALAR * unit) or np.inf)
 
 
 def _worst(name: str, *comparisons: tuple[dict[str, float], float]) -> Claim:
-    """The claim about the error that is largest relative to the tolerance of its comparison; its note names it.
+    """The claim about the error that is largest relative to its tolerance; the note names this error.
 
     An error that is not a number counts as the largest.
     """
@@ -505,7 +510,7 @@ def _worst(name: str, *comparisons: tuple[dict[str, float], float]) -> Claim:
 
 
 def _rounding_of_multipliers(jacobian: Array) -> float:
-    """Change of the multipliers that rounding of the derivative causes; at a double one it is a square root."""
+    """Change of the multipliers that rounding of the derivative causes; near a double multiplier it is large."""
     random = np.random.default_rng(0)
     multipliers, size = floquet_multipliers(jacobian), ROUNDING * np.linalg.norm(jacobian, 2)
     changes = (size * random.standard_normal(jacobian.shape) / len(jacobian) for _ in range(ROUNDING_SAMPLES))

@@ -30,7 +30,7 @@ from gaitopt.systems import problem_dynamics
 from gaitopt.threads import cached_property
 
 ON_GROUND = 1e-9
-"""A height or a rate below this, in natural units, is zero."""
+"""A height or a rate below this counts as zero, in natural units."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +42,8 @@ class Walk(WalkerMotion):
     problem : the problem whose walker, control and friction were used.
     dynamics : the hybrid system at its parameters.
     trajectory : steps, ending and message.
-    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait from which it started; no
-        rows if it started from a problem.
+    gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait from which the walk started;
+        no rows if it started from a problem.
     longest_step : the time limit of a step [s], if one was given.
     """
 
@@ -66,7 +66,7 @@ class Walk(WalkerMotion):
         return tuple(step for step in self.trajectory.steps if step.impact is not None)
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object with those keys of a gait that a simulation knows; scalars are of the last step."""
+        """One JSON object with the keys of a gait that also apply to a walk; scalars are those of the last step."""
         last = self.complete_steps[-1] if self.complete_steps else None
         shown = self.trajectory.steps[-1] if last is None and self.trajectory.steps else last
         state = self.trajectory.section_states[-1]
@@ -94,7 +94,8 @@ class Walk(WalkerMotion):
             "final_state": self._state_record(self.trajectory.final_state),
             "impacts": list(impact_records(self.trajectory)),
             "gait_states": [self._state_record(state) for state in self.gait_states],
-            "parameters": {key: value for (key, value), other in moving if value != other},  # those of the gait
+            # parameters of the gait that differ from those of its problem
+            "parameters": {key: value for (key, value), other in moving if value != other},
             **({} if self.longest_step is None else {"longest_step": self.longest_step}),
         }
 
@@ -145,7 +146,7 @@ def simulate(
 
 
 def is_endless(dynamics: Dynamics) -> bool:
-    """Whether no event ends a step: no landing swaps the feet, and there is no other section."""
+    """Whether steps have no end: no landing swaps the feet, and the system has no other section."""
     return dynamics.system.cycle_end == TOUCHDOWN and not dynamics.system.walker.step_ends()
 
 
@@ -155,7 +156,7 @@ def states_after_impacts(gait: Gait) -> Array:
 
 
 def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> tuple[Array, bool]:
-    """The state from which a simulation starts, and whether it is any state rather than one of the section."""
+    """The state from which a simulation starts, and whether it is a whole state, which need not be on the section."""
     problem, walker = start.problem if isinstance(start, Gait) else start, dynamics.system.walker
     names = dynamics.system.state_names
     section = () if problem.section is None else problem.map_section.names
@@ -167,21 +168,21 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
         )
     unknown = [name for name in state if name not in (*names, "y", "dy")]
     if unknown:
-        words = f"the section is {', '.join(section)}; " if section else ""
+        known = f"the section is {', '.join(section)}; " if section else ""
         raise UnknownNameError(
-            f"state {', '.join(unknown)}: no coordinate of this walker; {words}the whole state is {', '.join(names)}"
+            f"state {', '.join(unknown)}: no coordinate of this walker; {known}the whole state is {', '.join(names)}"
         )
     lifted = [f"{name} = {state[name]}" for name in ("y", "dy") if name not in names and state.get(name, 0.0)]
     if lifted:
-        words = f"the {walker.model} has no flight phase: its foot is on the ground, y = dy = 0"
-        raise ProblemError(f"state {', '.join(lifted)}: {words}")
+        reason = f"the {walker.model} has no flight phase: its foot is on the ground, y = dy = 0"
+        raise ProblemError(f"state {', '.join(lifted)}: {reason}")
     values: dict[str, float] = {}
     if isinstance(start, Gait) and start.steps:
         values = dict(zip(names, start.state.tolist(), strict=True))
     elif isinstance(start, Problem) and start.start is not None:
         values = dict(start.start.state)
-    known = values if problem.start is not None and (problem.start.whole or not section) else {}
-    whole = {"x": 0.0, **known, **state}
+    defaults = values if problem.start is not None and (problem.start.whole or not section) else {}
+    whole = {"x": 0.0, **defaults, **state}
     if {*names} <= {*whole}:
         z = np.array([float(whole[name]) for name in names])
         _check_state(dynamics, z)
@@ -204,15 +205,15 @@ def _initial_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str
         )
     missing = [name for name in section if name not in {**values, **state}]
     if missing:
-        words = f"give the section, {', '.join(section)}, or the whole state, {', '.join(names)}"
-        words += "; `gaitopt find` lists the gaits" * problem.has_gait
-        raise ProblemError(f"state: {', '.join(missing)} is missing; {words}")
+        remedy = f"give the section, {', '.join(section)}, or the whole state, {', '.join(names)}"
+        remedy += "; `gaitopt find` lists the gaits" * problem.has_gait
+        raise ProblemError(f"state: {', '.join(missing)} is missing; {remedy}")
     chosen = {name: float({**values, **state}[name]) for name in section}
     z = dynamics.lift(np.array([*chosen.values()]))
     undefined = [f"{name} = {value}" for name, value in zip(names, z, strict=True) if not isfinite(value)]
     if undefined:
-        words = ", ".join(f"{name} = {value:g}" for name, value in chosen.items())
-        raise ProblemError(f"state {words}: the walker would start with {undefined[0]}, which is not a number")
+        given = ", ".join(f"{name} = {value:g}" for name, value in chosen.items())
+        raise ProblemError(f"state {given}: the walker would start with {undefined[0]}, which is not a number")
     return z, False
 
 
@@ -231,7 +232,7 @@ def _check_state(dynamics: Dynamics, z: Array) -> None:
 
 
 def _nearby_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str, float]) -> Array:
-    """As ``_initial_state``, where several states have the same section coordinates: the one next to ``start``."""
+    """The state next to that of ``start``, for sections on which several states have the same coordinates."""
     problem = start.problem if isinstance(start, Gait) else start
     names, section = dynamics.system.state_names, dynamics.system.section(problem.cycle)
     if isinstance(start, Gait) and start.steps:
@@ -242,6 +243,6 @@ def _nearby_state(start: Gait | Problem, dynamics: Dynamics, state: Mapping[str,
     z = section.lift(near[section.indices], dynamics.p, near)
     fixed = [name for name in state if name not in section.names and not isclose(z[names.index(name)], state[name])]
     if fixed or not np.isfinite(z).all():
-        words = f"{', '.join(fixed)} follows from the others" if fixed else "no state of the walker has these values"
-        raise ProblemError(f"state: {words}; the section is {', '.join(section.names)}, or give the whole state")
+        fault = f"{', '.join(fixed)} follows from the others" if fixed else "no state of the walker has these values"
+        raise ProblemError(f"state: {fault}; the section is {', '.join(section.names)}, or give the whole state")
     return z
