@@ -1,17 +1,17 @@
 """gaitopt: periodic gaits of legged walkers that slip, after Gamus & Or (2013).
 
-The public names are those of ``__init__.pyi``, imported on first use, so that ``import gaitopt`` costs next to nothing.
-Besides its packages, which ``CONTRIBUTING.md`` lists:
+The public names are those of ``__init__.pyi``. They are imported on first use, so that ``import gaitopt`` is quick. The
+packages are listed in ``CONTRIBUTING.md``. Besides them there are the modules
 
-systems      from a problem to its hybrid system and its gait
-requests     what each verb takes: one frozen request per verb
-integration  the Runge-Kutta method of order 8
-display      methods by which results show themselves
-errors       the errors that gaitopt raises on purpose, with exit codes
-callbacks    the types of functions that long computations call
-arrays       types of arrays, results that cannot be written to
-building     the lock under which CasADi builds and frees
-threads      state of one thread
+- ``systems``: from a problem to its hybrid system and its gait
+- ``requests``: the arguments of every verb, as one frozen request per verb
+- ``integration``: the Runge-Kutta method of order 8
+- ``display``: the methods ``plot``, ``animate``, ``report`` and ``save`` of results
+- ``errors``: the errors that gaitopt raises on purpose, with exit codes
+- ``callbacks``: the types of functions that long computations call
+- ``arrays``: types of arrays, and results with read-only arrays
+- ``building``: the lock under which CasADi builds and frees
+- ``threads``: caches and properties for several threads
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""Arrays of real numbers, results whose arrays cannot be written to, and arithmetic that may overflow."""
+"""Arrays of real numbers, results with read-only arrays, and arithmetic that may overflow."""
 
 from typing import Any
 
@@ -39,9 +39,9 @@ def read_only(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def overflow_allowed() -> np.errstate:
-    """Decorator or context for computations with trial points, which may diverge: they overflow without a warning.
+    """Decorator or context for computations with trial points, which may diverge, without warnings of overflow.
 
-    The caller rejects values that are not finite. Whether numpy warns of them depends on the vector unit of the
-    processor.
+    The caller must reject values that are not finite. Without this, the vector unit of the processor would decide
+    whether numpy warns.
     """
     return np.errstate(over="ignore", invalid="ignore")

@@ -1,11 +1,11 @@
 """The lock under which CasADi builds expressions and functions, and frees them.
 
 CasADi releases Python's lock in every call, counts references atomically, and evaluates functions in several threads.
-Building is not safe in two places of CasADi 3.8. A constant lives in a table as long as an expression uses it: one
-thread may free it in the moment in which another takes it from the table (0.3, say, of expressions that share nothing
-else). And the construction of a function marks its arguments, which other functions of the same symbols share. So one
-thread at a time builds, and what is built is freed under the same lock, whichever thread drops it. Evaluating a
-function needs no lock.
+Building is not thread-safe in two places of CasADi 3.8. First, constants such as 0.3 live in a table shared by all
+expressions: one thread may free a constant while another takes it from the table. Second, the construction of a
+function marks its arguments, which may be symbols that other functions share. Therefore only one thread at a time
+builds, and CasADi objects are freed under the same lock, whichever thread drops them. Evaluating a function needs no
+lock.
 """
 
 import functools
@@ -23,11 +23,11 @@ Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
 
 BUILDING = threading.RLock()
-"""Held while CasADi builds or frees expressions and functions. Whoever holds it waits for no other lock of the package:
-locks that are needed as well are taken first."""
+"""The lock that a thread holds while CasADi builds or frees expressions and functions. A thread that holds it must not
+wait for another lock of the package: other locks are taken first."""
 
 LATEST = 4
-"""Values of ``built_once`` that are kept for threads that have waited for the one that built them."""
+"""Number of values of ``built_once`` that are kept for threads that waited while another thread built them."""
 
 
 class Freed:
@@ -35,7 +35,7 @@ class Freed:
 
     Parameters
     ----------
-    locks : to be held meanwhile, in this order.
+    locks : the locks that are held while objects are freed, in the order in which they are taken.
     """
 
     def __init__(self, *locks: Any) -> None:
@@ -43,10 +43,10 @@ class Freed:
         self._dropped: deque[tuple[Callable[[Any], None], Any]] = deque()
 
     def watch(self, value: Value) -> Value:
-        """Free an object so, or all in a tuple, list, mapping or dataclass, and return it."""
+        """Return an object after arranging that it, or every object in a container or dataclass, is freed like this."""
         if isinstance(value, SX | MX | Function | FunctionBuffer) and not isinstance(value, Callback):
             proxy = cast(Any, value)
-            if proxy.thisown:  # else it is watched already
+            if proxy.thisown:  # otherwise it is watched already
                 proxy.thisown = False
                 weakref.finalize(value, self._drop, type(proxy).__swig_destroy__, proxy.this).atexit = False
         elif isinstance(value, Mapping):
@@ -64,25 +64,25 @@ class Freed:
         self.free()
 
     def free(self) -> None:
-        """Free what was dropped, unless another thread holds a lock: a finalizer runs anywhere, and must not wait."""
+        """Free dropped objects, unless another thread holds a lock: finalizers run at any time and must not wait."""
         if not self._dropped:
             return
-        held = [lock for lock in self._locks if lock.acquire(blocking=False)]
+        acquired = [lock for lock in self._locks if lock.acquire(blocking=False)]
         try:
-            while len(held) == len(self._locks) and self._dropped:
+            while len(acquired) == len(self._locks) and self._dropped:
                 destroy, this = self._dropped.popleft()
                 destroy(this)
         finally:
-            for lock in held:
+            for lock in acquired:
                 lock.release()
 
 
 BUILT = Freed(BUILDING)
-"""What is freed under ``BUILDING``."""
+"""The CasADi objects that are freed under ``BUILDING``."""
 
 
 def building(build: Callable[Arguments, Value]) -> Callable[Arguments, Value]:
-    """Decorator of what builds expressions or functions of CasADi: one thread at a time."""
+    """Decorator of functions that build expressions or functions of CasADi: only one thread at a time runs them."""
 
     @functools.wraps(build)
     def locked(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Value:
@@ -91,7 +91,7 @@ def building(build: Callable[Arguments, Value]) -> Callable[Arguments, Value]:
             try:
                 return BUILT.watch(build(*args, **kwargs))
             except BaseException as error:
-                if threading.active_count() > 1:  # a debugger of one thread may see the variables
+                if threading.active_count() > 1:  # with a single thread, a debugger may still see the variables
                     _clear_frames(error)
                 raise
 
@@ -106,25 +106,25 @@ def _clear_frames(error: BaseException | None) -> None:
 
 
 def built_once(maxsize: int) -> Callable[[Callable[Arguments, Value]], Callable[Arguments, Value]]:
-    """Decorator like ``lru_cache`` of what builds with CasADi: one thread at a time, and once for all threads.
+    """Decorator like ``lru_cache`` for functions that build with CasADi: one thread builds a value for all threads.
 
-    What is built can be had without the lock, while another thread builds.
+    A value that is in the cache is returned without the lock, even while another thread builds.
 
     Parameters
     ----------
-    maxsize : number of values that are kept.
+    maxsize : number of values in the cache.
     """
 
     def decorated(build: Callable[Arguments, Value]) -> Callable[Arguments, Value]:
-        latest = functools.lru_cache(maxsize=LATEST)(build)  # for threads that have waited for the same value
-        kept = functools.lru_cache(maxsize=maxsize)(functools.wraps(build)(building(latest)))
-        forget = kept.cache_clear
+        latest = functools.lru_cache(maxsize=LATEST)(build)  # for threads that waited for the same value
+        cached = functools.lru_cache(maxsize=maxsize)(functools.wraps(build)(building(latest)))
+        forget = cached.cache_clear
 
         def cache_clear() -> None:
             latest.cache_clear()
             forget()
 
-        kept.cache_clear = cache_clear  # type: ignore[method-assign]
-        return cast(Callable[Arguments, Value], kept)
+        cached.cache_clear = cache_clear  # type: ignore[method-assign]
+        return cast(Callable[Arguments, Value], cached)
 
     return decorated

@@ -1,4 +1,4 @@
-"""The functions that long computations call: progress, and whether to stop, be it at a time limit."""
+"""Types of the functions that long computations call: for progress, and to ask whether to stop; and the time limit."""
 
 import time
 from collections.abc import Callable
@@ -14,12 +14,13 @@ Valued = Callable[[int, float], None] | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TimeLimit:
-    """Whether to stop: called as ``should_stop`` is, True when that is or when the time is over.
+    """A ``should_stop`` that also returns True when the time is over.
 
     Attributes
     ----------
-    seconds : from now on; None for no limit.
-    should_stop : of the caller.
+    seconds : time limit from now on [s]; None for no limit.
+    should_stop : the function of the caller.
+    began : time at which the limit starts to count.
     """
 
     seconds: float | None = None
@@ -37,5 +38,5 @@ class TimeLimit:
         return self.should_stop is not None and self.should_stop()
 
     def __call__(self) -> bool:
-        """Whether to stop, for either reason."""
+        """Whether to stop, because the time is over or the caller wants it."""
         return self.is_over or self.is_interrupted

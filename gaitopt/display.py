@@ -1,6 +1,6 @@
-"""Methods by which results show themselves: ``plot``, ``animate``, ``report``, ``save``, and tables in notebooks.
+"""The methods ``plot``, ``animate``, ``report`` and ``save`` of results, and their tables in notebooks.
 
-A layer above does the work. Its name is text, as that of the plotting backend of pandas, so that no result imports
+A layer above does the work. Its name is a text, like that of the plotting backend of pandas, so that no result imports
 figures, pages or files.
 """
 
@@ -20,23 +20,23 @@ BACKEND = "gaitopt.api.pictures"
 
 
 ALL_DIGITS = 17
-"""Digits that distinguish any two doubles."""
+"""This many digits distinguish any two doubles."""
 FRAME_HEIGHT = 620
 """Height of a page inside a notebook [pixels]."""
 
 
 def counted(n: int, noun: str) -> str:
-    """A number and its noun, "1 gait" or "2 gaits"."""
+    """A number with a noun in singular or plural, such as "1 gait" or "2 gaits"."""
     return f"{n} {noun}{'' if n == 1 else 's'}"
 
 
-def told_apart(first: float, second: float, digits: int = 4) -> tuple[str, str]:
-    """Two numbers with at least so many digits, and with as many as it takes to see which one is larger."""
+def distinguished(first: float, second: float, digits: int = 4) -> tuple[str, str]:
+    """The texts of two numbers with at least ``digits`` digits, and with enough digits to show which one is larger."""
     texts = (f"{first:.{digits}g}", f"{second:.{digits}g}")
     return (
         texts
         if digits >= ALL_DIGITS or first == second or texts[0] != texts[1]
-        else told_apart(first, second, digits + 1)
+        else distinguished(first, second, digits + 1)
     )
 
 
@@ -47,7 +47,7 @@ class Page:
     Attributes
     ----------
     title, text : title and HTML of the page.
-    movie : for an animation: returns the file in a format, ``gif`` or ``mp4``; None for other pages.
+    movie : for an animation, the function that returns the file in a format, ``gif`` or ``mp4``; None for other pages.
     """
 
     title: str
@@ -66,7 +66,7 @@ class Page:
 
         Parameters
         ----------
-        path : ends in ``.html``; of an animation also in ``.gif`` or, where ffmpeg is installed, ``.mp4``.
+        path : a path that ends in ``.html``; for an animation also ``.gif`` or, if ffmpeg is installed, ``.mp4``.
 
         Raises
         ------
@@ -117,7 +117,7 @@ class Moving(Reported):
         return _call("animate", self)
 
     def save(self, path: str | Path | None = None) -> Path:
-        """Store it in a run folder, by default ``results/NAME-HASH``; ``gaitopt.load_run`` reads it back."""
+        """Store the result in a run folder, by default ``results/NAME-HASH``; ``gaitopt.load_run`` reads it back."""
         return _call("save", self, path)
 
 

@@ -1,6 +1,6 @@
-"""The errors that gaitopt raises on purpose, each with the exit code of the command line, and their printable text.
+"""The errors that gaitopt raises on purpose, each with the exit code of the command line, and texts safe to print.
 
-A numerical failure is not an error: it is a status on the result.
+A numerical failure is not an error, but a status of the result.
 """
 
 import unicodedata
@@ -15,8 +15,8 @@ class GaitoptError(Exception):
 
     Attributes
     ----------
-    exit_code : of the command line.
-    argument : name of the argument whose value is wrong, so that a caller can say how to change it; empty if none is.
+    exit_code : exit code of the command line.
+    argument : name of the argument whose value is wrong, so that a caller can say how to change it; may be empty.
     result : the gait or walk that was computed before the error and can still be printed; None if there is none.
     """
 
@@ -66,7 +66,7 @@ class SolveError(GaitoptError):
 
 
 class StorageError(GaitoptError):
-    """A run folder that cannot be written, or is broken, foreign or newer."""
+    """A run folder that cannot be written, is damaged, contains other files, or was written by a newer version."""
 
     exit_code = 6
 
@@ -80,6 +80,6 @@ def printable(text: str, keep: str = LAYOUT) -> str:
 
 
 def _is_control(char: str) -> bool:
-    """Whether its Unicode category is C (control, format, surrogate, ...), Zl or Zp (line and paragraph separator)."""
+    """Whether the Unicode category is C (control, format, surrogate, ...), Zl or Zp (line or paragraph separator)."""
     category = unicodedata.category(char)
     return category[0] == "C" or category in ("Zl", "Zp")

@@ -1,16 +1,16 @@
-"""What each verb takes besides a problem: one frozen request per verb, each field with its type, default and bounds.
+"""The arguments of every verb besides its problem: one frozen request per verb, with types, defaults and bounds.
 
-A field is stated here once. From it come
+A field is declared here once. Its declaration determines
 
-- the check of its value where a request is made: an ``ArgumentError`` names argument, value and what it must be;
+- the check of its value when a request is made: an ``ArgumentError`` names argument, value and allowed values;
 - help, bounds and choices of the command's option, see ``cli.options.option``;
-- its share in the identity of work that a run folder keeps, see ``Request.identity``.
+- how it enters the identity of stored work, see ``Request.identity``.
 
 The plans of ``runs`` and the request of a continuation are such requests with a problem and a folder. The signatures of
-library and commands repeat names, types and defaults, because that is where an editor looks for them; a test compares
-them. Problem, grid, workers, run folder and progress are in no request.
+library and commands repeat names, types and defaults, because editors look for them there; a test compares them.
+Problem, grid, workers, run folder and progress are not part of any request.
 
-Every command reads its options from here, so that only the standard library is imported.
+Every command reads its options from here. Therefore only the standard library is imported.
 """
 
 import math
@@ -27,7 +27,7 @@ Choice = TypeVar("Choice", bound=StrEnum)
 
 
 class Method(StrEnum):
-    """What searches for a gait: Newton's method, IPOPT, or ``auto``: IPOPT where Newton's method finds none."""
+    """The method that searches for a gait; ``auto`` uses IPOPT if Newton's method finds no gait."""
 
     AUTO = "auto"
     NEWTON = "newton"
@@ -35,7 +35,7 @@ class Method(StrEnum):
 
 
 class Engine(StrEnum):
-    """An integrator of arcs; ``auto`` is heyoka where it is installed and worth its compilation, else scipy."""
+    """An integrator of arcs; ``auto`` uses heyoka if it is installed and its compilation pays off, otherwise scipy."""
 
     AUTO = "auto"
     SCIPY = "scipy"
@@ -50,15 +50,15 @@ class FeedbackLaw(StrEnum):
 
 
 NOUNS: Mapping[type[StrEnum], str] = {Method: "method of solution", Engine: "engine", FeedbackLaw: "feedback law"}
-"""What the members of a choice are, for messages."""
+"""Nouns for the members of a choice in messages."""
 MOST_STARTS = 1_000_000
-"""Maximum number of start states; more would take days, and fill the memory with candidates."""
+"""Largest number of start states; more would take days, and fill the memory with candidates."""
 MOST_WORKERS = 1024
-"""Processes of one machine; each takes some 100 MB."""
+"""Largest number of processes on one machine; each takes some 100 MB."""
 LARGEST_SPREAD = 0.99
-"""Below one, no coordinate of a sample changes its sign."""
+"""Largest spread of samples; below one, no coordinate changes its sign."""
 NARROWEST, WIDEST = 1e-14, 1.0
-"""Bounds of a bracket: doubles resolve no narrower one, and no special point needs a wider one."""
+"""Bounds of the width of a bracket: doubles cannot resolve a narrower one, and no special point needs a wider one."""
 FINEST_TIME_STEP, COARSEST_TIME_STEP = 1e-6, 0.1
 """Bounds of the time step of another physics engine [s]."""
 SHORTEST_STEP_TIME, LONGEST_STEP_TIME = 1e-6, 1e6
@@ -68,34 +68,35 @@ SHORTEST_STEP_TIME, LONGEST_STEP_TIME = 1e-6, 1e6
 AGREEMENT = 1e-9
 """Tolerance of a verification: of period, switching times and states just after the impact, in natural units."""
 FINEST_AGREEMENT, COARSEST_AGREEMENT = 1e-13, 1e-4
-"""Bounds of that tolerance: below is rounding, above are other gaits."""
+"""Bounds of this tolerance. A smaller one is below rounding; with a larger one another gait could pass."""
 NEWTON_STEPS = 9
-"""Newton steps that halve from the longest first one converge quadratically long before."""
+"""Default of the largest number of Newton steps. A search whose steps halve from the longest allowed one on converges
+quadratically long before."""
 IPOPT_ITERATIONS = 300
-"""Iterations of IPOPT in a search for a motion; one that succeeds takes ten."""
+"""Default of the largest number of iterations of IPOPT in a search for a motion; a successful one takes about ten."""
 INTERVALS = 14
-"""Intervals of a step in a first mesh, distributed by length: about ten digits on the gaits of the paper."""
+"""Default number of intervals of a step in a first mesh; they give about ten digits on the gaits of the paper."""
 FEWEST_INTERVALS, MOST_INTERVALS = 2, 2000
-"""Bounds of that number; IPOPT takes half a second for an iteration on the finest mesh."""
+"""Bounds of the number of intervals; IPOPT takes half a second for an iteration on the finest mesh."""
 
 
 LONGEST_SHOWN = 60
-"""Characters of a wrong value in a message."""
-WORDS = {int: "a whole number", float: "a finite number", bool: "True or False"}
-"""What a value must be, by type."""
+"""Largest number of characters of a wrong value in a message."""
+TYPE_NAMES = {int: "a whole number", float: "a finite number", bool: "True or False"}
+"""How messages describe the values of a type."""
 
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What a field of a request says about its values, beside its type and its default.
+    """Properties of a field of a request besides its type and default.
 
     Attributes
     ----------
-    help : one sentence for the command line; empty where the command has no such option.
-    least, most : bounds, both included; None without, and no upper bound comes without a lower one.
-    unit : of a number.
-    keyed : enters the identity of stored work at its default too, as it has from the first version on.
-    effort : limits the work of one call, and does not change what is stored.
+    help : one sentence for the command line; empty if the command has no such option.
+    least, most : smallest and largest value; None if there is no bound. A field with ``most`` also needs ``least``.
+    unit : unit of a number.
+    keyed : whether the field enters the identity of stored work even at its default, as in the first version.
+    effort : whether the field limits the work of one call without changing the stored results.
     """
 
     help: str = ""
@@ -107,7 +108,7 @@ class About:
 
     @property
     def span(self) -> str:
-        """The bounds in words; empty without."""
+        """The bounds as a text; empty if there are none."""
         if self.least is None:
             return ""
         unit = f" {self.unit}" if self.unit else ""
@@ -122,8 +123,9 @@ class Entry:
     Attributes
     ----------
     kind : ``int``, ``float``, ``bool``, a choice, a tuple of one of them, or a type that is not checked here.
-    optional : whether None is a value too.
-    default : the value if none is given; ``MISSING`` if one must be given.
+    optional : whether the value may be None.
+    default : the default value; ``MISSING`` if there is none.
+    about : its other properties.
     """
 
     name: str
@@ -134,33 +136,33 @@ class Entry:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words of a choice; empty for other types."""
+        """The members of a choice; empty for other types."""
         return tuple(self.kind) if isinstance(self.kind, type) and issubclass(self.kind, StrEnum) else ()
 
     @property
     def is_number(self) -> bool:
-        """Whether the value is a number, or some numbers."""
+        """Whether the value is a number or a tuple of numbers."""
         return self._of in (int, float)
 
     @property
     def _of(self) -> Any:
-        """The type of the value, or of each of its parts."""
+        """The type of the value, or of the elements of a tuple."""
         return get_args(self.kind)[0] if get_origin(self.kind) is tuple else self.kind
 
     def read(self, text: Any) -> Any:
-        """The number that a text has in decimal digits, for ``checked``; another text as it is."""
+        """The number in a text of decimal digits, to be passed to ``checked``; any other text is returned unchanged."""
         try:
             return self._of(text) if isinstance(text, str) and text.isascii() and "_" not in text else text
         except ValueError:
             return text
 
     def checked(self, value: Any) -> Any:
-        """The value, a number of NumPy as one of Python and a word as its choice.
+        """The value; numbers of NumPy become those of Python, and texts become members of the choice.
 
         Raises
         ------
         ArgumentError
-            If it has another type, is not finite, or lies outside the bounds.
+            If the value has another type, is not finite, or lies outside the bounds.
         UnknownNameError
             If there is no such choice.
         """
@@ -172,7 +174,7 @@ class Entry:
             if not value:
                 raise ArgumentError(self.name, "is empty, but must have at least one value")
             return tuple(map(self._number, value))
-        return self._number(value) if self.kind in WORDS else value
+        return self._number(value) if self.kind in TYPE_NAMES else value
 
     def _number(self, value: Any) -> Any:
         """A finite number within the bounds, or a truth value."""
@@ -182,18 +184,18 @@ class Entry:
         if not right or (least is not None and value < least) or (most is not None and value > most):
             shown = repr(value)
             shown = shown if len(shown) <= LONGEST_SHOWN else f"{shown[: LONGEST_SHOWN - 3]}..."
-            words = f"{WORDS[kind]}, {span}" if span else WORDS[kind]
-            raise ArgumentError(self.name, f"is {shown}, but must be {words}")
+            allowed = f"{TYPE_NAMES[kind]}, {span}" if span else TYPE_NAMES[kind]
+            raise ArgumentError(self.name, f"is {shown}, but must be {allowed}")
         return kind(value)
 
 
 def choice(kind: type[Choice], word: str) -> Choice:
-    """The member of a choice with a name.
+    """The member of a choice with this name.
 
     Raises
     ------
     UnknownNameError
-        If there is none.
+        If there is no such member.
     """
     if word not in tuple(kind):
         raise UnknownNameError(f"no {NOUNS[kind]} is called {word!r}; use {', '.join(kind)}")
@@ -214,7 +216,7 @@ def entries(request: "type[Request]") -> dict[str, Entry]:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What a verb takes; its values are checked when it is made.
+    """The arguments of a verb; their values are checked when the request is made.
 
     Raises
     ------
@@ -230,10 +232,10 @@ class Request:
 
     @property
     def identity(self) -> list[Any]:
-        """What distinguishes stored work from that of other requests, in the order of the fields.
+        """The values that distinguish stored work from that of other requests, in the order of the fields.
 
-        A field whose default came with a later version is stated where its value is another: what was stored before
-        keeps its name.
+        A field that a later version added only appears if its value is not the default, so that work that was stored
+        before keeps its name.
         """
         stated = list[Any]()
         for name, entry in entries(type(self)).items():
@@ -260,7 +262,7 @@ SECONDS = About(
 
 @dataclass(frozen=True, kw_only=True)
 class SearchLimits(Request):
-    """How far a search for one gait goes from its guess."""
+    """Limits of the search for one gait from its guess."""
 
     newton_steps: Annotated[int, About("Maximum number of Newton steps from the guess.", least=1, most=1000)] = (
         NEWTON_STEPS
@@ -279,7 +281,7 @@ class SearchLimits(Request):
 
     @property
     def stated(self) -> dict[str, int]:
-        """The limits that differ from the defaults, as a result records them."""
+        """The limits that differ from the defaults; results record these."""
         return dict(self.identity)
 
 

@@ -1,6 +1,6 @@
 """From a problem to its hybrid system and its gait.
 
-The reference of a control law may be a gait of its own file, which is solved first. ``solve_sequence`` chooses between
+If the control law refers to the gait of another problem, that gait is solved first. ``solve_sequence`` chooses between
 ``solver`` and ``design``.
 """
 
@@ -34,21 +34,21 @@ from gaitopt.solver.rollout import guessed_motion
 from gaitopt.solver.solve import FARTHER, free_parameters, solve_gait
 
 FLOW_PERIODS = 2
-"""Periods by which a reference with ``beyond_end: flow`` extends past its end; no step takes that long."""
+"""A reference with ``beyond_end: flow`` is extended past its end by this many periods; no step takes longer."""
 FLOW_POINTS = 33
-"""Chebyshev points of a piece of that extension; a piece that they do not resolve is halved."""
+"""Number of Chebyshev points of a piece of this extension; a piece that they do not resolve is halved."""
 FITTED_POINTS = 101
-"""Points at which curves are fitted to the motion of a gait."""
+"""Number of points at which curves are fitted to the motion of a gait."""
 SHORTEST_PIECE = 1 / 64
-"""Shortest piece in periods; a motion that is not smooth on this scale is not a walk."""
+"""Length of the shortest piece in periods; a motion that is not smooth on this scale is not a walk."""
 MAX_SYSTEMS = 16
-"""Number of systems that are kept with their compiled functions, some megabytes each."""
+"""Number of systems in the cache with their compiled functions, some megabytes each."""
 
 
 def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     """The hybrid system of a problem's walker, control, impact law and friction.
 
-    Problems that differ in parameter values alone share one system, whose functions are compiled once.
+    Problems that only differ in parameter values share one system, whose functions are compiled once.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
 
 
 def problem_dynamics(problem: Problem, *, should_stop: Stop = None) -> Dynamics:
-    """The system of a problem at its parameters; raises as ``build_system``."""
+    """The system of a problem at its parameters; raises the errors of ``build_system``."""
     return Dynamics.of(build_system(problem, should_stop=should_stop), problem.parameters)
 
 
@@ -84,9 +84,9 @@ def solve_sequence(
     Parameters
     ----------
     start : a gait of the same system with the same mode sequence from which a design starts instead of the guess.
-    method : of the search for the gait, see ``Method``. A design by ``newton`` is one by sequential quadratic
-        programming alone, without IPOPT.
-    limits : of the search for a gait at given parameters; designs have their own.
+    method : method of the search for the gait, see ``Method``. With ``newton`` a design uses sequential quadratic
+        programming only, and not IPOPT.
+    limits : limits of the search for a gait at given parameters; designs have their own.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -98,8 +98,8 @@ def solve_sequence(
     began = time.perf_counter()
     if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
         if method is Method.NEWTON:
-            words = f"open-loop torques are found by IPOPT; {FARTHER}"
-            return Gait(problem=problem, dynamics=problem_dynamics(problem), status=Status.NOT_CONVERGED, message=words)
+            reason, dynamics = f"open-loop torques are found by IPOPT; {FARTHER}", problem_dynamics(problem)
+            return Gait(problem=problem, dynamics=dynamics, status=Status.NOT_CONVERGED, message=reason)
         gait = _open_loop_gait(problem, start, progress, should_stop)
         return replace(
             gait, solver={"method": Method.IPOPT.value, **gait.solver, "seconds": time.perf_counter() - began}
@@ -112,7 +112,7 @@ def solve_sequence(
         first = solve_gait(problem, system, method=method, limits=limits, progress=progress, should_stop=should_stop)
     if not designed or first.status is Status.INTERRUPTED:
         return first
-    from gaitopt.design.design import design_gait  # most problems have no unknowns and need not load its modules
+    from gaitopt.design.design import design_gait  # imported here, because most problems have no unknowns
 
     swift = method is Method.NEWTON
     gait = design_gait(problem, system, first, exact_only=swift, progress=progress, should_stop=should_stop)
@@ -122,8 +122,8 @@ def solve_sequence(
 
 
 def _open_loop_gait(problem: Problem, start: Gait | None, progress: Valued, should_stop: Stop) -> Gait:
-    """The optimum over open-loop torques, which are then fixed in time; on intervals that are short enough."""
-    from gaitopt.design.open_loop import MESHES, finished, keeps_contact, optimise  # most problems have no such torques
+    """The optimum over open-loop torques, which are then fixed in time, on the first mesh that is fine enough."""
+    from gaitopt.design.open_loop import MESHES, finished, keeps_contact, optimise  # only a few problems need it
 
     system, iterations = build_system(problem), 0.0
     for intervals in MESHES:
@@ -134,7 +134,7 @@ def _open_loop_gait(problem: Problem, start: Gait | None, progress: Valued, shou
         slips = gait.status is Status.INFEASIBLE or (gait.converged and not keeps_contact(gait))
         if isinstance(end, Gait) or not slips:
             break
-        start = gait if gait.converged else start  # an optimum whose exact motion slips is no motion to start from
+        start = gait if gait.converged else start  # an optimum without an exact motion is not a start for the next one
     return gait
 
 
@@ -179,7 +179,7 @@ def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -
 
     def piece(arc: Arc) -> Piece:
         angles = arc.states[:, : len(system.walker.shape)]
-        if max(tracked, default=0) >= angles.shape[1]:  # the angle of a motor, or a phase variable
+        if max(tracked, default=0) >= angles.shape[1]:  # not a state, but the angle of a motor or a phase variable
             angles = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy()
         rows = curves.coefficients(angles).T[tracked].tolist()
         return Piece(start=arc.start, end=arc.end, rows=tuple(map(tuple, rows)))
@@ -203,7 +203,7 @@ def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Structure:
-    """``key`` determines a system's functions; ``problem`` and ``should_stop`` build them the first time."""
+    """The key of a cached system. ``key`` determines its functions; ``problem`` and ``should_stop`` help to build it."""
 
     key: tuple[object, ...]
     problem: Problem = field(compare=False)
@@ -218,7 +218,7 @@ def _shared_system(structure: _Structure) -> HybridSystem:
     if control.untimed is not control:
         return build_system(replace(problem, control=control.untimed)).retimed(control)
     system = HybridSystem(type(problem.walker), control, problem.impact_law, law, problem.cycle_end)
-    if problem.control.source[0]:  # the torques of any other law are checked when its problem is read
+    if problem.control.source[0]:  # the torques of other laws are checked when their problem is read
         raise_faults(torque_faults(problem, control, lambda: system), problem.place)
     return system
 
@@ -236,7 +236,7 @@ def _control(problem: Problem, should_stop: Stop) -> Control:
 
 
 def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
-    """A reference of a problem's control law with the curve that follows from the gait that it names.
+    """A reference of a problem's control law, completed by a curve of the gait that it names.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
     if not isinstance(reference, GaitCurves | FreeCurves):
         return reference
     if isinstance(reference, GaitMotion) and not law.phase_variable:
-        assert reference.beyond_end is not None  # or there is a fault
+        assert reference.beyond_end is not None  # problems without it are rejected when they are read
         return reference.with_curve(gait_curve(gait, reference.beyond_end, followed))
     times, phase, span = np.linspace(0, period, FITTED_POINTS), law.phase_variable, (0.0, period)
     motion = gait_curve(gait, BeyondEnd.HOLD, {**followed, "": phase} if phase else followed)
@@ -257,8 +257,8 @@ def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:
         rates = np.diff(along)
         if not ((rates > 0).all() or (rates < 0).all()):
             time = float(times[1:][rates * rates[0] <= 0][0])
-            words = f"the phase variable {phase} is not monotone along {gait.problem.name}: it turns back"
-            raise SolveError(f"{problem.name}: control.reference: {words} {time:.4f} s after the impact")
+            fault = f"the phase variable {phase} is not monotone along {gait.problem.name}: it turns back"
+            raise SolveError(f"{problem.name}: control.reference: {fault} {time:.4f} s after the impact")
         span = float(along[0]), float(along[-1])
         stated = law.span if isinstance(law, VirtualConstraints) else getattr(reference, "span", None)
         span = span if stated is None else (stated[0], stated[1])

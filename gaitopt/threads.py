@@ -1,7 +1,7 @@
-"""State of one thread: caches whose values are written to while they work, and properties without a lock.
+"""Caches with separate values for every thread, and cached properties without a lock.
 
-Problems, systems, compiled functions and gaits are shared by all threads, because nothing writes to them. Buffers and
-integrators are written to by every use, so that every thread has its own.
+All threads share problems, systems, compiled functions and gaits, because nothing writes to them. Every use writes to
+buffers and integrators, so that every thread has its own.
 """
 
 import functools
@@ -15,11 +15,11 @@ Property = TypeVar("Property", covariant=True)
 
 
 class cached_property(functools.cached_property[Property]):  # noqa: TID251
-    """A cached property that holds no lock while it computes, as in Python 3.12.
+    """A cached property that holds no lock while it computes, like that of Python 3.12.
 
-    That of Python 3.11 holds one for all instances of the class: a thread inside that waits for another lock and a
-    thread that holds the other lock and enters the property wait for each other for ever. Two threads may compute the
-    value at the same time; the first one is kept.
+    The one of Python 3.11 holds a lock for all instances of the class, which can lead to a deadlock: one thread
+    computes the property and waits for another lock, whose holder waits for the property. Here two threads may compute
+    the value at the same time; the first value is kept.
     """
 
     @overload

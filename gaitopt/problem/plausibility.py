@@ -18,7 +18,7 @@ from pydantic import BaseModel
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
-from gaitopt.display import told_apart
+from gaitopt.display import distinguished
 from gaitopt.errors import ProblemError
 from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
@@ -259,7 +259,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
     yield from _kinks(problem)
     needed = least_friction(problem)
     if problem.static_friction < needed:
-        yield Fault(("friction",), TOO_SLIPPERY.format(*told_apart(problem.static_friction, needed)))
+        yield Fault(("friction",), TOO_SLIPPERY.format(*distinguished(problem.static_friction, needed)))
 
 
 def least_friction(problem: ProblemStatement) -> float:

@@ -1,11 +1,11 @@
-"""Long work that is kept in a run folder, and results read back from it.
+"""Long work whose results are stored in a run folder, and results read back from it.
 
-Finished work is kept; the same call resumes. Every function raises a ``StorageError`` if the folder cannot be used, and
-``KeyboardInterrupt`` when ``should_stop`` returns True.
+Finished work is stored; the same call resumes. Every function raises a ``StorageError`` if the folder cannot be used,
+and ``KeyboardInterrupt`` when ``should_stop`` returns True.
 
 - ``results``: the kinds of results in a run folder, with their readers; gaits and walks
-- ``jobs``: ``Plan``, the one shape of work that consists of jobs, and its file of results; problems; the search of
-  ``find``
+- ``jobs``: ``Plan``, the common form of all work that consists of jobs, and its file of results; the job that solves a
+  problem; the search of ``find``
 - ``grid``: axes and grids, and whether they fit on the machine
 - ``sweep``, ``front``, ``multistart``: plans of problems on grids, in chains and from random starts
 - ``basin``: plan of states walked until they settle

@@ -1,9 +1,8 @@
-"""Attractors: what walks settle on at each of many values of a parameter, from known gaits and from random starts.
+"""Attractors of walks at many values of a parameter, from known gaits and from random starts.
 
-The brute-force diagram that continuation cannot draw: every branch of a continuation is followed, stable or not, while
-this shows what walks come to rest on, chaos included. Values are walked in blocks, in each of which a value starts from
-the attractors of the value before it. The stable gaits on the branch of the problem's gait are starts too, because most
-random walks fall where the basin of a gait is small.
+Continuation follows every branch, stable or not. The attractors show what walks converge to, including chaos. Values
+are grouped in blocks; within a block, walks start from the attractors of the previous value. They also start from the
+stable gaits on the branch of the problem's gait, because most random walks fall if the basin of a gait is small.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -45,23 +44,23 @@ if TYPE_CHECKING:
 
 ATTRACTORS_FILE = "attractors.json"
 SETTLED = ResultFile(name="settled.jsonl", key="job", model=SettledRecord)
-BLOCK = 16
-"""Values that are walked one after the other, each from the attractors of the one before."""
-SPREAD = (1e-3, 0.03)
+BLOCK_LENGTH = 16
+"""Number of values in a block, which are computed one after the other."""
+START_DISTANCES = (1e-3, 0.03)
 """Relative distances of the starts around a known state."""
 STARTS_FROM = "neighbour, branch, guess, random"
-"""What walks start from; in the key of a value, so that results from other starts are computed again."""
+"""The kinds of starts. This text enters the key of a value, so that results from other starts are computed again."""
 MAX_POINTS = 500
-"""Maximum number of points of the branch towards either end of the axis."""
-BRANCHES = 4
-"""Number of branches that a process remembers."""
+"""Largest number of points of the branch towards either end of the axis."""
+CACHED_BRANCHES = 4
+"""Number of branches that a process keeps in memory."""
 STATE_BYTES = 200
-"""A state in the file and in memory."""
+"""Size of one state, in the file and in memory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attractors(Plotted):
-    """What walks settle on over a parameter.
+    """The attractors of walks over a parameter.
 
     Attributes
     ----------
@@ -80,8 +79,8 @@ class Attractors(Plotted):
         runs = [run for record in self.records for run in record["attractors"]]
         chaotic = sum(run["period_steps"] is None and (run["lyapunov"] or 0) > 0 for run in runs)
         span = f"{self.axis.key} {self.axis.lower:g} to {self.axis.upper:g}"
-        words = f"{counted(len(runs), 'attractor')} at {counted(len(self.records), 'value')}, {chaotic} chaotic"
-        return f"<Attractors {self.problem.name} over {span}: {words}>"
+        counts = f"{counted(len(runs), 'attractor')} at {counted(len(self.records), 'value')}, {chaotic} chaotic"
+        return f"<Attractors {self.problem.name} over {span}: {counts}>"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,7 +88,7 @@ class Attractors(Plotted):
         return self.problem.map_section.names
 
     def to_records(self) -> list[dict[str, Any]]:
-        """One JSON object per attractor, and one per value and ending of the other walks, as the command prints."""
+        """One JSON object per attractor, and one per value and ending of the other walks; the command prints these."""
         records = list[dict[str, Any]]()
         for record in self.records:
             records += [{"value": record["value"], **run} for run in record["attractors"]]
@@ -130,7 +129,7 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     Attributes
     ----------
-    axis : of a parameter.
+    axis : the values of a parameter.
     """
 
     results = SETTLED
@@ -143,13 +142,13 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     @cached_property
     def request(self) -> AttractorsRequest:
-        """What is asked for, with the engine that ``engine`` means for the number of steps."""
+        """The request, in which the choice of the engine is made for the number of steps."""
         engine = choose_engine(self.engine, steps=self.axis.count * self.starts * (self.transient + self.keep))
         asked = {name: getattr(self, name) for name in entries(AttractorsRequest)}
         return AttractorsRequest(**{**asked, "engine": engine})
 
     def check(self) -> None:
-        """Refuse an axis over something else than a parameter, an invalid value, or too many states."""
+        """Refuse an axis that is not over a parameter, an invalid value, or too many states."""
         self.problem.check_one_foot("the search for attractors")
         Grid((self.axis,)).check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
         check_room(self.axis.count * self.keep, self.folder, disk=STATE_BYTES, memory=STATE_BYTES, what="states")
@@ -167,12 +166,12 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     @cached_property
     def jobs(self) -> list[Job]:
-        """One job per value; all but the first of a block start from the one before."""
+        """One job per value; in a block, all but the first one start from the result of the previous one."""
         jobs = list[Job]()
         for number, value in enumerate(self.axis.numbers(self.problem)):
             problem = at_point(self.problem, {self.axis.key: value})
             *asked, engine = self.request.identity
-            parent = jobs[-1].key if number % BLOCK else None
+            parent = jobs[-1].key if number % BLOCK_LENGTH else None
             identity = [problem.digest, self.problem.digest, str(self.axis), STARTS_FROM, *asked, number, value, engine]
             argument = (self.problem, self.axis, problem, self.request, number, value)
             jobs.append(Job(key=key_of([*identity, parent]), argument=argument, parent=parent))
@@ -184,7 +183,7 @@ def settle_job(
     neighbour: Mapping[str, Any] | None = None,
     should_stop: Stop = None,
 ) -> dict[str, Any]:
-    """The record of one value; runs in any process."""
+    """The job of one value, in any process; returns its record."""
     origin, axis, problem, request, number, value = argument
     mapped = step_map(problem, None, request.engine)
     rng = np.random.default_rng([request.seed, number])
@@ -215,15 +214,15 @@ def gaits_on_branch(
 ) -> Iterator[Gait]:
     """The stable gaits at a value on the branch of the gait of ``origin`` along an axis.
 
-    Unstable ones attract nothing, but a walk that starts on one leaves it slowly.
+    Unstable gaits are left out: they attract nothing, and a walk that starts on one leaves it slowly.
 
     Parameters
     ----------
-    problem : that of ``origin`` at the value.
+    problem : the problem ``origin`` at the value.
     """
     points = _branch(_Family(problem=origin, axis=axis, should_stop=should_stop))
     for before, after in pairwise(points):
-        # a value at a point is counted once, with the part of the branch that ends there
+        # a value exactly at a point counts once, for the section of the branch that ends there
         passed = (before.value - value) * (after.value - value) < 0 or after.value == value
         if before.branch != after.branch or not passed:
             continue
@@ -235,16 +234,16 @@ def gaits_on_branch(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Family:
-    """The branch of a problem's gait as the key of the cache; ``should_stop`` is used when it is followed first."""
+    """The key of a cached branch; ``should_stop`` is only used while the branch is computed."""
 
     problem: Problem
     axis: Axis
     should_stop: Stop = field(compare=False)
 
 
-@lru_cache(maxsize=BRANCHES)
+@lru_cache(maxsize=CACHED_BRANCHES)
 def _branch(along: _Family) -> tuple[BranchPoint, ...]:
-    """The points of the branch; none if the problem has no gait, or none that can be followed along the axis."""
+    """The points of the branch; empty if the problem has no gait, or if the gait cannot be followed along the axis."""
     problem, key, points = along.problem, along.axis.key, list[BranchPoint]()
     value = problem.parameters[key]
     if problem.is_open or problem.is_design or isinstance(value, int):
@@ -260,18 +259,18 @@ def _branch(along: _Family) -> tuple[BranchPoint, ...]:
                 records = family(gait, request, along.should_stop)
                 points += [record for record in records if isinstance(record, BranchPoint)]
     if along.should_stop is not None and along.should_stop():
-        raise KeyboardInterrupt  # so that the cache does not hold it
+        raise KeyboardInterrupt  # an incomplete branch must not enter the cache
     return tuple(points)
 
 
 def _starts(problem: Problem, dynamics: Any, known: Sequence[Any], rng: Any) -> Iterator[Any]:
-    """Start states: those ``known``, then others around each of them, and random ones."""
+    """Start states: the ``known`` ones, then in turn states around each of them, and random ones."""
     box = start_box(problem, dynamics, {})
     yield from known
     sticks = problem.is_open or problem.cycle.impact.sticks
     while True:
         for state in known:
-            for spread in SPREAD:
+            for spread in START_DISTANCES:
                 near = state * (1 + spread * rng.uniform(-1, 1, state.size))
                 yield near
         anywhere = rng.uniform(box.lower, box.upper)

@@ -2,7 +2,8 @@
 
     xi -> Pi(xi) -> Pi(Pi(xi)) -> ...     settled after m steps if Pi^m(xi) = Pi^(m-k)(xi) for a period k
 
-On the disk a basin is a part of a run: tiles of states, stored as they finish, so that an interrupted run resumes.
+A basin is stored in a subfolder of a run, as tiles of states. Each tile is stored as soon as it is finished, so that an
+interrupted run resumes.
 """
 
 import zipfile
@@ -44,11 +45,12 @@ if TYPE_CHECKING:
 Codes = NDArray[np.int64]
 
 UNDECIDED = -1
-"""Ending of a walk that has not settled within the allowed steps."""
+"""Code of the ending of a walk that has not settled within the allowed steps."""
 MAX_PERIOD = 4
 """Longest cycle that is recognised as a gait [steps]."""
 SETTLED = 1e-6
-"""A state that returns this close to itself [rad, rad/s, m/s] has settled; its distance to the gait is of this size."""
+"""A state has settled if it returns to itself within this distance [rad, rad/s, m/s]; the distance to the gait is of
+the same size."""
 SAME_GAIT = 1e-3
 """Settled states this close together are on the same gait."""
 
@@ -59,12 +61,12 @@ class Outcomes:
 
     Attributes
     ----------
-    periods : ndarray, shape (n,) - steps per cycle of the gait that a state settled on; 0 if on none.
-    endings : ndarray, shape (n,) - index in ``Ending`` of how the walk failed, ``UNDECIDED``, or 0 where it settled.
-    steps : ndarray, shape (n,) - completed steps until then.
-    states : ndarray, shape (n, k) - section coordinates there, with several contacts the whole state; of a cycle the
-        smallest in lexical order.
-    phases, impacts : ndarray, shape (n,) - codes of the step that led there, see ``Returns``.
+    periods : ndarray, shape (n,) - steps per cycle of the gait that a state settled on; 0 if it did not settle.
+    endings : ndarray, shape (n,) - index in ``Ending`` of a failed walk, ``UNDECIDED``, or 0 if the walk settled.
+    steps : ndarray, shape (n,) - number of completed steps until then.
+    states : ndarray, shape (n, k) - final section coordinates; with several contacts, the whole state. On a cycle, the
+        state that comes first in lexical order.
+    phases, impacts : ndarray, shape (n,) - codes of the modes of the step that led to this state, see ``StepOutcomes``.
     """
 
     periods: Codes
@@ -83,11 +85,12 @@ def follow(
     Parameters
     ----------
     step_map : the return map of section coordinates, or of whole states.
-    xi : ndarray, shape (n, k) - section coordinates just after an impact, ``dx`` included; or whole states.
+    xi : ndarray, shape (n, k) - section coordinates just after an impact, including ``dx``; or whole states.
     should_stop : polled before every step.
     """
     n = len(xi)
-    past = np.full((MAX_PERIOD, *xi.shape), np.nan)  # the last states, the latest first, and the steps that led there
+    # the last states, the latest first, and the modes of the steps that led to them
+    past = np.full((MAX_PERIOD, *xi.shape), np.nan)
     past_steps = np.zeros((MAX_PERIOD, n, 2), dtype=np.int64)
     past[0] = xi
     periods, steps, endings = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, UNDECIDED)
@@ -118,16 +121,17 @@ def follow(
 
 
 def _returns(distances: Array) -> NDArray[np.bool_]:
-    """Whether a state is back where it was 1, 2, ... steps before, from its distances to these; shape (periods, n).
+    """Whether a state returned to the one 1, 2, ... steps before, from the distances to these; shape (periods, n).
 
-    On its way into a fixed point a walk may come close to earlier states by chance: of a cycle all states differ.
+    For a period above 1, the states between have to differ: a walk that converges to a fixed point also comes close to
+    its earlier states.
     """
     apart = np.vstack([np.full((1, distances.shape[1]), True), distances[:-1] > SAME_GAIT])
     return (distances < SETTLED) & np.logical_and.accumulate(apart, axis=0)
 
 
 def _first_of_cycle(past: Array, periods: Codes) -> Codes:
-    """How many steps ago the walk was at the state of its cycle that comes first in lexical order; shape (n,)."""
+    """Number of steps since the state of the cycle that comes first in lexical order; shape (n,)."""
     first = np.zeros(len(periods), dtype=np.int64)
     for row in np.flatnonzero(periods > 1):
         cycle = np.round(past[: periods[row], row], -int(np.log10(SAME_GAIT)))
@@ -136,9 +140,9 @@ def _first_of_cycle(past: Array, periods: Codes) -> Codes:
 
 
 def assign_gaits(outcomes: Outcomes, gaits: list[Attractor], problem: Problem) -> Codes:
-    """The index of the gait of every outcome, -1 where there is none, shape (n,); new gaits are appended to ``gaits``.
+    """The index of the gait of every outcome, or -1, shape (n,); new gaits are appended to ``gaits``.
 
-    The list does not depend on how the grid is cut into tiles, as long as their order is the same.
+    The list depends on the order of the states, but not on their division into tiles.
     """
     labels, unassigned, index = np.full(len(outcomes.periods), -1), np.flatnonzero(outcomes.periods > 0), 0
     modes, impacts = problem.walker.modes(), problem.walker.foot_modes()
@@ -172,12 +176,21 @@ def ending_name(code: int) -> str:
 Labels = NDArray[np.int32]
 
 STATE_BYTES_MEMORY = 16
-"""Memory of one state: labels, endings and steps of the whole grid are held at once."""
+"""Memory of one state [bytes]; labels, endings and steps of the whole grid are in memory at the same time."""
 BASIN_FILE, TILE_FILE = "basin.json", "tile-{:06d}.npz"
-BROKEN = (OSError, ValueError, KeyError, EOFError, NotImplementedError, TypeError, zipfile.BadZipFile, zlib.error)
-"""Raised by NumPy and zipfile on damaged archives."""
+ARCHIVE_ERRORS = (
+    OSError,
+    ValueError,
+    KeyError,
+    EOFError,
+    NotImplementedError,
+    TypeError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""Errors that NumPy and zipfile raise for damaged archives."""
 NUMBER = "number"
-"""Key of a tile's number in its file."""
+"""Name of the array with a tile's number in its file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,8 +203,8 @@ class Basin(Plotted, ReadOnlyArrays):
     base : the section coordinates that the grid does not vary.
     attractors : the gaits on which states settle; ``labels`` are indices into them.
     labels : ndarray, grid's shape - index of the gait that a state settles on, or -1.
-    endings : ndarray, grid's shape - code of the ending where it does not settle, see ``Outcomes``.
-    steps : ndarray, grid's shape - steps until it settled or failed.
+    endings : ndarray, grid's shape - code of the ending if it does not settle, see ``Outcomes``.
+    steps : ndarray, grid's shape - number of steps until it settles or fails.
     folder : folder of its tiles.
     """
 
@@ -210,17 +223,18 @@ class Basin(Plotted, ReadOnlyArrays):
         return f"<Basin {self.problem.name} over {axes}: {self.grid.size} states, {', '.join(shares) or 'no gait'}>"
 
     def to_xarray(self) -> "Dataset":
-        """Result of each state, over the coordinates: ``gait`` (index in ``attractors``, or -1) and ``steps``.
+        """The result of every state over the coordinates: ``gait``, ``steps`` and ``ending``.
 
-        ``ending`` names why a walk failed; it is empty where the state settled on a gait.
+        ``gait`` is an index into ``attractors``, or -1. ``ending`` says why a walk failed; it is empty if the state
+        settles on a gait.
         """
         keys = tuple(axis.key for axis in self.grid.axes)
         names = {code: ending_name(int(code)) for code in np.unique(self.endings)}
         failed = np.array([names[code] for code in self.endings.ravel()]).reshape(self.grid.shape)
         endings = np.where(self.labels < 0, failed, "")
         variables = {"gait": (keys, self.labels), "steps": (keys, self.steps), "ending": (keys, endings)}
-        places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
-        return data_set(variables, places, {key: state_unit(key) for key in keys}, problem=self.problem.name)
+        coordinates = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
+        return data_set(variables, coordinates, {key: state_unit(key) for key in keys}, problem=self.problem.name)
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object: the gaits with their shares, and the failures by name."""
@@ -269,7 +283,7 @@ def stored_attractor(place: Path, index: str) -> Attractor:
 
 
 def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float]) -> Basin:
-    """The whole basin from its tiles, one after the other."""
+    """The basin assembled from its tiles."""
     gaits = list[Attractor]()
     labels, endings, steps = np.zeros((3, grid.size), dtype=np.int32)
     done, tile = 0, 0
@@ -287,13 +301,13 @@ def assemble_basin(run: Run, problem: Problem, grid: Grid, base: dict[str, float
 
 
 def _read_tile(run: Run, tile: int, most: int) -> Outcomes:
-    """The outcomes of one tile, of no more than ``most`` states; one of a finished basin is as it was written."""
+    """The outcomes of one tile, which has at most ``most`` states; a tile of a finished basin must be unchanged."""
     name = TILE_FILE.format(tile)
     path = run.path(name)
     try:
         with np.load(BytesIO(read_bytes(path)), allow_pickle=False) as archive:
             arrays = dict(archive)
-    except BROKEN as error:
+    except ARCHIVE_ERRORS as error:
         raise StorageError(f"{path} is damaged ({error}): delete it to compute its states again") from error
     if run.holds(name):
         run.read(name)  # checks it against the manifest
@@ -304,12 +318,12 @@ def _read_tile(run: Run, tile: int, most: int) -> Outcomes:
     return Outcomes(**arrays)
 
 
-TILE, SCIPY_TILE = 4096, 64
-"""States of one tile on heyoka and on scipy: some seconds of walking, the most that a kill can lose."""
+TILE, STATES_PER_SCIPY_TILE = 4096, 64
+"""Number of states in one tile with heyoka and with scipy. A tile takes some seconds, which is what a kill can lose."""
 STEPS_OF_A_STATE = 10
 """Typical number of steps until a state settles or fails."""
 STATE_BYTES_DISK = 48
-"""The outcome of one state, compressed."""
+"""Size of the compressed outcome of one state [bytes]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,8 +332,8 @@ class BasinPlan(Plan[Basin], BasinRequest):
 
     Attributes
     ----------
-    problem : whose walker walks.
-    p : its parameters, if they differ from those of the problem.
+    problem : the problem of the walker.
+    p : parameters of the walker, if they differ from those of the problem.
     base : the section coordinates that the grid does not vary.
     """
 
@@ -346,14 +360,14 @@ class BasinPlan(Plan[Basin], BasinRequest):
         return Run(self.folder, f"basin-{self.key}")
 
     def check(self) -> None:
-        """Refuse a grid over something else than section coordinates, an unknown engine, or too many states."""
+        """Refuse a grid that is not over section coordinates, an unknown engine, or too many states."""
         self.grid.check_keys(self.problem.map_section.names, "a coordinate just after an impact")
         _ = self.chosen_engine
         check_room(self.grid.size, self.folder, disk=STATE_BYTES_DISK, memory=STATE_BYTES_MEMORY)
 
     @contextmanager
     def stored(self) -> Iterator[Stored]:
-        """The tiles that are on the disk, by the keys of their jobs; they are read when all are there."""
+        """The tiles on the disk by the keys of their jobs. Their content is read later, when all tiles exist."""
         files = {self._tile_key(tile): self.run.path(TILE_FILE.format(tile)) for tile in self.tiles}
 
         def store(key: str, outcomes: Outcomes) -> None:
@@ -369,9 +383,9 @@ class BasinPlan(Plan[Basin], BasinRequest):
         Raises
         ------
         SolveError
-            If a tile failed because it kills its workers; the others are kept.
+            If a tile failed because it kills its workers; the others are stored.
         """
-        fixed = replace(self, engine=self.chosen_engine)  # a worker might choose another engine
+        fixed = replace(self, engine=self.chosen_engine)  # on its own, a worker might choose another engine
         tile_jobs = [Job(key=self._tile_key(tile), argument=(fixed, tile)) for tile in self.tiles]
         for tile, result in enumerate(jobs.complete(walk_tile, tile_jobs, len(tile_jobs))):
             if isinstance(result, FailedJob):
@@ -386,19 +400,19 @@ class BasinPlan(Plan[Basin], BasinRequest):
 
     @property
     def key(self) -> str:
-        """Hash of everything that the tiles depend on."""
+        """Hash of all values that the tiles depend on."""
         identity = {"grid": [*map(str, self.grid.axes)], "base": self.base, "steps": self.steps}
         return key_of(identity | {"engine": str(self.chosen_engine), "tile": self.tile_size})[:8]
 
     @property
     def chosen_engine(self) -> Engine:
-        """The engine that ``engine`` means for the number of states."""
+        """The engine; ``auto`` is resolved by the number of states."""
         return choose_engine(self.engine, steps=self.grid.size * STEPS_OF_A_STATE)
 
     @property
     def tile_size(self) -> int:
-        """States of one tile."""
-        return TILE if self.chosen_engine is Engine.HEYOKA else min(TILE, SCIPY_TILE)
+        """Number of states in one tile."""
+        return TILE if self.chosen_engine is Engine.HEYOKA else min(TILE, STATES_PER_SCIPY_TILE)
 
     @property
     def tiles(self) -> range:
@@ -407,7 +421,7 @@ class BasinPlan(Plan[Basin], BasinRequest):
 
 
 def walk_tile(argument: tuple[BasinPlan, int], _: None = None, should_stop: Stop = None) -> Outcomes:
-    """Outcomes of the states of one tile; runs in any process."""
+    """The job of one tile, in any process; returns the outcomes of its states."""
     plan, tile = argument
     numbers = np.arange(tile * plan.tile_size, min((tile + 1) * plan.tile_size, plan.grid.size))
     values = dict(zip([axis.key for axis in plan.grid.axes], plan.grid.points(numbers).T, strict=True))

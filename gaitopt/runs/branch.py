@@ -1,9 +1,9 @@
-"""A branch that is kept in a run folder: every record is on the disk before it is used.
+"""A branch that is stored in a run folder: every record is on the disk before it is used.
 
-The file has one line per point or special point after a first line with the request. A walk that was interrupted
-resumes after its last point, from the solution, the tangent, the mesh and the step length that the line of that point
-holds with every bit; special points after that point are located again. On the same machine the branch is then the same
-bit by bit as without the interruption.
+The first line of the file is the request; every further line is a point or special point. The line of a point holds all
+bits of the solution, the tangent, the mesh and the step length. An interrupted continuation resumes from its last
+point; special points after that point are located again. On the same machine the branch then has the same bits as
+without the interruption.
 """
 
 import math
@@ -28,30 +28,29 @@ from gaitopt.store.gaits import branch_point, closing_error, special_point, with
 from gaitopt.store.run import Run
 
 BRANCH_FILE, BRANCH_TABLE = "branch.jsonl", "branch.csv"
-CLOSED = 1e-6
-"""Largest difference of the states after the last impact and at the start, in natural units."""
+LARGEST_CLOSING_ERROR = 1e-6
+"""Largest difference between the states at the start and the end of a cycle, in natural units."""
 AT_BOUND = 1e-9
-"""Relative distance of an end from a bound below which it is at the bound: a walk stops there to rounding."""
+"""An end is at a bound if their relative distance is below this; a continuation ends at bounds up to rounding."""
 OLDER_LIMIT = re.compile(r"\d+ points, as many as were allowed|out of time after \d+ s")
-"""Reasons that an earlier version gave for ends at a limit of points or time."""
+"""Reasons that earlier versions stated for ends at a limit of points or time."""
 EFFORT = tuple(name for name, entry in entries(ContinueRequest).items() if entry.about.effort)
 """Entries of a request that limit the work of one call and do not change the branch."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BranchPlan:
-    """A branch to be continued, and the run folder that keeps it.
+    """A branch to be continued, and the run folder in which it is stored.
 
-    This is no ``Plan`` of jobs: how many points there are, and which branches begin at them, is known only at the end;
-    each point starts from the one before; and what resumes is not a set of results but the end of the file, where the
-    continuation goes on.
+    It is not a ``Plan`` of jobs, because the number of points and branches is only known at the end, every point starts
+    from the one before, and a continuation resumes from the end of its file instead of a set of results.
 
     Attributes
     ----------
-    problem : of the gait from which the branch starts.
-    request : what is continued.
-    start_type : type of the special point from which it starts; empty for a gait.
-    output : the folder; by default that of problem and request.
+    problem : problem of the gait from which the branch starts.
+    request : the request of the continuation.
+    start_type : type of the special point from which the branch starts; empty if it starts from a gait.
+    output : the folder; None for the default folder of problem and request.
     """
 
     problem: Problem
@@ -66,7 +65,7 @@ class BranchPlan:
 
     @property
     def run(self) -> Run:
-        """The run folder; by default named after the gait's, with parameter, targets, start and what is followed."""
+        """The run folder; the default name consists of the gait's folder, parameter, targets, start and doublings."""
         if self.output is not None:
             return Run(self.output)
         head, folder = self.head, Run.of(self.problem).folder
@@ -87,7 +86,7 @@ class BranchPlan:
         Raises
         ------
         StorageError
-            If the folder holds something else, or a branch with another request.
+            If the folder contains other results, or a branch with another request.
         """
         self.run.check(self.problem)
         if not self.run.path(BRANCH_FILE).is_file():
@@ -97,18 +96,18 @@ class BranchPlan:
             return []
         before, now = ({k: v for k, v in head.items() if k not in EFFORT} for head in (request, self.head))
         if before != now:
-            words = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
+            stated = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
             raise StorageError(
-                f"{self.folder} contains another branch ({words}); it was not changed: delete it, or choose another"
+                f"{self.folder} contains another branch ({stated}); it was not changed: delete it, or choose another"
             ).concerning("output")
         return records
 
     def walk(
         self, start: Gait | SpecialPoint, *, should_stop: Stop = None
     ) -> tuple[list[BranchRecord], Iterator[BranchRecord]]:
-        """The stored records, and the new ones, each of which is on the disk when it is yielded.
+        """The stored records, and an iterator over new ones, which are on the disk before they are yielded.
 
-        The caller has locked the folder.
+        The caller must hold the lock of the folder.
         """
         done = resumable(self.stored(), self.request.exhausted)
         with self.run.begun(self.problem):
@@ -120,9 +119,10 @@ class BranchPlan:
 
         try:
             stored = stored_continuations(self.request.first_gait(start), self.request.parameter, done) if done else []
-        except StorageError as error:  # a stored point from which the walk cannot go on
-            words = f"{self.run.path(BRANCH_FILE)}: {error}; delete the folder, or name another one"
-            raise StorageError(words) from error
+        except StorageError as error:  # the continuation cannot be resumed from a stored point
+            raise StorageError(
+                f"{self.run.path(BRANCH_FILE)}: {error}; delete the folder, or name another one"
+            ) from error
         with self.run.appending(BRANCH_FILE) as lines:
             for point in follow_family(start, self.request, done=stored, should_stop=should_stop):
                 record = point.to_record()
@@ -138,12 +138,12 @@ class BranchPlan:
 def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
     """Problem, parameter and records of the branch in a run folder, without the request.
 
-    The problem of an optimum over open-loop torques has these torques.
+    If the branch starts from an optimum over open-loop torques, the problem contains these torques.
 
     Raises
     ------
     StorageError
-        If the folder is not a run, is broken or newer, or its branch has no point.
+        If the folder is not a run, is damaged or newer, or if its branch has no point.
     """
     run = Run(folder)
     problem = run.problem()
@@ -155,7 +155,13 @@ def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:
 
 
 def restore_branch(folder: Path) -> Branch:
-    """The branch in a run folder; raises as ``stored_branch``, and if the motion of a point is not periodic."""
+    """The branch in a run folder.
+
+    Raises
+    ------
+    StorageError
+        See ``stored_branch``; also if the motion of a point is not periodic.
+    """
     problem, parameter, records = stored_branch(folder)
     family, path = motionless_gait(problem, parameter), folder / BRANCH_FILE
     points, specials = list[BranchPoint](), list[SpecialPoint]()
@@ -166,7 +172,7 @@ def restore_branch(folder: Path) -> Branch:
                 continue
             point = branch_point(family, parameter, record)
             gait = point.gait
-            if not closing_error(gait.steps) < CLOSED * max(1.0, gait.spectral_radius or 0.0):
+            if not closing_error(gait.steps) < LARGEST_CLOSING_ERROR * max(1.0, gait.spectral_radius or 0.0):
                 raise damaged(path, f"point {point.branch}.{point.index}: its motion is not periodic")
             points.append(point)
     except (KeyError, IndexError, TypeError, ValueError) as error:
@@ -175,10 +181,10 @@ def restore_branch(folder: Path) -> Branch:
 
 
 def read_branch(run: Run, problem: Problem) -> tuple[RequestRecord | None, list[BranchRecord]]:
-    """The request of the branch of a problem in a run, and its records; None and no records if there is none.
+    """The request of the branch in a run, and its records; None and no records if there is no branch.
 
-    An end at a bound of the request has ``bound``, one at a limit of points or time ``open``, also where an earlier
-    version has written it without.
+    Ends at a bound of the request get the entry ``bound``, and ends at a limit of points or time the entry ``open``,
+    which earlier versions did not write.
     """
     path, lines = run.path(BRANCH_FILE), run.lines(BRANCH_FILE)
     if not lines:
@@ -189,7 +195,7 @@ def read_branch(run: Run, problem: Problem) -> tuple[RequestRecord | None, list[
     ]
     first = next((record["value"] for record in records if record["record"] == "point"), None)
     bounds = list[float]()
-    if first is not None:  # bounds that the request does not state are as far from the first gait as the targets
+    if first is not None:  # the default bounds are as far from the first gait as the farthest target
         span, lower, upper = max(abs(to - first) for to in request["to"]), request.get("lower"), request.get("upper")
         bounds = [*request["to"], first - span if lower is None else lower, first + span if upper is None else upper]
     for record in records:

@@ -1,7 +1,8 @@
-"""Trade-offs: a chain of designs along one number of the problem, each started from its neighbour's gait.
+"""Trade-offs: a series of designs along one number of the problem, each started from its neighbour's gait.
 
-The chain is followed in both directions, because a design is a local optimum that depends on its start; of two gaits
-for the same value the better one is kept. The Pareto front consists of the points that no other beats in both aims.
+The series is computed in both directions, because a design is a local optimum that depends on its start. If both
+directions give a gait for the same value, the better one counts. The Pareto front consists of the points that no other
+point beats in both aims.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-TIE = 1e-9
-"""Relative difference below which two objectives are equal."""
+SAME_OBJECTIVE = 1e-9
+"""Two objectives are equal if their relative difference is below this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,7 +37,7 @@ class FrontPoint:
 
     Attributes
     ----------
-    value : of the varied number.
+    value : value of the varied number.
     gait : record of the better gait of both directions, verified if it converged.
     pareto : whether no other point is better in one aim and no worse in the other.
     """
@@ -121,14 +122,14 @@ class FrontPlan(Plan[Front]):
     axis: Axis
 
     def check(self) -> None:
-        """Refuse a front without an objective, along no number, or with too many designs."""
+        """Refuse a front without an objective, one along a key that is not a number, or one with too many designs."""
         problem, key = self.problem, self.axis.key
         if not problem.objective:
             raise ProblemError(f"{problem.name}: a front needs an objective to trade against {key}")
         keys = (*problem.parameters, *(f"constraints.{name}" for name in DESIGN_SCALARS))
         if key not in keys and "." not in key:
-            words = f"{key}: no number of {problem.name}{nearest_keys(key, keys)}"
-            raise UnknownNameError(words).concerning("over")
+            message = f"{key}: no number of {problem.name}{nearest_keys(key, keys)}"
+            raise UnknownNameError(message).concerning("over")
         check_jobs_fit(2 * self.axis.count, self.folder)
         for value in self.axis.numbers(problem)[:: max(self.axis.count - 1, 1)]:
             at_point(problem, {key: value})
@@ -140,7 +141,7 @@ class FrontPlan(Plan[Front]):
         walk, best = [*problems, *reversed(problems)], dict[float, OutcomeRecord]()
 
         def chain() -> Iterator[Job]:
-            """Each design starts from the best gait of its neighbour, or from the guess where there is none."""
+            """The jobs in order; each design starts from the best gait of its neighbour, or from the guess."""
             neighbour: str | None = None
             for value in walk:
                 job = problem_job(problems[value], neighbour)
@@ -151,8 +152,8 @@ class FrontPlan(Plan[Front]):
                 best[value] = gait if value not in best or _beats(gait, best[value]) else best[value]
                 neighbour = best[value]["job"] if is_gait(best[value]) else neighbour
 
-        here = replace(jobs, workers=Workers(count=1))  # each design needs the one before
-        solve_all(here, chain(), len(walk))
+        serial = replace(jobs, workers=Workers(count=1))  # each design needs the one before
+        solve_all(serial, chain(), len(walk))
         points = (FrontPoint(value=v, gait=best[v], pareto=_undominated(v, best, key)) for v in problems)
         file = self.run.path(front_file(key))
         front = Front(problem=self.problem, key=key, points=tuple(points), file=file)
@@ -171,11 +172,11 @@ def read_fronts(folder: Path) -> list[Front]:
     problem = run.problem()
     for path in sorted(folder.glob(front_file("*"))):
         record = validated(FrontRecord, run.read_object(path.name), path, states=problem.walker.state_names())
-        key, places = record["over"].partition("=")[0], cast(list[FrontEntryRecord], record["points"])
-        gaits = {place["value"]: gait for place, gait in zip(places, record["points"], strict=True)}
+        key, entries = record["over"].partition("=")[0], cast(list[FrontEntryRecord], record["points"])
+        gaits = {entry["value"]: gait for entry, gait in zip(entries, record["points"], strict=True)}
         pareto = {value: _undominated(value, gaits, key) for value in gaits}
-        axis = Axis(key=key, lower=places[0]["value"], upper=places[-1]["value"], count=len(gaits))
-        same_pareto = all(place["pareto"] is pareto[place["value"]] for place in places)
+        axis = Axis(key=key, lower=entries[0]["value"], upper=entries[-1]["value"], count=len(gaits))
+        same_pareto = all(entry["pareto"] is pareto[entry["value"]] for entry in entries)
         if not same_pareto or record["over"] != str(axis) or path.name != front_file(key):
             raise damaged(path, "over, or pareto of a point, is not what its points give")
         points = (FrontPoint(value=v, gait=gait, pareto=pareto[v]) for v, gait in gaits.items())
@@ -189,12 +190,12 @@ def _objective(gait: SolvedRecord) -> float:
 
 def _beats(gait: OutcomeRecord, other: OutcomeRecord) -> bool:
     if is_gait(gait) and is_gait(other):
-        return _objective(gait) < _objective(other) - TIE * abs(_objective(other))
+        return _objective(gait) < _objective(other) - SAME_OBJECTIVE * abs(_objective(other))
     return is_gait(gait)
 
 
 def _undominated(value: float, gaits: Mapping[float, OutcomeRecord], key: str) -> bool:
-    """Whether there is a gait, and no other gait is stricter in the varied number at no higher cost."""
+    """Whether there is a gait at the value, and no other gait is stricter in the varied number at no higher cost."""
     costs = {other: _objective(gait) for other, gait in gaits.items() if is_gait(gait)}
     strictness = -1.0 if key.endswith(".max") else 1.0
     return value in costs and not any(

@@ -1,4 +1,4 @@
-"""A rectangular grid over named quantities, LO:HI:N along each, and whether it fits on the machine."""
+"""Rectangular grids over named quantities, LO:HI:N along each, and whether they fit on the machine."""
 
 import math
 import shutil
@@ -17,21 +17,25 @@ from gaitopt.problem.problem import Problem
 
 Indices = NDArray[np.intp]
 LONGEST_AXIS = 10**9
-INTEGER = 1e-9
-"""A value of an axis this close to an integer is one; equal steps are rounded."""
-LARGEST_SIZE = 10**30
+"""Largest number of values of an axis."""
+INTEGER_TOLERANCE = 1e-9
+"""A value of an axis that is this close to an integer counts as one, because equal steps are rounded."""
+LARGEST_SHOWN_SIZE = 10**30
 """Largest size that a message states [bytes]."""
-NEGLIGIBLE = 2**24
-"""Memory that is always there [bytes]: the imports take more. psutil, which knows what is free, is slow to import."""
+UNCHECKED_MEMORY = 2**24
+"""Less memory than this is never checked [bytes]: the imports take more, and psutil, which knows the free memory, is
+slow to import."""
 JOB_BYTES_DISK = 6_000
-"""The record of one gait, as JSON and in a table."""
+"""Size of the record of one gait, as JSON and in a table [bytes]."""
 JOB_BYTES_MEMORY = 40_000
-"""One problem with its record."""
+"""Size of one problem with its record [bytes]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Axis:
-    """``count`` values from ``lower`` to ``upper``, both included; ``unit`` is ``deg`` if they were given in degrees.
+    """Equidistant values of one key: ``count`` values from ``lower`` to ``upper``, including both.
+
+    ``unit`` is ``deg`` if the ends were given in degrees; they are in rad here.
 
     Raises
     ------
@@ -62,17 +66,17 @@ class Axis:
         return np.linspace(self.lower, self.upper, self.count)
 
     def numbers(self, problem: Problem) -> list[float]:
-        """The values as the problem needs them: integers if its parameter is an integer.
+        """The values, as integers if the parameter of the problem is an integer.
 
         Raises
         ------
         ProblemError
-            If a value is not an integer then.
+            If the parameter is an integer, but a value is not.
         """
         values: list[float] = self.values.tolist()
         if not isinstance(problem.parameters.get(self.key), int):
             return values
-        between = next((value for value in values if abs(value - round(value)) > INTEGER), None)
+        between = next((value for value in values if abs(value - round(value)) > INTEGER_TOLERANCE), None)
         if between is not None:
             low, high = math.ceil(self.lower), math.floor(self.upper)
             remedy = f"give a step of one or more, for instance {low}:{high}:{high - low + 1}"
@@ -84,7 +88,7 @@ class Axis:
 
 
 def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axis:
-    """The axis between two numbers, or texts of numbers or angles; in degrees if one end is in degrees.
+    """The axis between two ends: numbers, or texts of numbers or angles. Its unit is deg if one end is in degrees.
 
     Raises
     ------
@@ -101,7 +105,7 @@ def axis_of(key: str, lower: float | str, upper: float | str, count: int) -> Axi
 
 
 def number_or_angle(end: float | str) -> float:
-    """A number, or an angle with its unit in rad."""
+    """The number in a text, or the angle in rad if the text has a unit."""
     if not isinstance(end, str):
         return float(end)
     try:
@@ -133,12 +137,12 @@ class Grid:
 
     @property
     def axis(self) -> Axis:
-        """The axis of a grid that has one.
+        """The only axis of the grid.
 
         Raises
         ------
         ArgumentError
-            If it has several.
+            If the grid has several axes.
         """
         if len(self.axes) != 1:
             raise ArgumentError("over", f"has {len(self.axes)} keys, but must have one: give KEY and its range once")
@@ -160,14 +164,14 @@ class Grid:
         return np.column_stack([axis.values[index] for axis, index in zip(self.axes, indices, strict=True)])
 
     def check_keys(self, known: Sequence[str], what: str) -> None:
-        """Refuse axes whose keys are not ``known``; ``what`` a key should be, for the message."""
+        """Refuse axes whose keys are not ``known``; ``what`` says in the message what a key has to be."""
         unknown = [axis.key for axis in self.axes if axis.key not in known]
         if unknown:
             raise UnknownNameError(f"{unknown[0]}: not {what}{nearest_keys(unknown[0], known)}").concerning("over")
 
 
 def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
-    """The problem at a point of a grid, whose values have dotted keys."""
+    """The problem at a point of a grid, given by its values by dotted key."""
     try:
         return problem.replace(values)
     except ProblemError as error:
@@ -176,7 +180,7 @@ def at_point(problem: Problem, values: Mapping[str, float]) -> Problem:
 
 
 def check_jobs_fit(jobs: int, folder: Path, what: str = "points") -> None:
-    """Refuse more problems than can be solved and kept, before anything is written; raises as ``check_room``."""
+    """Refuse more problems than fit, before anything is written; raises the errors of ``check_room``."""
     check_room(jobs, folder, disk=JOB_BYTES_DISK, memory=JOB_BYTES_MEMORY, what=what)
 
 
@@ -185,19 +189,19 @@ def check_room(points: int, folder: Path, *, disk: int, memory: int, what: str =
 
     Parameters
     ----------
-    points : their number.
-    folder : where they are kept; it need not exist.
+    points : number of points.
+    folder : the folder in which they are stored; it need not exist.
     disk, memory : size of one point [bytes].
-    what : the word for points in the message.
+    what : what the message calls the points.
 
     Raises
     ------
     StorageError
         If they do not fit; the message states their size.
     """
-    parent = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    parent = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
     room = [("on disk", disk, shutil.disk_usage(parent).free)]
-    if points * memory > NEGLIGIBLE:
+    if points * memory > UNCHECKED_MEMORY:
         import psutil
 
         room.append(("of memory", memory, psutil.virtual_memory().available))
@@ -206,6 +210,6 @@ def check_room(points: int, folder: Path, *, disk: int, memory: int, what: str =
             from rich.filesize import decimal
 
             raise StorageError(
-                f"{points:,} {what} need about {decimal(min(points * each, LARGEST_SIZE))} {where}, "
+                f"{points:,} {what} need about {decimal(min(points * each, LARGEST_SHOWN_SIZE))} {where}, "
                 f"but {decimal(free)} are free: choose fewer"
             )

@@ -1,11 +1,11 @@
-"""Long work as jobs whose results a run folder keeps: the mechanism of sweeps, fronts, basins, starts and searches.
+"""Long work as jobs with results in a run folder: the mechanism of sweeps, fronts, basins, starts and searches.
 
-A ``Plan`` states the work. ``complete`` does the jobs whose results are not on the disk yet; a result is on the disk
-before the next one is accepted, so that the same plan resumes where it stopped. A later job may start from the results
-of earlier ones.
+A ``Plan`` states the work. Its method ``complete`` does the jobs whose results are not on the disk yet. A result is on
+the disk before the next one is accepted, so that the same plan resumes where it stopped. A job may start from the
+results of earlier ones.
 
-A problem is a job whose key is the hash of what it resolves to. All sweeps, fronts and starts of a problem share the
-file of solved problems.
+The key of a job that solves a problem is the hash of the problem's resolved values. All sweeps, fronts and starts of a
+problem share the file of solved problems.
 """
 
 import hashlib
@@ -32,20 +32,20 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers
 
 R = TypeVar("R", covariant=True)
 Stored = tuple[dict[str, Any], Callable[[str, Any], Any]]
-"""Results that are on the disk by the keys of their jobs, and the function that stores another one."""
+"""Results on the disk by the keys of their jobs, and the function that stores a new one."""
 SAME_DIGITS = 7
-"""Decimals to which the states of two gaits that are the same agree; Newton's method leaves 1e-10."""
+"""Two gaits are the same if their states agree to this many decimals; Newton's method leaves errors of 1e-10."""
 SET_ASIDE: Literal["set_aside"] = "set_aside"
 """Status of a job that has no result."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan(Request, ABC, Generic[R]):
-    """Long work for a problem, and the run folder that keeps it: the request of a verb with both.
+    """Long work: the request of a verb, with its problem and the run folder in which results are stored.
 
     Attributes
     ----------
-    problem : of the run.
+    problem : the problem of the run.
     folder : the run folder.
     """
 
@@ -53,16 +53,16 @@ class Plan(Request, ABC, Generic[R]):
     folder: Path
 
     results: ClassVar["ResultFile"]
-    """The file of the results of the jobs; a plan that keeps them otherwise has a ``stored`` of its own."""
+    """The file with the results of the jobs; a plan that stores them in another way overrides ``stored``."""
 
     @property
     def run(self) -> Run:
-        """The run folder, or the part of it with the files of this work."""
+        """The run folder, or its subfolder with the files of this work."""
         return Run(self.folder)
 
     @abstractmethod
     def check(self) -> None:
-        """Refuse work that cannot be done or kept; its errors are those of the function in ``gaitopt``."""
+        """Refuse work that cannot be done or stored, with the errors of the verb."""
 
     def stored(self) -> AbstractContextManager[Stored]:
         """Open the file of results in the locked run folder."""
@@ -80,21 +80,21 @@ class Plan(Request, ABC, Generic[R]):
         should_stop: Stop = None,
         limit: TimeLimit | None = None,
     ) -> R:
-        """Do the jobs that are not on the disk yet; the result of all.
+        """Do the jobs that are not on the disk yet, and return the result of all jobs.
 
         Parameters
         ----------
-        workers : by default one process per core.
+        workers : where the jobs run, by default in one process per core.
         progress : called with the number of finished jobs and their total.
         should_stop : polled before every job.
-        limit : after which work that can do without some of its jobs ends.
+        limit : time limit; only work that can do without some of its jobs has one.
 
         Raises
         ------
         StorageError
-            If the folder cannot be used, or a stored result is not what was written.
+            If the folder cannot be used, or a stored result was altered.
         KeyboardInterrupt
-            If ``should_stop`` returned True; finished jobs are kept.
+            If ``should_stop`` returned True; finished jobs are stored.
         """
         self.check()
         with self.run.begun(self.problem), self.stored() as (results, store):
@@ -114,7 +114,7 @@ class Plan(Request, ABC, Generic[R]):
 class ResultFile:
     """A file with one result per line: its name, the entry with the key of the job, and the type of a line.
 
-    A ``shared`` file serves all the work of a run and is in its folder, not in a part of it.
+    A ``shared`` file is used by all work of a run and lies in the run folder, not in a subfolder.
     """
 
     name: str
@@ -124,12 +124,12 @@ class ResultFile:
 
     @contextmanager
     def opened(self, run: Run, problem: Problem) -> Iterator[Stored]:
-        """The results in a run folder that the caller has locked, each checked, and the function that appends one.
+        """The checked results in a run folder, and the function that appends one; the caller must hold the lock.
 
         Raises
         ------
         StorageError
-            If a line is not of its type; the message names it.
+            If a line does not match its type; the message names the line.
         """
         run = Run(run.folder) if self.shared else run
         with run.appending(self.name) as lines:
@@ -148,24 +148,25 @@ class ResultFile:
 
 SOLVED = ResultFile(name="jobs.jsonl", key="job", model=CheckedJob, shared=True)
 SEARCHED = ResultFile(name="find.jsonl", key="part", model=PartRecord)
-"""A part that an earlier version has stored under another key is searched again."""
+"""The file of finished parts of searches. Parts that an earlier version stored under another key are searched again."""
 
 
 def problem_job(problem: Problem, parent: str | None = None, method: Method = Method.AUTO) -> Job:
-    """The job of a problem that starts cold, or from the gait of the job ``parent``; its key depends on the method."""
-    further = (parent or "") + ("" if method is Method.AUTO else f" by {method.value}")
-    key = hashlib.sha256((problem.digest + further).encode()).hexdigest() if further else problem.digest
+    """The job that solves a problem from its guess, or from the gait of the job ``parent``."""
+    suffix = (parent or "") + ("" if method is Method.AUTO else f" by {method.value}")
+    key = hashlib.sha256((problem.digest + suffix).encode()).hexdigest() if suffix else problem.digest
     return Job(key=key, argument=problem, parent=parent)
 
 
 def solve_all(
     jobs: ResumableJobs, problems: Iterable[Job], total: int, task: Callable[..., OutcomeRecord] | None = None
 ) -> list[OutcomeRecord]:
-    """Solve and verify the problems of ``problem_job``; records of their gaits or attempts in the same order.
+    """Solve and verify the problems of ``problem_job`` jobs; returns records of gaits or attempts in the same order.
 
     Parameters
     ----------
-    task : that solves one problem, ``solve_job`` by default; by the method that the keys of the jobs state.
+    task : the function that solves one problem, by default ``solve_job``. It must use the method for which the keys of
+        the jobs were made.
     """
     return [
         AttemptRecord(status=SET_ASIDE, message=result.reason) if isinstance(result, FailedJob) else result
@@ -180,7 +181,7 @@ def solve_job(
     *,
     method: Method = Method.AUTO,
 ) -> OutcomeRecord:
-    """The record of a problem's verified gait, from that of a neighbour if there is one; runs in any process."""
+    """The job of a problem, in any process: its verified gait, solved from that of a neighbour if there is one."""
     starts = {"cold": problem}
     if neighbour is not None and is_gait(neighbour):
         starts = {"warm": problem.with_guess(neighbour)} | starts
@@ -188,7 +189,7 @@ def solve_job(
         try:
             gait = solve(candidate, method=method, should_stop=should_stop)
         except SolveError as error:
-            if should_stop is not None and should_stop():  # a reference whose solution was interrupted
+            if should_stop is not None and should_stop():  # the solution of the reference was interrupted
                 raise KeyboardInterrupt from None
             return AttemptRecord(status="not_converged", message=str(error), start=start)
         if gait.status is Status.INTERRUPTED:
@@ -202,10 +203,10 @@ def solve_job(
 def sweep_job(
     problem: Problem, _: None = None, should_stop: Stop = None, *, method: Method = Method.AUTO
 ) -> OutcomeRecord:
-    """As ``solve_job``, unless a scan of the return map shows that there is no gait; runs in any process.
+    """The job of a problem like ``solve_job``, unless a scan of the return map shows that there is no gait.
 
-    Where ``solve`` finds no gait, the result is the most stable one to which the scan leads. The entry ``gaits`` counts
-    the gaits with the problem's phases, if there are several.
+    If ``solve`` finds no gait, the result is the most stable gait to which the scan leads. If there are several gaits
+    with the problem's phases, the entry ``gaits`` counts them.
     """
     starts = list[dict[str, float]]()
     if scanned(problem):
@@ -227,10 +228,10 @@ def sweep_job(
     return cast(OutcomeRecord, {**best, "gaits": len(found)} if len(found) > 1 else best)
 
 
-def lent_job(
+def neighbour_job(
     problem: Problem, neighbour: OutcomeRecord, should_stop: Stop = None, *, method: Method = Method.AUTO
 ) -> OutcomeRecord:
-    """The record of a problem's verified gait from the gait of a neighbour alone; runs in any process."""
+    """The job of a problem that is solved from the gait of a neighbour only, in any process."""
     assert is_gait(neighbour)
     durations = [phase["duration"] for phase in neighbour["phases"]]
     return _from_state(problem, neighbour["state"], "neighbour", method, durations)
@@ -243,7 +244,7 @@ def _from_state(
     method: Method,
     durations: Sequence[float] | None = None,
 ) -> OutcomeRecord:
-    """The record of a verified gait next to a state; by Newton's method unless another one is asked for."""
+    """The record of a verified gait near a state, by Newton's method unless another method is requested."""
     near = Method.NEWTON if method is Method.AUTO else method
     complete = {**dict.fromkeys(problem.map_section.names, 0.0), **state}
     candidate = problem.with_modes(problem.cycle, complete, durations).from_guess()
@@ -253,13 +254,13 @@ def _from_state(
 
 
 def _identity(gait: OutcomeRecord) -> tuple[float, ...]:
-    """What two gaits have in common that are the same."""
+    """The rounded state of a gait, by which equal gaits are recognised."""
     return tuple(round(value, SAME_DIGITS) for value in cast(Mapping[str, float], gait["state"]).values())
 
 
 @dataclass(frozen=True, kw_only=True)
 class FindPlan(SearchPlan, Plan[Gaits]):
-    """A search whose finished parts are kept; ``found`` is that of ``search``."""
+    """A search whose finished parts are stored; ``found`` is the argument of ``search``."""
 
     results = SEARCHED
     found: Callable[[Gaits], None] | None = None

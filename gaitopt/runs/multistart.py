@@ -1,7 +1,7 @@
-"""Many starts: a problem solved from random guesses, to find its distinct solutions and how often each is found.
+"""A problem solved from many random guesses, to find its distinct solutions and how often each one is found.
 
 A start changes every section coordinate of the guess, the guess of every freed number and the control points of a free
-curve at random. The starts depend on the seed alone, not on how many processes work on them.
+curve at random. The starts depend on the seed alone, not on the number of processes.
 """
 
 from collections.abc import Iterator
@@ -21,11 +21,11 @@ from gaitopt.search.find import grouped
 from gaitopt.systems import build_system
 from gaitopt.workers.jobs import ResumableJobs
 
-SAME_OBJECTIVE, SAME_PLACE = 1e-6, 1e-3
-"""Relative differences of the objective, and of state and freed values, within which two solutions are the same: near a
-flat optimum, places differ by the root of the difference of the objectives."""
-DECIDING_DIGITS = 6
-"""Objectives that agree to this number of digits do not rank two solutions."""
+SAME_OBJECTIVE, SAME_VALUES = 1e-6, 1e-3
+"""Two solutions are the same if the objectives, and the states and freed values, differ by less than this, relatively.
+Near a flat optimum, values differ by the root of the difference of the objectives."""
+RANKING_DIGITS = 6
+"""Objectives that agree to this number of digits count as equal when solutions are ranked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,9 +34,9 @@ class Optimum:
 
     Attributes
     ----------
-    record : of its gait, verified, as ``Gait.to_record``.
-    problem : with the first guess that led to it.
-    starts : numbers of the starts that led to it; start 0 is the problem's own guess.
+    record : record of the verified gait, see ``Gait.to_record``.
+    problem : the problem with the first guess that led to the solution.
+    starts : numbers of all starts that led to the solution; start 0 is the problem's own guess.
     """
 
     record: SolvedRecord
@@ -44,12 +44,13 @@ class Optimum:
     starts: tuple[int, ...]
 
     def __repr__(self) -> str:
-        words = f"period {self.record['period']:.6g} s, radius {self.radius:.4g}, {counted(len(self.starts), 'start')}"
-        return f"<Optimum {self.problem.name}: objective {self.objective:.9g}, {words}>"
+        starts = counted(len(self.starts), "start")
+        numbers = f"period {self.record['period']:.6g} s, radius {self.radius:.4g}, {starts}"
+        return f"<Optimum {self.problem.name}: objective {self.objective:.9g}, {numbers}>"
 
     @property
     def objective(self) -> float:
-        """Its objective; 0 where nothing is minimised."""
+        """The objective; 0 if nothing is minimised."""
         return _objective(self.record)
 
     @property
@@ -65,12 +66,12 @@ class Optimum:
 
     @property
     def rank(self) -> tuple[bool, float, bool, float]:
-        """Sort key: verified solutions first, then better objectives; of equal objectives the stable gaits first."""
-        objective = float(f"{self.objective:.{DECIDING_DIGITS}g}")
+        """Sort key: verified solutions first, then better objectives; among equal objectives, stable gaits first."""
+        objective = float(f"{self.objective:.{RANKING_DIGITS}g}")
         return not self.verified, objective, not self.radius < 1, self.radius
 
     def to_record(self) -> dict[str, Any]:
-        """The numbers that distinguish it from the other solutions."""
+        """The numbers that distinguish the solution from others."""
         return {
             "objective": self.objective,
             "kkt": self.record["solver"].get("kkt"),
@@ -105,7 +106,7 @@ class StartsPlan(Plan[list[Optimum]], StartsRequest):
         return sorted(optima, key=lambda optimum: optimum.rank)
 
     def sampled(self) -> Iterator[Problem]:
-        """The problem, and then the same with other guesses; made one by one as they are drawn."""
+        """The problem itself, then copies with random guesses, which are made one by one."""
         problem, spread = self.problem, self.spread
         yield problem
         control = build_system(problem).control
@@ -137,5 +138,5 @@ def _objective(record: SolvedRecord) -> float:
 def _same(first: SolvedRecord, second: SolvedRecord) -> bool:
     values = [np.array([*record["state"].values(), *record["parameters"].values()]) for record in (first, second)]
     objectives = [_objective(record) for record in (first, second)]
-    near = bool(np.all(np.abs(values[0] - values[1]) <= SAME_PLACE * (1 + np.abs(values[0]))))
+    near = bool(np.all(np.abs(values[0] - values[1]) <= SAME_VALUES * (1 + np.abs(values[0]))))
     return near and abs(objectives[0] - objectives[1]) <= SAME_OBJECTIVE * abs(objectives[0])

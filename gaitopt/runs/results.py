@@ -1,7 +1,7 @@
-"""What a run folder holds, and how it is written and read back: the one table of load_run, plot, report and solve.
+"""The kinds of results in a run folder, with their writers and readers: the table behind load_run, plot and report.
 
-A gait or a walk is a record with a table of its motion beside it. Whatever the record repeats of the table must agree
-with it, so that a folder that was changed by hand is refused with file and key.
+A gait or a walk consists of a record and a table of its motion. Numbers of the record that follow from the table must
+agree with it, so that a folder that was changed by hand is refused; the error names file and key.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,7 +35,7 @@ from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
 
 RECOMPUTED = 1e-7
-"""Relative difference of a stored force or torque from its value at the stored state that rounding may cause."""
+"""Largest relative difference between a stored force or torque and its value at the stored state."""
 
 Result = Gait | Branch | Walk | Sweep | Basin | Attractors | Front
 
@@ -46,7 +46,7 @@ def restore_gait(folder: Path) -> Gait:
     Raises
     ------
     SolveError
-        If the run holds a failed attempt.
+        If the run contains a failed attempt.
     """
     run = Run(folder)
     (stored, table), problem = run.read_result(), run.problem()
@@ -71,7 +71,7 @@ def restore_gait(folder: Path) -> Gait:
 
 
 def restore_walk(folder: Path) -> Walk:
-    """The walk that a run folder holds."""
+    """The walk in a run folder."""
     run = Run(folder)
     (stored, table), problem = run.read_result(WALK_FILES), run.problem()
     try:
@@ -100,14 +100,14 @@ def restore_walk(folder: Path) -> Walk:
 
 
 def _with_strikes(steps: tuple[Step, ...], impacts: Sequence[ImpactEntry]) -> tuple[Step, ...]:
-    """The steps with the impacts of named contacts within them, with which arcs begin."""
+    """The steps, in which arcs that begin with the impact of a named contact state it."""
     struck = {(entry["step"], entry["time"]): Mode.from_record(entry["impact"]) for entry in impacts}
     begins = np.cumsum([0.0, *(step.period for step in steps)])
 
     def arc(number: int, began: float, arc: Arc) -> Arc:
-        places = [key for key in struck if key[0] == number and abs(key[1] - began - arc.start) <= SAME_TIME * key[1]]
-        is_strike = bool(places) and struck[places[0]].is_named
-        return replace(arc, struck=struck[places[0]]) if is_strike else arc
+        keys = [key for key in struck if key[0] == number and abs(key[1] - began - arc.start) <= SAME_TIME * key[1]]
+        is_strike = bool(keys) and struck[keys[0]].is_named
+        return replace(arc, struck=struck[keys[0]]) if is_strike else arc
 
     return tuple(
         replace(step, arcs=tuple(arc(number, float(began), each) for each in step.arcs))
@@ -116,10 +116,10 @@ def _with_strikes(steps: tuple[Step, ...], impacts: Sequence[ImpactEntry]) -> tu
 
 
 def _check_table(path: Path, table: Table, dynamics: Dynamics, steps: Sequence[Step]) -> None:
-    """Refuse a table whose header, times, modes, forces or torques are not those of the motion of its states.
+    """Refuse a table whose header, times, modes, forces or torques do not fit the motion of its states.
 
-    Times are Chebyshev points of the arcs. A column is compared relative to its largest value. Shares of forces that
-    the equations of motion leave open are not compared.
+    Times must be the Chebyshev points of the arcs. A column is compared relative to its largest value. Forces that the
+    equations of motion do not determine are not compared.
     """
     header = trajectory_header(dynamics.system)
     if table.header != header:
@@ -144,8 +144,7 @@ def _check_table(path: Path, table: Table, dynamics: Dynamics, steps: Sequence[S
             column = header.index(name)
             source = "the equations of motion give" if column else "the points of its arc give"
             value = other[column] if column else expected[number, 0]
-            words = f"{name} is {row[column]}, but {source} {value}"
-            raise damaged(path, words, number + 2)
+            raise damaged(path, f"{name} is {row[column]}, but {source} {value}", number + 2)
 
 
 def _only_front(folder: Path) -> Front:
@@ -164,24 +163,25 @@ KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
     "basin": (BASIN_FILE, read_basin),
     "attractors": (ATTRACTORS_FILE, read_attractors),
 }
-"""By kind of result: the file by which it is known, and its reader. Of several kinds in one folder the first counts."""
+"""For each kind of result: the file that identifies it, and its reader. If a folder has several kinds, the first one
+counts."""
 
 
 PARTS = ("sweep", "basin", "attractors")
-"""Kinds of results that have a folder KIND-KEY of their own within a run folder."""
+"""Kinds of results that lie in a subfolder KIND-KEY of a run folder."""
 
 
 def kind_of(folder: Path) -> str:
-    """The kind of result in a folder, a key of ``KINDS``; empty where there is no such folder, or no result in it.
+    """The kind of result in a folder, a key of ``KINDS``; empty if there is no such folder, or no result in it.
 
-    A part of a run is known by its name, so that an unfinished one is an error where it is read.
+    A subfolder of a run is identified by its name, so that reading an unfinished one raises an error.
     """
     try:
         part = folder.name.partition("-")[0]
         if part in PARTS and folder.is_dir() and not (folder / MANIFEST_FILE).exists():
             return part
         return next((kind for kind, (name, _) in KINDS.items() if any(folder.glob(name))), "")
-    except OSError:  # a text that is not a name of a folder
+    except OSError:  # the text cannot be the name of a folder
         return ""
 
 
@@ -202,7 +202,7 @@ def read_result(folder: Path) -> Result:
 
 
 def write_result(result: Gait | Walk, run: Run) -> None:
-    """Write a gait or a walk with its table into a run of its problem.
+    """Write a gait or a walk, and its table, into a run of its problem.
 
     Raises
     ------
@@ -220,22 +220,22 @@ def write_result(result: Gait | Walk, run: Run) -> None:
 
 
 def refuse_other_results(folder: Path) -> None:
-    """Name the results in a run folder that has no gait.
+    """Refuse a run folder that contains other results, but no gait.
 
     Raises
     ------
     StorageError
-        If there are some; for basins and sweeps the message says which folder to give.
+        If there are other results; for basins, sweeps and attractors the message says which folder to give.
     """
     if not (folder / MANIFEST_FILE).is_file() or GAIT_FILE in Run(folder).manifest().files:
         return
     others = [f"a {kind}" for kind in ("branch", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
-    places = sorted(
+    subfolders = sorted(
         str(file.parent) for name in (BASIN_FILE, SWEEP_FILE, ATTRACTORS_FILE) for file in folder.glob(f"*/{name}")
     )
-    if places:
+    if subfolders:
         raise StorageError(
-            f"{folder} contains no gait; give the folder of its basin, sweep or attractors: {' or '.join(places)}"
+            f"{folder} contains no gait; give the folder of its basin, sweep or attractors: {' or '.join(subfolders)}"
         )

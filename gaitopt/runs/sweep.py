@@ -1,6 +1,7 @@
-"""A sweep: a problem solved and verified at every point of a grid of its parameters, kept as a table.
+"""A sweep: a problem solved and verified at every point of a grid of its parameters, and the table of the results.
 
-The gaits are in the file of solved problems of the run; table and figures are in a part of the run named by the grid.
+The gaits are in the file of solved problems of the run. Table and figures are in a subfolder whose name depends on the
+grid.
 """
 
 import csv
@@ -23,7 +24,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, unit_of
 from gaitopt.requests import SweepRequest
 from gaitopt.runs.grid import Grid, at_point, check_jobs_fit
-from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, lent_job, problem_job, solve_all, solve_job, sweep_job
+from gaitopt.runs.jobs import SET_ASIDE, SOLVED, Plan, neighbour_job, problem_job, solve_all, solve_job, sweep_job
 from gaitopt.store.formats import (
     Table,
     cell_rows,
@@ -44,10 +45,10 @@ if TYPE_CHECKING:
 
 
 TABLE_FILE, SWEEP_FILE = "table.csv", "sweep.json"
-WORDS = ("status", "verified", "start", "modes", "gaits")
-"""Columns of text, between the parameters and the scalars."""
+TEXT_COLUMNS = ("status", "verified", "start", "modes", "gaits")
+"""The columns of text, between the parameters and the scalars."""
 STOPS_SEPARATOR = "; "
-"""Between modes with stops; other modes are separated by a space."""
+"""Separates modes with stops; other modes are separated by a space."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,8 +58,8 @@ class Sweep(Plotted):
     Attributes
     ----------
     problem, grid : the problem, and the grid of its parameters.
-    records : one per point in the order of the grid: ``at`` (values by dotted key), ``status``, and the scalars of its
-        gait if there is one; after a fresh sweep all keys of a gait.
+    records : one record per point in the order of the grid: ``at`` (values by dotted key), ``status``, and the scalars
+        of the gait if there is one. A sweep that was just computed has all keys of the gaits.
     folder : folder of its table.
     """
 
@@ -76,7 +77,7 @@ class Sweep(Plotted):
         return len(self.records)
 
     def column(self, name: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """A scalar at every point, NaN where there is no gait; of the grid's shape."""
+        """A scalar at every point, NaN where there is no gait; shape of the grid."""
         values = [record.get(name) if record["status"] == Status.CONVERGED else None for record in self.records]
         return np.array([np.nan if value is None else value for value in values], dtype=float).reshape(self.grid.shape)
 
@@ -106,14 +107,14 @@ class Sweep(Plotted):
         return data_frame(table.header, table.rows, units, problem=self.problem.name)
 
     def to_xarray(self) -> "Dataset":
-        """The same as an xarray dataset over the parameters, with units as attributes."""
+        """The points as an xarray dataset over the parameters, with units as attributes."""
         table = sweep_table(self)
         keys = tuple(axis.key for axis in self.grid.axes)
         columns = columns_of(table.header, table.rows)
         variables = {n: (keys, v.reshape(self.grid.shape)) for n, v in columns.items() if n not in keys}
-        places = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
+        coordinates = {axis.key: ((axis.key,), axis.values) for axis in self.grid.axes}
         units = {name: unit_of(name, self.problem) for name in table.header}
-        return data_set(variables, places, units, problem=self.problem.name)
+        return data_set(variables, coordinates, units, problem=self.problem.name)
 
 
 def sweep_table(sweep: Sweep) -> Table:
@@ -129,9 +130,9 @@ def sweep_table(sweep: Sweep) -> Table:
         sequence = f"{modes} / {record['impact']}" if names else ""
         values = [float("nan") if record.get(name) is None else record[name] for name in scalars]
         several = str(record.get("gaits", 1)) if names and record["status"] == Status.CONVERGED else ""
-        words = (record["status"], passed, record.get("start", ""), sequence, several)
-        rows.append([*record["at"].values(), *words, *values])
-    return Table(header=(*keys, *WORDS, *scalars), rows=rows)
+        texts = (record["status"], passed, record.get("start", ""), sequence, several)
+        rows.append([*record["at"].values(), *texts, *values])
+    return Table(header=(*keys, *TEXT_COLUMNS, *scalars), rows=rows)
 
 
 def read_sweep(place: Path) -> Sweep:
@@ -165,12 +166,11 @@ def _parse_rows(text: str) -> list[dict[str, Any]]:
         try:
             passed = {"true": {"passed": True}, "false": {"passed": False}}.get(row["verified"])
             phases, _, impact = row["modes"].partition(" / ")
-            words = {"status": row["status"], "start": row["start"], "verification": passed, "impact": impact}
-            words |= (
-                {"gaits": int(row["gaits"])} if row.get("gaits") not in (None, "", "1") else {}
-            )  # not in version 0.1
+            texts = {"status": row["status"], "start": row["start"], "verification": passed, "impact": impact}
+            if row.get("gaits") not in (None, "", "1"):  # version 0.1 had no such column
+                texts["gaits"] = int(row["gaits"])
             modes = {"phases": [Mode(mode).record for mode in phases.split(STOPS_SEPARATOR if "," in phases else None)]}
-            rows.append(words | modes | {name: parse_cell(row[name]) for name in known})
+            rows.append(texts | modes | {name: parse_cell(row[name]) for name in known})
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ValueError(f"line {reader.line_num}: {error!r}") from error
     return rows
@@ -182,8 +182,8 @@ class SweepPlan(Plan[Sweep], SweepRequest):
 
     Attributes
     ----------
-    problem : the grid changes some of its parameters.
-    grid : over dotted keys of parameters.
+    problem : the problem, some of whose parameters the grid changes.
+    grid : the grid over dotted keys of parameters.
     """
 
     results = SOLVED
@@ -195,7 +195,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         return Run(self.folder, f"sweep-{key_of([*map(str, self.grid.axes), *self.identity])[:8]}")
 
     def check(self) -> None:
-        """Refuse a sweep over something else than parameters, with an invalid point, or with too many."""
+        """Refuse a sweep that is not over parameters, has an invalid point, or has too many points."""
         Run(self.folder).check(self.problem)
         self.grid.check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
         check_jobs_fit(self.grid.size, self.folder)
@@ -211,7 +211,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         return swept
 
     def _scanned(self, jobs: ResumableJobs) -> list[OutcomeRecord]:
-        """Solve all points that a scan does not rule out; then points without a gait, from the gaits of neighbours.
+        """Solve all points that a scan does not rule out, and then points without a gait from the gaits of neighbours.
 
         The order is random, so that the time of the first points predicts that of the others.
         """
@@ -222,26 +222,27 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         records, keys = dict(zip(order, in_order, strict=True)), [job.key for job in self.jobs]
         tried = set[tuple[int, int]]()
         while True:
-            lent = dict[int, int]()  # the neighbour whose gait a point tries next
+            start_of = dict[int, int]()  # the neighbour from whose gait a point is tried next
             for number in range(len(records)):
                 if not is_gait(records[number]) and records[number]["status"] != SET_ASIDE:
-                    lenders = (n for n in self._around(number) if is_gait(records[n]) and (number, n) not in tried)
-                    for lender in islice(lenders, 1):
-                        lent[number] = lender
-            if not lent:
+                    untried = (n for n in self._around(number) if is_gait(records[n]) and (number, n) not in tried)
+                    for neighbour in islice(untried, 1):
+                        start_of[number] = neighbour
+            if not start_of:
                 return [records[number] for number in range(len(records))]
-            tried |= set(lent.items())
+            tried |= set(start_of.items())
             again = [
-                problem_job(self.jobs[number].argument, keys[lender], self.method) for number, lender in lent.items()
+                problem_job(self.jobs[number].argument, keys[neighbour], self.method)
+                for number, neighbour in start_of.items()
             ]
-            records_again = solve_all(jobs, again, len(again), partial(lent_job, method=self.method))
-            for number, job, record in zip(lent, again, records_again, strict=True):
+            records_again = solve_all(jobs, again, len(again), partial(neighbour_job, method=self.method))
+            for number, job, record in zip(start_of, again, records_again, strict=True):
                 if is_gait(record):
                     records[number], keys[number] = record, job.key
 
     @cached_property
     def jobs(self) -> list[Job]:
-        """One job per point of the grid, in its order."""
+        """One job per point, in the order of the grid."""
         jobs: list[Job] = []
         for number in range(self.grid.size):
             problem = at_point(self.problem, self.point(number))
@@ -271,7 +272,7 @@ class SweepPlan(Plan[Sweep], SweepRequest):
         return neighbours
 
     def _neighbour(self, number: int) -> int | None:
-        """The point one step towards the first along the first axis that allows it; None for the first point."""
+        """The point before this one along the first axis that has one; None for the first point of the grid."""
         index = [int(k) for k in np.unravel_index(number, self.grid.shape)]
         axis = next((k for k, value in enumerate(index) if value > 0), None)
         if axis is None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Counted, Stop, TimeLimit
-from gaitopt.display import Tabulated, told_apart
+from gaitopt.display import Tabulated, distinguished
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Cause, Gait, Status
@@ -211,7 +211,7 @@ def _causes(
     causes = direct or (Cause(what="search", words=gait.message),)
     needed, friction = least_friction(problem), problem.static_friction
     if friction < needed:
-        words = f"friction {TOO_SLIPPERY.format(*told_apart(friction, needed))}"
+        words = f"friction {TOO_SLIPPERY.format(*distinguished(friction, needed))}"
         return (Cause(what="friction", words=words, needed=needed, available=friction), *causes)
     if not nearest:
         return causes
@@ -223,7 +223,7 @@ def _causes(
     values, changed = problem.parameters, [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     along = [n for n in nearest if n.parameter in changed] or nearest
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
-    there, here_words = told_apart(first.value, values[first.parameter], digits=6)
+    there, here_words = distinguished(first.value, values[first.parameter], digits=6)
     words = f"{first.reason} at {first.parameter} = {there}; here it is {here_words}"
     cause = Cause(what=first.type, words=words, needed=first.value, available=values[first.parameter])
     return (cause, *causes)

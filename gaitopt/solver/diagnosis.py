@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gaitopt.arrays import Array, overflow_allowed
-from gaitopt.display import told_apart
+from gaitopt.display import distinguished
 from gaitopt.gait import curves
 from gaitopt.gait.curves import lowest_after_rise
 from gaitopt.gait.gait import Cause, Status
@@ -296,7 +296,7 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
         if min(forward, backward) < 0 < f_n:
             needed = float(abs(forward - backward) / (2 * f_n))
             who = f"{contact_of(label.name)} " if "." in label.name else ""
-            words = f"{who}needs friction {{}}, has {{}}".format(*told_apart(needed, friction))
+            words = f"{who}needs friction {{}}, has {{}}".format(*distinguished(needed, friction))
             yield _cause("friction", words, at, label, needed=needed, available=friction, severity=needed - friction)
 
 

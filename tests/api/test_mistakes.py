@@ -9,7 +9,7 @@ from named import named
 
 import gaitopt as go
 from gaitopt.cli.main import main
-from gaitopt.display import told_apart
+from gaitopt.display import distinguished
 from gaitopt.errors import GaitoptWarning, ProblemError
 from gaitopt.gait.measures import observe
 from gaitopt.model.mechanism import inclined, polar
@@ -118,9 +118,9 @@ def test_explain_says_that_friction_is_below_the_slope(capsys, quiet):
 
 
 def test_numbers_that_are_compared_differ_in_what_is_printed():
-    assert told_apart(0.17491, 0.17489) == ("0.17491", "0.17489")
-    assert told_apart(0.1, 0.3) == ("0.1", "0.3")
-    assert told_apart(1.0, np.nextafter(1.0, 2.0)) == ("1", "1.0000000000000002")
+    assert distinguished(0.17491, 0.17489) == ("0.17491", "0.17489")
+    assert distinguished(0.1, 0.3) == ("0.1", "0.3")
+    assert distinguished(1.0, np.nextafter(1.0, 2.0)) == ("1", "1.0000000000000002")
 
 
 def test_a_bound_of_a_proof_is_rounded_to_what_is_known():
