@@ -203,7 +203,7 @@ def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Structure:
-    """The key of a cached system. ``key`` determines its functions; ``problem`` and ``should_stop`` help to build it."""
+    """The key of a cached system. ``key`` determines its functions; ``problem`` and ``should_stop`` build it."""
 
     key: tuple[object, ...]
     problem: Problem = field(compare=False)
