@@ -83,7 +83,7 @@ from gaitopt.building import building, built_once
 from gaitopt.errors import ProblemError
 from gaitopt.model.declaration import parameter_namespace, state_landing
 from gaitopt.model.lagrangian import EquationsOfMotion, equations_of_motion
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.walker import Walker
 
 TANGENTIAL, NORMAL, LOCKED = 0, 1, 2
@@ -227,9 +227,12 @@ class _Constraints:
         self.J = {name: eom.contacts[name].J for name in mode.touching}
         if base is not None:
             self.M = _inertia_about(eom, base)
-            relative = horzcat(eom.contacts[base].J[:, :n], SX.zeros(2, 2))
+            relative = horzcat(eom.contacts[base].nominal_J[:, :n], SX.zeros(2, 2))
             self.J = {
-                name: horzcat(SX.zeros(2, n), SX.eye(2)) if name == base else J - relative for name, J in self.J.items()
+                name: horzcat(SX.zeros(2, n), eom.contacts[name].R)
+                if name == base
+                else J - (eom.contacts[name].R @ relative if eom.contacts[name].is_tilted else relative)
+                for name, J in self.J.items()
             }
         rows, columns = [SX(0, n + 2)], [SX(n + 2, 0)]
         for name, kind in self.structure.constraints:
@@ -342,8 +345,9 @@ def motion(
     for k in {*range(rates.numel())} - {*active_coordinates(walker, mode)}:
         rates[k] = 0
     if mode.touching and not walker.contacts:  # the foot stays on the ground, whatever the rounding of its rates
-        rates[-1] = 0
+        R = eom.contacts[FOOT].R
         rates[-2] = rates[-2] if system.slipping else 0
+        rates[-1] = -R[1, 0] / R[1, 1] * rates[-2] if eom.contacts[FOOT].is_tilted else 0
     dz = vertcat(ordered(eom, rates), ordered(eom, found.change))
     return Motion(
         dz=dz if system.structure.is_determined else dz * SX.nan(),
@@ -380,17 +384,19 @@ def impact(
     n, dq = len(eom.walker.shape), eom.dq if before is None else before
     base = next((name for name in mode.touching if name not in eom.walker.massless_contacts), None)
     system = _Constraints(eom, mode, friction.kinetic, base=base)
-    v = dq if base is None else vertcat(dq[:n], eom.contacts[base].J @ dq)
+    v = dq if base is None else vertcat(dq[:n], eom.contacts[base].nominal_J @ dq)
     # coordinates without inertia have no momentum: their rates follow from the constraints alone
     found = system.solve(SX.zeros(v.numel()), -system.rows @ v)
     impulses, after = system.pairs(found.forces, {}), v + found.change
     velocities = dict[str, SX]()
     if base is not None:
-        at_rest = [kind for name, kind in system.structure.constraints if name == base]
+        of_base, at_rest = eom.contacts[base], [kind for name, kind in system.structure.constraints if name == base]
+        velocity = of_base.R @ after[n:] if of_base.is_tilted else after[n:]
         for kind in at_rest:
-            after[n + kind] = 0  # without the rounding of the sum
-        velocities[base] = after[n:]
-        after = vertcat(after[:n], after[n:] - eom.contacts[base].J[:, :n] @ after[:n])
+            velocity[kind] = 0  # without the rounding of the sum
+        velocities[base] = velocity
+        nominal = of_base.R.T @ velocity if of_base.is_tilted else velocity
+        after = vertcat(after[:n], nominal - of_base.nominal_J[:, :n] @ after[:n])
     for name, contact in eom.contacts.items():
         velocities.setdefault(name, contact.J @ after)
     q, names = SX(eom.q), (*eom.walker.shape, "x", "y")
@@ -423,9 +429,9 @@ def push_off(eom: EquationsOfMotion, mode: Mode, pushing: Sequence[str]) -> tupl
     if not pushing:
         return eom.dq, SX(0)
     system, points, pushes = _Constraints(eom, mode, {}), eom.contacts, eom.mechanism.pushes
-    force = sum((points[name].J.T @ pushes[name] for name in pushing), SX.zeros(eom.q.numel()))
+    force = sum((points[name].nominal_J.T @ pushes[name] for name in pushing), SX.zeros(eom.q.numel()))
     change = system.solve(force, SX.zeros(len(system.structure.constraints))).change
-    work = sum((dot(pushes[name], points[name].J @ (eom.dq + change / 2)) for name in pushing), SX(0))
+    work = sum((dot(pushes[name], points[name].nominal_J @ (eom.dq + change / 2)) for name in pushing), SX(0))
     return eom.dq + change, work
 
 

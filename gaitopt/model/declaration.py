@@ -171,6 +171,9 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
         swing_foot=read.vector("Mechanism.swing_foot", stated.swing_foot, 2, "all"),
         touchdown=read.scalar("Mechanism.touchdown", stated.touchdown, "height"),
         upright=read.scalar("Mechanism.upright", stated.upright, "height"),
+        trailing_foot=None
+        if stated.trailing_foot is None
+        else read.vector("Mechanism.trailing_foot", stated.trailing_foot, 2, "all"),
         relabel=stated.relabel
         if walker.contacts and SX(stated.relabel).is_empty()
         else read.vector("Mechanism.relabel", stated.relabel, len(walker.shape), "shape"),

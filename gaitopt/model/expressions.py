@@ -26,7 +26,7 @@ from gaitopt.model.control import Control, parameter_names
 from gaitopt.model.foreign import FOOT_COORDINATES
 from gaitopt.model.friction import ContactFriction, Friction, ImpactLaw
 from gaitopt.model.instant import Instant
-from gaitopt.model.lagrangian import equations_of_motion
+from gaitopt.model.lagrangian import equations_of_motion, equations_on_tiles
 from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, section_of
 from gaitopt.model.transitions import PUSH, impulse_name, share_name, transitions
@@ -51,13 +51,14 @@ class Expressions:
         law: ImpactLaw,
         friction: Friction | ContactFriction,
         cycle_end: str = TOUCHDOWN,
+        uneven: bool = False,
     ) -> None:
         self.walker, self._control, self._law = walker, control, law
-        self.eom = equations_of_motion(walker)
+        self.eom = equations_on_tiles(walker) if uneven else equations_of_motion(walker)
         coefficients = SX.sym("c", len(friction.parameters))
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
-        self.p = vertcat(self.eom.p, coefficients, self._scalars)
+        self.p = vertcat(self.eom.p, coefficients, self._scalars, self.eom.ground)
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[tuple[Mode, tuple[str, ...], tuple[str, ...]], Impact] = {}
         self._pushes: dict[tuple[tuple[str, ...], Mode], tuple[Mapping[str, SX], SX, SX]] = {}
@@ -66,7 +67,7 @@ class Expressions:
         self.transitions = transitions(walker, friction, law, cycle_end)
         of = friction.of(coefficients)
         if FOOT in of and FOOT not in walker.contacts:
-            of[SWING_FOOT] = of[FOOT]
+            of.setdefault(SWING_FOOT, of[FOOT])
         static, kinetic, viscous = ({name: SX(c[k]) for name, c in of.items()} for k in range(3))
         self._friction = Coefficients(static=static, kinetic=kinetic, viscous=viscous)
         BUILT.watch(vars(self))
@@ -267,13 +268,14 @@ class Expressions:
         pushing = tuple(name for name in self.walker.pushing() if name in before.touching)
         off = before.with_states(dict.fromkeys(before.contacts, OFF))
         if (pushing, off) not in self._pushes:
-            impulses = {name: self.eom.mechanism.pushes[name] for name in pushing}
+            pushes, contacts = self.eom.mechanism.pushes, self.eom.contacts
+            impulses = {name: contacts[name].R @ pushes[name] for name in pushing}
             self._pushes[pushing, off] = BUILT.watch((impulses, *push_off(self.eom, off, pushing)))
         return self._pushes[pushing, off]
 
     def approach(self, before: Mode) -> SX:
         """Normal velocity with which the swing foot lands."""
-        return (self.eom.W_swing @ self.push(before)[1])[1]
+        return (self.eom.contacts[SWING_FOOT].J @ self.push(before)[1])[1]
 
     def impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
         """Margins of an impact by name.
@@ -371,7 +373,8 @@ class Expressions:
         rates = jtimes(shape, eom.q[:n], result.dq[:n])
         if self.walker.massless_feet:
             shape, rates = massless_landing(eom)
-        return vertcat(eom.state(shape, base), eom.state(rates, result.velocities[SWING_FOOT][0]))
+        along = result.velocities[SWING_FOOT][0] * eom.contacts[SWING_FOOT].R[0, :]
+        return vertcat(eom.state(shape, base), eom.state(rates, along[0], along[1]))
 
     def state_after(self, mode: Mode, before: Mode) -> SX:
         """The state just after an impact, before any relabelling, shape (n_z,); arguments as for ``impact``."""

@@ -68,9 +68,12 @@ class ContactFriction:
     Attributes
     ----------
     laws : (contact, law) in the order of the walker's contacts.
+    of_ground : whether the numbers are those of the ground under each contact: they stay where they are when contacts
+        swap places.
     """
 
     laws: tuple[tuple[str, Friction], ...]
+    of_ground: bool = False
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -96,6 +99,8 @@ class ContactFriction:
             If a contact has one coefficient and its partner has several.
         """
         laws, keys = dict(self.laws), self.parameters
+        if self.of_ground:
+            return tuple(range(len(keys)))
         place = dict[str, int]()
         for name, law in self.laws:
             other = laws[partners.get(name, name)]

@@ -8,19 +8,50 @@ W is the Jacobian of the stance foot. With the Jacobians J = dr/dq of the positi
 
 These sums take half as many operations as derivatives of the kinetic energy. Because (x, y) are coordinates, W' f only
 adds (f_t, f_n) to the rows of x and y. Walkers that do not fly have y = dy = 0 in all expressions.
+
+**Uneven ground.** Under every contact is a tile of height h whose slope is d more than that of the walker. Its tangent
+and normal are the rows of
+
+    R = [ cos d   -sin d ]
+        [ sin d    cos d ]
+
+in the frame of the nominal ground, in which the state stays. A foot that stands alone has h = 0, and slides along
+y = -x tan d; h of its swing foot is that of the next tile over its own.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
-from casadi import SX, dot, gradient, jacobian, jtimes, mmax, norm_2, sqrt, substitute, sum1, triu, triu2symm, vertcat
+from casadi import (
+    SX,
+    cos,
+    dot,
+    gradient,
+    horzcat,
+    jacobian,
+    jtimes,
+    mmax,
+    norm_2,
+    sin,
+    sqrt,
+    substitute,
+    sum1,
+    tan,
+    triu,
+    triu2symm,
+    vertcat,
+    vertsplit,
+)
 
 from gaitopt.building import built_once
 from gaitopt.model.declaration import check_class, parameter_namespace, symbolic_mechanism
 from gaitopt.model.mechanism import Contact, Mechanism
 from gaitopt.model.modes import FOOT, SWING_FOOT
 from gaitopt.model.walker import Walker
+
+TRAILING = "trailing_foot.height"
+"""Name of the height of ``Mechanism.trailing_foot`` on uneven ground."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +65,7 @@ class ContactPoint:
     velocity : SX, shape (2,) - J dq [m/s].
     convective : SX, shape (2,) - dJ/dt dq [m/s^2].
     gap : SX - margin that falls to zero where the point lands.
+    R : SX, shape (2, 2) - tangent and normal of the ground under it, as rows; the identity on even ground.
     """
 
     position: SX
@@ -41,6 +73,17 @@ class ContactPoint:
     velocity: SX
     convective: SX
     gap: SX
+    R: SX
+
+    @property
+    def is_tilted(self) -> bool:
+        """Whether the ground under it may have a slope of its own."""
+        return not self.R.is_constant()
+
+    @property
+    def nominal_J(self) -> SX:
+        """Jacobian of the position in the frame of the nominal ground."""
+        return self.R.T @ self.J if self.is_tilted else self.J
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +111,7 @@ class EquationsOfMotion:
     gravity : SX - acceleration of gravity [m/s^2].
     length : SX - natural unit of length, by default that of a straight leg; see ``Mechanism`` [m].
     mechanism : the walker's mechanism, with y = dy = 0 if it does not fly.
+    ground : SX, shape (n_g,) - height and slope of the ground under each contact, in the order of ``ground_names``.
     """
 
     walker: type[Walker]
@@ -92,6 +136,7 @@ class EquationsOfMotion:
     gravity: SX
     length: SX
     mechanism: Mechanism
+    ground: SX
 
     def state(self, shape: SX, x: SX, y: SX | float = 0.0) -> SX:
         """Coordinates, or their rates, in the order of the state."""
@@ -118,6 +163,17 @@ class EquationsOfMotion:
         return vertcat(gradients, SX.zeros(2))  # springs do not act on the ground
 
 
+def ground_names(walker: type[Walker]) -> tuple[str, ...]:
+    """Names of the numbers that describe uneven ground: of every contact, height [m] and slope [rad].
+
+    Of a foot that stands alone two more follow: ``swing_foot.is_higher`` is 0 where the next tile is level with this
+    one, so that the walker's own guard decides about touchdown, else 1; ``trailing_foot.height`` is that of
+    ``Mechanism.trailing_foot`` at the start of the step.
+    """
+    names = [f"{name}.{what}" for name in walker.landing_points() for what in ("height", "slope")]
+    return (*names, *((f"{SWING_FOOT}.is_higher", TRAILING) if walker.stands_on_one() else ()))
+
+
 @built_once(maxsize=8)
 def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     """Derive the equations of motion of ``walker``.
@@ -127,6 +183,16 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
     ProblemError
         If the class is not well formed; the message says where.
     """
+    return _equations(walker, uneven=False)
+
+
+@built_once(maxsize=4)
+def equations_on_tiles(walker: type[Walker]) -> EquationsOfMotion:
+    """``equations_of_motion`` on ground whose heights and slopes under the contacts are ``ground``."""
+    return _equations(walker, uneven=True)
+
+
+def _equations(walker: type[Walker], *, uneven: bool) -> EquationsOfMotion:
     check_class(walker)
     q, p, mechanism = symbolic_mechanism(walker)
     names = (*walker.shape, "x", "y")
@@ -148,9 +214,26 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         FOOT: (q[-2:], q[-1]),
         SWING_FOOT: (mechanism.swing_foot, -SX(mechanism.touchdown)),
     }
+    ground, tilts, y_on_ground = SX(0, 1), dict[str, SX](), SX.zeros(2)
+    if uneven:
+        keys = ground_names(walker)
+        ground = vertcat(*(SX.sym(key) for key in keys))
+        of = dict(zip(keys, vertsplit(ground), strict=True))
+        points = {
+            name: (position - vertcat(0, of[f"{name}.height"]), substitute(gap, q[-1], q[-1] - of[f"{name}.height"]))
+            for name, (position, gap) in points.items()
+        }
+        if not mechanism.contacts:
+            over = points[SWING_FOOT][0][1] / length
+            is_higher, guard = of[f"{SWING_FOOT}.is_higher"], -SX(mechanism.touchdown)
+            points[SWING_FOOT] = (points[SWING_FOOT][0], (1 - is_higher) * guard + is_higher * over)
+            if mechanism.trailing_foot is not None:
+                mechanism = replace(mechanism, upright=(mechanism.trailing_foot[1] - of[TRAILING]) / length)
+            y_on_ground = -tan(of[f"{FOOT}.slope"]) * vertcat(q[-2], dq[-2])
+        tilts = {name: _tilt(of[f"{name}.slope"]) for name in points}
 
     def grounded(expression: SX) -> SX:
-        return substitute(expression, vertcat(q[-1], dq[-1]), SX.zeros(2)) if on_ground else expression
+        return substitute(expression, vertcat(q[-1], dq[-1]), y_on_ground) if on_ground else expression
 
     order = [names.index(name) for name in walker.coordinates()]
     rates = SimpleNamespace(**{name: dq[i] for i, name in enumerate(names)})
@@ -171,7 +254,10 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
             sum((body.mass * jacobian(body.position, q) for body in mechanism.bodies), SX.zeros(2, q.numel()))
         ),
         W_swing=grounded(jacobian(mechanism.swing_foot, q)),
-        contacts={name: _point(position, gap, q, dq, grounded) for name, (position, gap) in points.items()},
+        contacts={
+            name: _point(position, gap, q, dq, tilts.get(name, SX.eye(2)), grounded)
+            for name, (position, gap) in points.items()
+        },
         gaps={name: grounded(jacobian(SX(gap), q)) for name, gap in mechanism.stops.items()},
         switches={name: grounded(SX(margin(rates))) for name, margin in mechanism.switches.items()},
         sections={name: grounded(SX(margin(rates))) for name, margin in mechanism.sections.items()},
@@ -182,14 +268,21 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
         gravity=norm_2(mechanism.gravity),
         length=length,
         mechanism=_mapped(mechanism, grounded),
+        ground=ground,
     )
 
 
-def _point(position: SX, gap: SX, q: SX, dq: SX, grounded: Callable[[SX], SX]) -> ContactPoint:
+def _point(position: SX, gap: SX, q: SX, dq: SX, R: SX, grounded: Callable[[SX], SX]) -> ContactPoint:
     J = jacobian(position, q)
+    J = J if R.is_constant() else R @ J
     velocity = J @ dq
-    parts = position, J, velocity, jtimes(velocity, q, dq), gap
+    parts = position, J, velocity, jtimes(velocity, q, dq), gap, R
     return ContactPoint(**dict(zip(ContactPoint.__slots__, map(grounded, parts), strict=True)))
+
+
+def _tilt(slope: SX) -> SX:
+    """Tangent and normal of a tile with this slope, as rows."""
+    return vertcat(horzcat(cos(slope), -sin(slope)), horzcat(sin(slope), cos(slope)))
 
 
 def _gap(contact: Contact, length: SX) -> SX:
@@ -227,6 +320,7 @@ def _mapped(mechanism: Mechanism, function: Callable[[SX], SX]) -> Mechanism:
         swing_foot=function(mechanism.swing_foot),
         touchdown=function(SX(mechanism.touchdown)),
         upright=function(SX(mechanism.upright)),
+        trailing_foot=None if mechanism.trailing_foot is None else function(mechanism.trailing_foot),
         relabel=function(SX(mechanism.relabel)),
         stops={name: function(SX(gap)) for name, gap in mechanism.stops.items()},
         phases={name: function(SX(phase)) for name, phase in mechanism.phases.items()},

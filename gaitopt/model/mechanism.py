@@ -77,6 +77,8 @@ class Mechanism:
     swing_foot : SX, shape (2,) - the foot that will collide [m].
     touchdown : SX - guard; the swing foot lands when it crosses zero from below.
     upright : SX - positive while the walker is upright; zero is a fall.
+    trailing_foot : SX, shape (2,) - the foot that has just left the ground, if the walker falls back on it where
+        ``upright`` is zero [m]; None if it does not.
     relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
     stops : gaps of the joint stops by name, affine in the shape: positive while free, zero while locked; an angle
         [rad], or a length divided by that of a leg.
@@ -103,6 +105,7 @@ class Mechanism:
     upright: SX
     swing_foot: SX = field(default_factory=lambda: SX.zeros(2))
     touchdown: SX = field(default_factory=lambda: SX(1))
+    trailing_foot: SX | None = None
     relabel: SX = field(default_factory=lambda: SX(0, 1))
     stops: Mapping[str, SX] = field(default_factory=dict)
     switches: Mapping[str, Callable[[SimpleNamespace], SX]] = field(default_factory=dict)

@@ -27,12 +27,15 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import has_links, joint_limits, parameter_namespace
 from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
+from gaitopt.model.lagrangian import ground_names
 from gaitopt.model.links import state_tree
 from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
+FLOOR = "floor"
+"""First word of the keys of the ground under the contacts, which are no part of a problem."""
 KEPT = 16
 """Number of unpickled systems that are kept with their compiled functions, some megabytes each."""
 Arguments = ParamSpec("Arguments")
@@ -74,11 +77,12 @@ class HybridSystem:
     law : tangential law of slipping impacts.
     friction : friction law of the feet; its numbers are entries of ``p``.
     cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
+    uneven : whether the ground under each contact has a height and a slope, see ``lagrangian.ground_names``.
 
     Attributes
     ----------
-    parameters : dotted keys of ``p`` in order: walker, friction, control.
-    walker, control, law, friction, cycle_end : as given.
+    parameters : dotted keys of ``p`` in order: walker, friction, control, ground.
+    walker, control, law, friction, cycle_end, uneven : as given.
     transitions : the table of modes, margins and events.
     state_names : names of ``z`` in order.
     n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
@@ -92,13 +96,15 @@ class HybridSystem:
         law: ImpactLaw = ImpactLaw.COULOMB,
         friction: Friction | ContactFriction = COULOMB,
         cycle_end: str = TOUCHDOWN,
+        uneven: bool = False,
     ) -> None:
         self.walker, self.control, self.law, self.friction = walker, control, law, friction
-        self.cycle_end = cycle_end
+        self.cycle_end, self.uneven = cycle_end, uneven
         self.parameters = (
             *(f"walker.{name}" for name in walker.model_fields),
             *friction.parameters,
             *(f"control.{name}" for name in control.parameters),
+            *(f"{FLOOR}.{name}" for name in ground_names(walker) if uneven),
         )
         self.state_names = walker.state_names()
         self.n_z = len(self.state_names)
@@ -106,7 +112,7 @@ class HybridSystem:
         self.n_r = control.data(0).size
         n_walker = len(walker.model_fields)
         self._friction_entries = slice(n_walker, n_walker + len(friction.parameters))
-        self._symbols = Expressions(walker, control, law, friction, cycle_end)
+        self._symbols = Expressions(walker, control, law, friction, cycle_end, uneven)
         self.transitions, self._eom = self._symbols.transitions, self._symbols.eom
         self._functions: dict[tuple[Any, ...], Function] = {}
         self._data: dict[int, Array] = {}
@@ -135,7 +141,7 @@ class HybridSystem:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickled, (self.walker, self.control, self.law, self.friction, self.cycle_end)
+        return _unpickled, (self.walker, self.control, self.law, self.friction, self.cycle_end, self.uneven)
 
     @compiled("tzpr")
     def flow(self, mode: Mode) -> dict[str, SX]:
@@ -359,6 +365,21 @@ class HybridSystem:
 
     @property
     @compiled("zp")
+    def guard(self) -> dict[str, SX]:
+        """(z, p) -> the guard of a walker on one foot, positive before it lands on level ground, and its rate."""
+        z, n = self._symbols.z, self.n_shape + 1
+        guard = -SX(self._eom.mechanism.touchdown)
+        return {"guard": guard, "rate": jtimes(guard, z[:n], z[n:])}
+
+    @property
+    @compiled("zp")
+    def trailing_foot(self) -> dict[str, SX]:
+        """(z, p) -> height of the foot that has just left the ground, of a walker that may fall back on it [m]."""
+        foot = self._eom.mechanism.trailing_foot
+        return {"height": SX(0, 1) if foot is None else foot[1]}
+
+    @property
+    @compiled("zp")
     def contact_points(self) -> dict[str, SX]:
         """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number above zero where it may land."""
         return self._symbols.points()
@@ -481,18 +502,25 @@ class _Definition:
     law: ImpactLaw
     friction: Friction | ContactFriction
     cycle_end: str
+    uneven: bool
     control_pickle: bytes
     control: Control = field(compare=False)
 
 
 def _unpickled(
-    walker: type[Walker], control: Control, law: ImpactLaw, friction: Friction | ContactFriction, cycle_end: str
+    walker: type[Walker],
+    control: Control,
+    law: ImpactLaw,
+    friction: Friction | ContactFriction,
+    cycle_end: str,
+    uneven: bool,
 ) -> HybridSystem:
     definition = _Definition(
         walker=walker,
         law=law,
         friction=friction,
         cycle_end=cycle_end,
+        uneven=uneven,
         control_pickle=pickle.dumps(control),
         control=control,
     )
@@ -502,4 +530,4 @@ def _unpickled(
 @built_once(maxsize=KEPT)
 def _system(definition: _Definition) -> HybridSystem:
     d = definition
-    return HybridSystem(d.walker, d.control, d.law, d.friction, d.cycle_end)
+    return HybridSystem(d.walker, d.control, d.law, d.friction, d.cycle_end, d.uneven)

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
 from gaitopt.model.transitions import CONE
 from gaitopt.simulation.events import EDGE, INSTANT, STEEP
 
@@ -35,7 +35,9 @@ class ClearCases:
 
     def __init__(self, dynamics: Dynamics) -> None:
         table, walker = dynamics.system.transitions, dynamics.system.walker
-        self._friction, self._stick_first = dynamics.static_friction, dynamics.stick_comes_first
+        friction = dynamics.contact_friction
+        self._friction, self._landing_friction = friction[FOOT], friction.get(SWING_FOOT, friction[FOOT])
+        self._stick_first = dynamics.stick_comes_first
         self._speed, self._has_mass = dynamics.scales.speed, not walker.massless_feet
         self._lifts = self._has_mass and not walker.flies
         stuck, slips = table.margin_names(table.landed[0]), table.margin_names(table.landed[-1])
@@ -61,7 +63,7 @@ class ClearCases:
             clear = clear & (sticks | ((slip[self._painleve] > 0) & (slip[self._normal_force] >= 0)))
         return possible, clear & (_count(possible) == 1)
 
-    def impact(self, modes: Sequence[Mode], values: Any, approach: Any) -> tuple[list[Any], Any]:
+    def impact(self, modes: Sequence[Mode], values: Any, approach: Any, friction: Any = None) -> tuple[list[Any], Any]:
         """Whether each mode is consistent with the impulses of its impact, and whether that is clear.
 
         Parameters
@@ -70,12 +72,15 @@ class ClearCases:
         values : for each mode F_t, F_n, v_t and the velocity with which the other foot lifts, see
             ``HybridSystem.impacts``.
         approach : normal velocity with which the foot lands; of no meaning where a stop locks.
+        friction : static coefficient of the foot that is on the ground after it, if not that of the system.
         """
         lands = not modes[0].locked
         comes_down = approach < -EDGE * self._speed if lands else True
         if lands and not self._has_mass:
             return [comes_down], comes_down
-        (f_t, f_n, *_), mu = values[0], self._friction
+        (f_t, f_n, *_), mu = values[0], friction
+        if mu is None:
+            mu = self._landing_friction if lands else self._friction
         leaves = EDGE * self._speed
         consistent = [
             is_consistent_impact(mode, of_mode[0], of_mode[1], of_mode[2], mu) if mode.touching else of_mode[3] > leaves

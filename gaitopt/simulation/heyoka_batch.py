@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import ImpactRecord
+from gaitopt.model.buffered import RowMap
 from gaitopt.model.dynamics import Dynamics
-from gaitopt.model.modes import Mode
+from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.transitions import Ending, Transition, grounded
 from gaitopt.simulation.clear_cases import is_at_edge, is_within_cone
@@ -56,6 +57,8 @@ LIMIT, FAILURE = -1, -2
 TIME_LIMIT = int(hy.taylor_outcome.time_limit)
 UNFINISHED = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
 """heyoka's outcomes of lanes that stop only because another one does, or after ``STEPS_AT_ONCE``."""
+MOST_RESOLVERS = 64
+"""Number of resolvers that are kept for states on tiles of their own."""
 STEPS_AT_ONCE = 500
 """Integration steps after which lanes are examined, even if none has ended: an arc of a walk takes tens."""
 
@@ -75,9 +78,15 @@ class BatchSimulator:
         self._arcs, self._resolver = BatchArcs(dynamics), BatchResolver(dynamics)
         self._max_switches, self._ends = max_switches, np.array(segment_ends(dynamics))
 
-    def step(self, states: Array) -> StepOutcomes:
-        """Simulate one step from each of the states just after an impact, shape (n, n_z)."""
-        motions = _Motions(states, self.dynamics)
+    def step(self, states: Array, p: Array | None = None) -> StepOutcomes:
+        """Simulate one step from each of the states just after an impact, shape (n, n_z).
+
+        Parameters
+        ----------
+        p : ndarray, shape (n, n_p) - parameters of every state, of a walker on one foot; those of the system by
+            default. They may differ in the friction, height and slope of the tiles alone.
+        """
+        motions = _Motions(states, self.dynamics, p)
         motions.states, modes, endings, landings = self._resolver.start(motions.states)
         motions.choose(np.arange(len(states)), modes, endings)
         starts = endings == 0
@@ -91,7 +100,7 @@ class BatchSimulator:
                 mode, rows = self._modes[code], running[codes == code]
                 segments = motions.segments[rows]
                 arrivals = self._arcs.advance(
-                    mode, segments, motions.times[rows], motions.states[rows], self._ends[segments]
+                    mode, segments, motions.times[rows], motions.states[rows], self._ends[segments], motions.p_of(rows)
                 )
                 motions.arrive(rows, code, arrivals)
                 for event in np.unique(arrivals.events):
@@ -129,13 +138,17 @@ class BatchSimulator:
 
     def _land(self, motions: "_Motions", mode: Mode, transition: Transition, rows: Indices) -> None:
         """End the steps of the given rows."""
-        impacts, endings, states, step_lengths = self._resolver.land(mode, transition, motions.states[rows])
+        impacts, endings, states, step_lengths = self._resolver.land(
+            mode, transition, motions.states[rows], motions.p_of(rows)
+        )
         motions.impacts[rows], motions.endings[rows] = impacts, endings
         motions.states[rows], motions.step_lengths[rows] = states, step_lengths
 
     def _strike(self, motions: "_Motions", mode: Mode, transition: Transition, rows: Indices) -> None:
         """Continue the given rows after the impact of a contact or a stop within the step."""
-        modes, endings, motions.states[rows] = self._resolver.strike(mode, transition, motions.states[rows])
+        modes, endings, motions.states[rows] = self._resolver.strike(
+            mode, transition, motions.states[rows], motions.p_of(rows)
+        )
         motions.choose(rows, modes, endings)
         assert transition.reset is not None
         motions.swapped[rows] = transition.reset.swaps
@@ -153,8 +166,9 @@ class BatchSimulator:
             motions.modes[rows] = self._modes.index(transition.candidates[0])
             return
         modes, endings = self._resolver.mode_at_rest(
-            transition.candidates, motions.times[rows], motions.states[rows], motions.segments[rows]
-        )
+            transition.candidates, motions.times[rows], motions.states[rows], motions.segments[rows],
+            motions.p_of(rows),
+        )  # fmt: skip
         motions.choose(rows, modes, endings)
 
 
@@ -177,8 +191,8 @@ class Arrivals:
 class _Motions:
     """The steps so far; an ending of -1 means that a motion continues."""
 
-    def __init__(self, states: Array, dynamics: Dynamics) -> None:
-        n, system = len(states), dynamics.system
+    def __init__(self, states: Array, dynamics: Dynamics, p: Array | None) -> None:
+        n, system, self._p = len(states), dynamics.system, p
         self._names, self._all_modes = system.state_names, system.walker.modes()
         self._unit, self._strikes = dynamics.scales.time, defaultdict[int, list[float]](list)
         self.states = np.array(states, dtype=float)
@@ -189,6 +203,10 @@ class _Motions:
         self.endings, self.impacts = np.full(n, -1), np.full(n, NONE)
         self.phases, self._n_phases = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.intp)
         self.swapped = np.zeros(n, dtype=np.bool_)  # whether a landing has just swapped the feet
+
+    def p_of(self, rows: Indices) -> Array | None:
+        """Parameters of the given rows; None where they are those of the system."""
+        return None if self._p is None else self._p[rows]
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
         """Record arcs in one mode: a phase continues across a breakpoint, and an empty arc is not a phase."""
@@ -255,7 +273,8 @@ class BatchResolver:
         self._modes, self._data = system.walker.modes(), _segment_data(dynamics)
         self._after_impact = system.walker.foot_modes()
         self._ground = tuple(mode.contact for mode in system.transitions.landed)
-        self._friction = dynamics.static_friction
+        self._friction = dynamics.contact_friction.get(FOOT, dynamics.static_friction)
+        self._dynamics, self._of_rows = dynamics, dict[bytes, ContactResolver]()
         self._impacts: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
         self._pushes: dict[tuple[tuple[str, ...], tuple[str, ...]], HeyokaRowMap] = {}
         self._rests: dict[tuple[Mode, ...], HeyokaRowMap] = {}
@@ -300,8 +319,19 @@ class BatchResolver:
         states[:, -1] = 0.0
         return states
 
+    def _alone(self, p: Array | None, row: int) -> ContactResolver:
+        """The resolver of one state."""
+        if p is None:
+            return self._one_by_one
+        key = p[row].tobytes()
+        if key not in self._of_rows:
+            if len(self._of_rows) >= MOST_RESOLVERS:
+                self._of_rows.clear()
+            self._of_rows[key] = ContactResolver(Dynamics(self._system, p[row]))
+        return self._of_rows[key]
+
     def mode_at_rest(
-        self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices
+        self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices, p: Array | None = None
     ) -> tuple[Codes, Codes]:
         """Modes of feet at rest and, where there is none, endings; both of shape (n,).
 
@@ -311,11 +341,12 @@ class BatchResolver:
         times : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z).
         segments : ndarray, shape (n,) - segments of the control.
+        p : see ``BatchSimulator.step``.
         """
-        modes, clear = self._clear_modes(candidates, times, states, segments)
+        modes, clear = self._clear_modes(candidates, times, states, segments, p)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~clear):
-            decision = self._one_by_one.mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
+            decision = self._alone(p, k).mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
             if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
@@ -323,38 +354,44 @@ class BatchResolver:
         return modes, endings
 
     def _clear_modes(
-        self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices
+        self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices, p: Array | None
     ) -> tuple[Codes, Flags]:
         """Modes of a lone foot at rest, and where they are clear; see ``mode_at_rest``."""
         n = times.size
         if self._clear is None or not n:
             return np.full(n, NONE), np.zeros(n, dtype=np.bool_)
+        stuck, *slips = grounded(candidates)
+        fixed = {2: self._natural.parameters[stuck], 4: self._natural.margins[[stuck, *slips][-1]]}
         if candidates not in self._rests:
-            stuck, *slips = grounded(candidates)
-            fixed = {2: self._natural.parameters[stuck], 4: self._natural.margins[[stuck, *slips][-1]]}
             self._rests[candidates] = HeyokaRowMap(self._natural.functions.rest(stuck, slips), fixed)
         taus, zetas = times / self._natural.time, states / self._natural.state
-        _, margins, rates, *slipping = self._rests[candidates](taus[:, None], zetas, self._data[segments])
+        own = None if p is None else [_with(p, fixed[2]), np.tile(fixed[4], (n, 1))]
+        arguments = taus[:, None], zetas, self._data[segments]
+        _, margins, rates, *slipping = self._rests[candidates](*arguments, fixed=own)
         possible, clear = self._clear.at_rest(margins.T, rates.T, [slip.T for slip in slipping])
         return self._modes.index(candidates[0]) + np.argmax(possible, axis=0), clear
 
-    def strike(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array]:
+    def strike(
+        self, mode: Mode, transition: Transition, states: Array, p: Array | None = None
+    ) -> tuple[Codes, Codes, Array]:
         """Modes just after a stop has locked, endings where no impact is possible, and states after it."""
         modes, endings, after = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), np.int64), states.copy()
         for k, state in enumerate(states):
-            struck = self._one_by_one.strike(mode, transition, state)
+            struck = self._alone(p, k).strike(mode, transition, state)
             if isinstance(struck, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
             else:
                 modes[k], after[k] = self._modes.index(struck[0]), struck[1]
         return modes, endings, after
 
-    def land(self, mode: Mode, transition: Transition, states: Array) -> tuple[Codes, Codes, Array, Array]:
+    def land(
+        self, mode: Mode, transition: Transition, states: Array, p: Array | None = None
+    ) -> tuple[Codes, Codes, Array, Array]:
         """Impacts at touchdown, endings where there is none, states after them and step lengths [m]."""
-        impacts, clear, after, step_lengths = self._clear_impacts(mode, states)
+        impacts, clear, after, step_lengths = self._clear_impacts(mode, states, p)
         endings = np.zeros_like(impacts)
         for k in np.flatnonzero(~clear):
-            decision = self._one_by_one.impact(mode, transition, states[k])
+            decision = self._alone(p, k).impact(mode, transition, states[k])
             if isinstance(decision, ImpactRecord):
                 impacts[k] = self._after_impact.index(decision.mode)
                 after[k], step_lengths[k] = decision.state, decision.step_length
@@ -363,7 +400,7 @@ class BatchResolver:
                 after[k], step_lengths[k] = states[k], np.nan
         return impacts, endings, after, step_lengths
 
-    def _clear_impacts(self, mode: Mode, states: Array) -> tuple[Codes, Flags, Array, Array]:
+    def _clear_impacts(self, mode: Mode, states: Array, p: Array | None) -> tuple[Codes, Flags, Array, Array]:
         """Impacts of a lone foot, where they are clear, states after them and step lengths [m]; see ``land``."""
         (n, n_z), before = states.shape, (mode.touching, mode.locked)
         if self._clear is None or self._system.cycle_end != TOUCHDOWN:
@@ -371,10 +408,12 @@ class BatchResolver:
         if before not in self._impacts:
             function = self._system.impacts(mode, *map(self._system.walker.swapped, self._ground))
             self._impacts[before] = HeyokaRowMap(function, {1: self._p})
-        columns, approach = self._impacts[before](states)
+        own = None if p is None else [p]
+        columns, approach = self._impacts[before](states, fixed=own)
         candidates = columns.reshape(n, len(self._ground), -1)
         values = candidates[:, :, n_z:].transpose(1, 2, 0)
-        consistent, clear = self._clear.impact(self._ground, values, approach[:, 0])
+        landing, standing = self._static(SWING_FOOT, p), self._static(FOOT, p)
+        consistent, clear = self._clear.impact(self._ground, values, approach[:, 0], landing)
         impacts = np.argmax(consistent, axis=0)
         after, x = candidates[np.arange(n), impacts, :n_z], self._system.n_shape
         step_lengths = after[:, x].copy()
@@ -382,9 +421,17 @@ class BatchResolver:
         if self._system.walker.pushes:
             if before not in self._pushes:
                 self._pushes[before] = HeyokaRowMap(self._system.push(mode), {1: self._p})
-            p_t, p_n = self._pushes[before](states)[0].T
-            clear &= is_within_cone(p_t, p_n, self._friction) & ~is_at_edge(p_t, p_n, self._friction)
+            p_t, p_n = self._pushes[before](states, fixed=own)[0].T
+            friction = self._friction if standing is None else standing
+            clear &= is_within_cone(p_t, p_n, friction) & ~is_at_edge(p_t, p_n, friction)
         return impacts, clear, after, step_lengths
+
+    def _static(self, contact: str, p: Array | None) -> Array | None:
+        """Static coefficient of a contact in every row, shape (n,); None where all are those of the system."""
+        if p is None:
+            return None
+        law = dict(self._system.friction.laws)[contact]  # on tiles every contact has its own
+        return p[:, self._system.parameters.index(law.static)]
 
 
 class BatchArcs:
@@ -400,9 +447,12 @@ class BatchArcs:
         self._points: dict[Mode, HeyokaRowMap] = {}
         self._integrators: dict[Mode, tuple[Integrator, Array]] = {}
         self._single, self._data = HeyokaStepper(dynamics), _segment_data(dynamics)
+        self._own_constants: dict[Mode, RowMap] = {}
+        self._guard: HeyokaRowMap | None = None
 
-    @np.errstate(all="ignore")  # where the equations are singular, forces are infinite
-    def advance(self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array) -> Arrivals:
+    def advance(
+        self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array, p: Array | None = None
+    ) -> Arrivals:
         """Integrate arcs in one mode to their first events or time limits.
 
         Parameters
@@ -410,15 +460,38 @@ class BatchArcs:
         segments : ndarray, shape (n,) - segments of the control.
         times, limits : ndarray, shape (n,) - times since the last impact [s].
         states : ndarray, shape (n, n_z) - states at ``times``.
+        p : see ``BatchSimulator.step``.
         """
+        arrivals = self._advance(mode, segments, times, states, limits, p)
+        names, system = self._table.margin_names(mode), self._natural.system
+        if not system.uneven or TOUCHDOWN not in names or p is None:
+            return arrivals
+        self._guard = self._guard or HeyokaRowMap(system.guard, {1: p[0]})
+        rows = np.arange(len(states))
+        while rows.size:  # see ``ground.comes_down``
+            rows = rows[arrivals.events[rows] == names.index(TOUCHDOWN)]
+            rows = rows[self._guard(arrivals.states[rows], fixed=[p[rows]])[1][:, 0] >= 0] if rows.size else rows
+            if rows.size:
+                later = self._advance(
+                    mode, segments[rows], arrivals.times[rows], arrivals.states[rows], limits[rows], p[rows]
+                )
+                for name in ("times", "states", "events"):
+                    getattr(arrivals, name)[rows] = getattr(later, name)
+        return arrivals
+
+    @np.errstate(all="ignore")  # where the equations are singular, forces are infinite
+    def _advance(
+        self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array, p: Array | None
+    ) -> Arrivals:
         natural, names = self._natural, self._table.margin_names(mode)
         taus, zetas = times / natural.time, states / natural.state
-        flow, margins, rates = self._point(mode, segments, taus, zetas)
+        flow, margins, rates = self._point(mode, segments, taus, zetas, p)
         bends = np.zeros_like(rates)
         close = np.flatnonzero(bends_decide(margins, rates).any(axis=1))
         if close.size:
             ahead = taus[close] + LOOK_AHEAD, zetas[close] + LOOK_AHEAD * flow[close]
-            bends[close] = (self._point(mode, segments[close], *ahead)[2] - rates[close]) / LOOK_AHEAD
+            later = self._point(mode, segments[close], *ahead, _rows(p, close))
+            bends[close] = (later[2] - rates[close]) / LOOK_AHEAD
         violated = np.column_stack(
             [falls_at_start(*column) for column in zip(names, margins.T, rates.T, bends.T, strict=True)]
         )
@@ -427,29 +500,33 @@ class BatchArcs:
         if moved.size:
             compiled, constants = self._integrator(mode)
             lifts = [lift(*column) for column in zip(names, margins.T, rates.T, strict=True)]
-            pars = np.column_stack([constants[segments], *lifts])
+            if p is not None:
+                own = self._own_constants[mode](_with(p, natural.parameters[mode]), self._data[segments])[0]
+            pars = np.column_stack([constants[segments] if p is None else own, *lifts])
             speeds = np.nan_to_num(np.abs(flow[moved]).max(axis=1), nan=np.inf)
             _Lanes(compiled.taylor, pars, limits / natural.time, ends, moved, moved[np.argmin(speeds)]).run()
-        slow = self._locate(mode, segments, ends, moved, taus, margins)
+        slow = self._locate(mode, segments, ends, moved, taus, margins, p)
         arrivals = Arrivals(times=times.copy(), states=states.copy(), events=ends.events)
         latest = np.fmax(ends.times[moved] * natural.time, times[moved])
         arrivals.times[moved] = np.where(ends.events[moved] == LIMIT, limits[moved], latest)
         arrivals.states[moved] = ends.states[moved] * natural.state
         at_limit = np.flatnonzero(ends.events == LIMIT)
         if at_limit.size:
-            end = self._point(mode, segments[at_limit], ends.times[at_limit], ends.states[at_limit])
+            end = self._point(mode, segments[at_limit], ends.times[at_limit], ends.states[at_limit], _rows(p, at_limit))
             falling = [falls_at_limit(*column) for column in zip(names, end[1].T, end[2].T, strict=True)]
             ends.events[at_limit] = _first_by_priority(names, np.column_stack(falling))
         for k in slow:
-            arrival = self._single.advance(mode, int(segments[k]), float(times[k]), states[k], float(limits[k]))
+            single = self._single if p is None else HeyokaStepper(Dynamics(natural.system, p[k]))
+            arrival = single.advance(mode, int(segments[k]), float(times[k]), states[k], float(limits[k]))
             arrivals.times[k], arrivals.states[k] = arrival.time, arrival.state
             event = FAILURE if arrival.failure else LIMIT
             arrivals.events[k] = event if arrival.event is None else names.index(arrival.event)
         return arrivals
 
     def _locate(
-        self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices, starts: Array, first: Array
-    ) -> Indices:
+        self, mode: Mode, segments: Indices, ends: Arrivals, moved: Indices, starts: Array, first: Array,
+        p: Array | None,
+    ) -> Indices:  # fmt: skip
         """Move from the roots of lifted margins to those of the margins, and rank simultaneous events.
 
         Returns the rows whose margins fall so slowly that one Newton step does not locate the root.
@@ -461,7 +538,7 @@ class BatchArcs:
         rows, names = moved[ends.events[moved] >= 0], self._table.margin_names(mode)
         if not rows.size:
             return rows
-        flow, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows])
+        flow, margins, rates = self._point(mode, segments[rows], ends.times[rows], ends.states[rows], _rows(p, rows))
         fired = np.arange(rows.size), ends.events[rows]
         shift = -margins[fired] / rates[fired]
         linear = (rates[fired] < 0) & (np.abs(shift) <= NEAR)
@@ -475,12 +552,13 @@ class BatchArcs:
         ends.events[rows] = _first_by_priority(names, simultaneous)
         return rows[~linear]
 
-    def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array) -> list[Array]:
+    def _point(self, mode: Mode, segments: Indices, taus: Array, zetas: Array, p: Array | None) -> list[Array]:
         """Rates of states, margins and their rates."""
+        parameters = self._natural.parameters[mode]
         if mode not in self._points:
-            function, parameters = self._natural.functions.point(mode), self._natural.parameters[mode]
-            self._points[mode] = HeyokaRowMap(function, {2: parameters})
-        return self._points[mode](taus[:, None], zetas, self._data[segments])
+            self._points[mode] = HeyokaRowMap(self._natural.functions.point(mode), {2: parameters})
+        own = None if p is None else [_with(p, parameters)]
+        return self._points[mode](taus[:, None], zetas, self._data[segments], fixed=own)
 
     def _integrator(self, mode: Mode) -> tuple[Integrator, Array]:
         """The integrator of a mode, and its runtime parameters on every segment; shape (n_segments, n_par)."""
@@ -488,6 +566,7 @@ class BatchArcs:
             compiled = integrator(self._natural.functions.arc(mode), lanes=LANES)
             parameters = self._natural.parameters[mode]
             self._integrators[mode] = compiled, np.array([compiled.values(parameters, data) for data in self._data])
+            self._own_constants[mode] = RowMap(compiled.constants)
         return self._integrators[mode]
 
 
@@ -547,6 +626,15 @@ class _Lanes:
             self._state[lane], self._pars[lane] = self._states[row], self._constants[row]
             self._taylor.reset_cooldowns(lane)
         self._taylor.set_dtime(high, low)
+
+
+def _rows(p: Array | None, rows: Indices) -> Array | None:
+    return None if p is None else p[rows]
+
+
+def _with(p: Array, parameters: Array) -> Array:
+    """Parameters of ``NaturalDynamics`` in every row, shape (n, n_par), with ``p`` in place of those of the system."""
+    return np.hstack([p, np.tile(parameters[p.shape[1] :], (len(p), 1))])
 
 
 def _first_by_priority(names: Sequence[str], events: Flags) -> Indices:

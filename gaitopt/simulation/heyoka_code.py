@@ -13,7 +13,7 @@ its own copy of an integrator or a function, which writes to its own memory.
 """
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,6 +26,7 @@ from casadi import SX, Function
 
 from gaitopt.arrays import Array
 from gaitopt.building import building
+from gaitopt.model.buffered import RowMap
 from gaitopt.simulation.events import INSTANT
 from gaitopt.threads import per_thread
 
@@ -255,20 +256,33 @@ class HeyokaRowMap:
         free = tuple(k for k in range(function.n_in()) if k not in fixed)
         self._compiled, constants = _row_function(_Key(function), free)
         values = np.asarray(constants(*fixed.values()), dtype=float).ravel() if fixed else np.zeros(0)
-        self._pars = np.repeat(values[:, None], BLOCK, axis=1)
+        self._pars, self._constants = np.repeat(values[:, None], BLOCK, axis=1), constants
+        self._own_pars = self._pars.copy()
+        self._own_constants: RowMap | None = None
         self._inputs = np.zeros((sum(function.numel_in(k) for k in free), BLOCK))
         self._outputs = np.zeros((sum(self._sizes), BLOCK))
 
-    def __call__(self, *values: Array) -> list[Array]:
-        """Outputs of shape (n, size) from the inputs that are not fixed, each of shape (n, size)."""
-        n = len(values[0])
+    def __call__(self, *values: Array, fixed: Sequence[Array] | None = None) -> list[Array]:
+        """Outputs of shape (n, size) from the inputs that are not fixed, each of shape (n, size).
+
+        Parameters
+        ----------
+        fixed : other values of the fixed inputs in every row, of shape (n, size) each.
+        """
+        n, pars, own = len(values[0]), self._pars, None
+        if fixed is not None and pars.size:
+            self._own_constants = self._own_constants or RowMap(self._constants)
+            pars, own = self._own_pars, self._own_constants(*fixed)[0]
         results = np.empty((n, sum(self._sizes)))
         rows = np.concatenate(values, axis=1).T
         for start in range(0, n, BLOCK):
             count = min(BLOCK, n - start)
             self._inputs[:, :count] = rows[:, start : start + count]
             self._inputs[:, count:] = rows[:, start : start + 1]  # valid numbers, whose outputs are not read
-            options = {"pars": self._pars} if self._pars.size else {}
+            if own is not None:
+                pars[:, :count] = own[start : start + count].T
+                pars[:, count:] = own[start][:, None]
+            options = {"pars": pars} if pars.size else {}
             self._compiled(self._inputs, outputs=self._outputs, **options)
             results[start : start + count] = self._outputs[:, :count].T
         return np.split(results, np.cumsum(self._sizes)[:-1], axis=1)

@@ -7,7 +7,6 @@ and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` c
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from math import inf, isfinite
 
 import numpy as np
@@ -18,12 +17,14 @@ from gaitopt.errors import ProblemError
 from gaitopt.gait.trajectory import Arc, ImpactRecord, Step, Trajectory, impact_record
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import CLOCK
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.transitions import Ending, Transition
+from gaitopt.problem.floor import Floor
 from gaitopt.problem.statement import Until
 from gaitopt.requests import Engine
 from gaitopt.simulation.contact_resolver import ContactResolver, Termination
-from gaitopt.simulation.engine import Stepper, choose_engine
+from gaitopt.simulation.engine import Arrival, Stepper, choose_engine
+from gaitopt.simulation.ground import Ground, comes_down
 from gaitopt.simulation.outcomes import StepOutcome
 from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.threads import cached_property
@@ -37,6 +38,8 @@ ACCUMULATED = 1e-4
 times faster, a contact does not rise by more than rounding."""
 INTERVALS = 5
 """Number of intervals between impacts from which their limit is extrapolated."""
+MOST_SIMULATORS = 64
+"""Number of simulators that are kept for pairs of tiles; each takes some 100 kB."""
 LONGEST_ARC = 5.0
 """Longest arc of a motion that ends at a time or after events, in units of sqrt(l / g); a longer one is stored in
 pieces, so that each is resolved."""
@@ -85,6 +88,7 @@ class Simulator:
     stepper : creates the integrator of the arcs from ``dynamics``: a subclass of ``Stepper``.
     max_switches : largest number of mode switches within a step.
     longest_step : time limit of a step [s]; 50 sqrt(l / g) by default.
+    floor : the tiles on which it walks; the nominal floor of ``dynamics`` by default.
 
     Attributes
     ----------
@@ -95,6 +99,8 @@ class Simulator:
     ------
     ValueError
         If the parameters do not have one finite value per parameter of the system.
+    ProblemError
+        If the walker cannot walk on a floor.
     """
 
     def __init__(
@@ -104,21 +110,38 @@ class Simulator:
         *,
         max_switches: int = MAX_SWITCHES,
         longest_step: float | None = None,
+        floor: Floor | None = None,
     ) -> None:
         _finite_vector("parameters", dynamics.p, dynamics.system.parameters)
         self.dynamics, self.system = dynamics, dynamics.system
         self.stepper = stepper(dynamics)
         self._make_stepper, self._max_switches, self._longest_step = stepper, max_switches, longest_step
         self._ends, self._resolver = segment_ends(dynamics, longest_step=longest_step), ContactResolver(dynamics)
+        self._ground = None if floor is None else Ground(dynamics, floor)
+        self._on_tiles: dict[bytes, Simulator] = {}
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:
         """The simulators of the steps in turn, one for each of ``dynamics.steps``: itself first."""
-        others = self.dynamics.steps[1:]
-        like = partial(
-            Simulator, stepper=self._make_stepper, max_switches=self._max_switches, longest_step=self._longest_step
-        )
-        return (self, *map(like, others))
+        return (self, *map(self._like, self.dynamics.steps[1:]))
+
+    def of_step(self, n: int, state: Array) -> "Simulator":
+        """The simulator of step ``n`` of a walk, counted from 0, which begins with a state of shape (n_z,)."""
+        nominal = self.per_step[n % len(self.per_step)]
+        if self._ground is None:
+            return nominal
+        dynamics = self._ground.of_step(n, state)
+        if dynamics.system is self.system:
+            return nominal
+        key = dynamics.p.tobytes()
+        if key not in self._on_tiles:
+            if len(self._on_tiles) >= MOST_SIMULATORS:
+                del self._on_tiles[next(iter(self._on_tiles))]
+            self._on_tiles[key] = self._like(dynamics)
+        return self._on_tiles[key]
+
+    def _like(self, dynamics: Dynamics) -> "Simulator":
+        return Simulator(dynamics, self._make_stepper, max_switches=self._max_switches, longest_step=self._longest_step)
 
     def run(
         self,
@@ -159,7 +182,7 @@ class Simulator:
             if should_stop is not None and should_stop():
                 message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
-            simulator = self.per_step[len(completed) % len(self.per_step)]
+            simulator = self.of_step(len(completed), z)
             outcome = simulator.step(
                 z,
                 dense=dense,
@@ -213,7 +236,7 @@ class Simulator:
         following, z, struck = self._first_mode(z, anywhere=anywhere)
         while isinstance(following, Mode):
             mode = following
-            arrival = self.stepper.advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
+            arrival = self._advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
             transition = None if arrival.event is None else table.of(mode)[arrival.event]
             comes_to_rest = transition is not None and bool(transition.at_rest)
             end = self._resolver.settled(arrival.state, stopped=mode if comes_to_rest else None)
@@ -272,6 +295,13 @@ class Simulator:
             ending=following.ending,
             message=f"{following.reason}: step {number}, {time:.6g} s after the impact, {where}, at {values}",
         )
+
+    def _advance(self, mode: Mode, segment: int, time: float, z: Array, limit: float) -> Arrival:
+        """The end of an arc; on a tile of another height a foot that has not yet passed mid-swing does not land."""
+        arrival = self.stepper.advance(mode, segment, time, z, limit)
+        while arrival.event == TOUCHDOWN and not comes_down(self.dynamics, arrival.state):
+            arrival = self.stepper.advance(mode, segment, arrival.time, arrival.state, limit)
+        return arrival
 
     def _after_impact(self, state: Array, *, anywhere: bool = False) -> Array:
         """A valid state with x = 0, unless it may be any, and with its slip velocity zero where it is at rest."""

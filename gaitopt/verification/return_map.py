@@ -149,7 +149,8 @@ class ReturnMap:
         It is not finite if a step grazes an event.
         """
         deviations = self.section.tangent(steps[0].arcs[0].states[0], self.simulator.dynamics.p)
-        return np.asarray(self.propagated(steps, deviations, self.simulator.per_step)[self._indices])
+        simulators = [self.simulator.of_step(n, step.arcs[0].states[0]) for n, step in enumerate(steps)]
+        return np.asarray(self.propagated(steps, deviations, simulators)[self._indices])
 
     def propagated(self, steps: Sequence[Step], deviations: Array, simulators: Sequence[Simulator]) -> Array:
         """Deviations (n_z, m) just after the impact that ends complete steps, from those at their start.
@@ -158,8 +159,8 @@ class ReturnMap:
         ----------
         simulators : simulators of consecutive steps, repeated in turn; they differ if the legs differ.
         """
-        system = self.simulator.system
         for step, simulator in zip(steps, cycle(simulators), strict=False):
+            system = simulator.system
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
                 ends = arc.times[[0, -1]]
                 deviations = simulator.stepper.propagate_variations(

@@ -7,10 +7,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Annotated, Any
 
-from casadi import SX, cos, pi, sin
+from casadi import SX, cos, pi, sin, vertcat
 from pydantic import Field
 
-from gaitopt.model.mechanism import Link, Mechanism
+from gaitopt.model.mechanism import Link, Mechanism, polar
 from gaitopt.model.units import Positive, Slope, Within
 from gaitopt.model.walker import Walker
 
@@ -38,6 +38,7 @@ class RimlessWheel(Walker):
             super().mechanism(q, p),
             touchdown=q.theta - half_angle,
             upright=q.theta + half_angle,  # zero where the wheel falls back on the previous spoke
+            trailing_foot=vertcat(q.x, q.y) + polar(p.radius, q.theta) - polar(p.radius, q.theta + 2 * half_angle),
             relabel=SX(q.theta - 2 * half_angle),
         )
 

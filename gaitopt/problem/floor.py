@@ -1,0 +1,332 @@
+"""A floor: friction, height and slope of one tile after the other, under the stance foot of one step after the other.
+
+    tile n      is under the stance foot of step n; tile 0 under the foot on which the walker already stands
+    friction    acts in the impact by which the foot lands on the tile, and while it stands on it
+    height      [m] of the landing point over the nominal ground, along its normal
+    slope       [rad] is added to that of the walker: it tilts tangent and normal of the contact about the landing point
+
+What is not stated is as in the problem. The last tile goes on for ever. The reference of a step is a gait of the
+nominal floor.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from numbers import Real
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.errors import ProblemError
+from gaitopt.problem.faults import shown
+
+Coefficients: TypeAlias = float | tuple[float, float]
+"""Friction of a tile: one number, or the static and the kinetic coefficient."""
+QUANTITIES = ("friction", "height", "slope")
+BOUNDS: Mapping[str, tuple[float, float]] = {"friction": (0.0, 100.0), "height": (-10.0, 10.0), "slope": (-1.5, 1.5)}
+"""Smallest and largest values of a tile [1, m, rad]."""
+UNITS: Mapping[str, str] = {"friction": "", "height": " m", "slope": " rad"}
+MOST_TILES = 10_000_000
+SIGMAS = 3.0
+"""Normal numbers farther from their mean, in standard deviations, are drawn again."""
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+ENTRY = re.compile(rf"({NUMBER})\s*(deg|rad|m)?\s*(?:/\s*({NUMBER}))?\s*(?:x\s*(\d+))?")
+"""Value, unit, kinetic coefficient, and number of tiles of one entry of a floor as text."""
+SPREAD = re.compile(rf"({NUMBER})\s*:\s*({NUMBER})|normal\(\s*({NUMBER})\s*,\s*({NUMBER})\s*\)")
+
+
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """One tile.
+
+    Attributes
+    ----------
+    friction : static and kinetic coefficient; None for those of the problem.
+    height : over the nominal ground [m].
+    slope : added to that of the walker [rad].
+    """
+
+    friction: tuple[float, float] | None = None
+    height: float = 0.0
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Floor:
+    """Tiles of friction, height and slope; a number stands for a floor of equal tiles.
+
+    Attributes
+    ----------
+    friction : coefficient of every tile, or static and kinetic coefficient; empty for that of the problem.
+    height : over the nominal ground, along its normal [m]; empty for none.
+    slope : added to that of the walker [rad]; empty for none.
+
+    Raises
+    ------
+    ProblemError
+        If a value is not a number or out of its range, or there is no tile at all.
+    """
+
+    friction: Sequence[Coefficients] | float = ()
+    height: Sequence[float] | float = ()
+    slope: Sequence[float] | float = ()
+
+    def __post_init__(self) -> None:
+        for name in QUANTITIES:
+            given = getattr(self, name)
+            values = (given,) if isinstance(given, Real) else tuple(given)
+            object.__setattr__(self, name, tuple(_checked(name, k, value) for k, value in enumerate(values)))
+        if not len(self):
+            raise ProblemError("floor: has no tile; give friction, height or slope of at least one")
+
+    def __len__(self) -> int:
+        """The number of tiles before the last one repeats."""
+        return max(len(getattr(self, name)) for name in QUANTITIES)
+
+    def tile(self, n: int) -> Tile:
+        """Tile ``n``, counted from 0."""
+        friction, height, slope = (values[min(n, len(values) - 1)] if values else None for values in self._values)
+        pair = None if friction is None else friction if isinstance(friction, tuple) else (friction, friction)
+        return Tile(pair, height or 0.0, slope or 0.0)
+
+    @property
+    def is_even(self) -> bool:
+        """Whether all tiles have the height and the slope of the nominal ground."""
+        return not any((*self._values[1], *self._values[2]))
+
+    @property
+    def drops(self) -> bool:
+        """Whether a tile has a static coefficient of its own beside the kinetic one."""
+        return any(isinstance(value, tuple) and value[0] != value[1] for value in self._values[0])
+
+    def to_record(self) -> dict[str, list[Any]]:
+        """The lists as JSON, without those that are not stated."""
+        lists = zip(QUANTITIES, self._values, strict=True)
+        return {
+            name: [list(value) if isinstance(value, tuple) else value for value in values]
+            for name, values in lists
+            if values
+        }
+
+    @classmethod
+    def from_record(cls, record: Mapping[str, Sequence[Any]]) -> "Floor":
+        """The floor of a record."""
+        friction = [tuple(value) if isinstance(value, list) else value for value in record.get("friction", ())]
+        return cls(friction=friction, height=record.get("height", ()), slope=record.get("slope", ()))
+
+    @classmethod
+    def parse(cls, text: str) -> "Floor":
+        """The floor of a text such as ``friction=0.2, 0.13x2, 0.2; height=0, 0.01``.
+
+        ``0.13x2`` are two tiles, ``0.5/0.4`` a static and a kinetic coefficient, ``1 deg`` is an angle.
+
+        Raises
+        ------
+        ProblemError
+            If the text is none.
+        """
+        lists: dict[str, list[Any]] = {}
+        for name, entry in _entries(text):
+            known = ENTRY.fullmatch(entry)
+            if known is None:
+                raise ProblemError(f"floor.{name}: {entry!r} is no value; write for instance {name}=0.2, 0.13x2, 0.2")
+            value, unit, kinetic, count = known.groups()
+            lists.setdefault(name, []).extend([_value(name, value, unit, kinetic)] * _count(name, count))
+        return cls(**lists)
+
+    @classmethod
+    def read(cls, path: str | Path) -> "Floor":
+        """The floor of a CSV file with the columns friction (or static and kinetic), height and slope.
+
+        Raises
+        ------
+        ProblemError
+            If the file cannot be read, or a column or a value is wrong; the message names file, line and column.
+        """
+        try:
+            with Path(path).open(newline="", encoding="utf-8") as file:
+                rows = [row for row in csv.reader(file) if row and not row[0].lstrip().startswith("#")]
+        except (OSError, UnicodeDecodeError) as error:
+            raise ProblemError(f"{path}: the floor cannot be read: {error}") from None
+        return cls.of_rows(rows, str(path))
+
+    @classmethod
+    def of_rows(cls, rows: Sequence[Sequence[str]], place: str) -> "Floor":
+        """The floor of the rows of a table, whose first one names the columns."""
+        known = {*QUANTITIES, "static", "kinetic"}
+        header = [name.strip() for name in rows[0]] if rows else []
+        wrong = [name for name in header if name not in known] + [name for name in header if header.count(name) > 1]
+        if wrong or not header or ("static" in header) != ("kinetic" in header) or {"friction", "static"} <= {*header}:
+            words = f"{', '.join(header) or 'nothing'}"
+            raise ProblemError(
+                f"{place}: columns are friction (or static, kinetic), height and slope, but it has {words}"
+            )
+        lists: dict[str, list[Any]] = {name: [] for name in header}
+        for line, row in enumerate(rows[1:], start=2):
+            if len(row) != len(header):
+                raise ProblemError(f"{place}, row {line}: has {len(row)} values, but there are {len(header)} columns")
+            for name, text in zip(header, row, strict=True):
+                try:
+                    lists[name].append(float(text))
+                except ValueError:
+                    raise ProblemError(f"{place}, row {line}, {name}: {text!r} is not a number") from None
+        if "static" in lists:
+            lists["friction"] = list(zip(lists.pop("static"), lists.pop("kinetic"), strict=True))
+        try:
+            return cls(**lists)
+        except ProblemError as error:
+            raise ProblemError(f"{place}: {error}") from None
+
+    @property
+    def _values(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+        return self.friction, self.height, self.slope  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Independent random numbers: uniform between two, or normal, drawn again beyond three standard deviations.
+
+    Attributes
+    ----------
+    first, second : lower and upper bound, or mean and standard deviation.
+    normal : which of them.
+    """
+
+    first: float
+    second: float
+    normal: bool = False
+
+    def draw(self, random: np.random.Generator, count: int, least: float) -> Array:
+        """The first ``count`` numbers of a stream, none below ``least``; a longer stream begins with the same ones."""
+        if not self.normal:
+            return random.uniform(self.first, self.second, count)
+        found, n = [np.zeros(0)], 0
+        while n < count:
+            normal = random.standard_normal(count)
+            values = self.first + self.second * normal
+            found.append(values[(np.abs(normal) <= SIGMAS) & (values >= least)])
+            n += found[-1].size
+        return np.concatenate(found)[:count]
+
+    def __str__(self) -> str:
+        return f"normal({self.first:g}, {self.second:g})" if self.normal else f"{self.first:g}:{self.second:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class RandomFloor:
+    """Floors whose tiles are drawn independently of each other.
+
+    Attributes
+    ----------
+    spreads : of friction, height or slope by name.
+    seed : of the streams; every walk has its own.
+    """
+
+    spreads: Mapping[str, Spread] = field(default_factory=dict)
+    seed: int = 0
+
+    @classmethod
+    def parse(cls, text: str, seed: int = 0) -> "RandomFloor":
+        """The floors of a text such as ``friction=0.12:0.2`` or ``friction=normal(0.15, 0.02), height=-0.002:0.002``.
+
+        Raises
+        ------
+        ProblemError
+            If the text is none.
+        """
+        spreads = dict[str, Spread]()
+        for name, entry in _entries(text):
+            known = SPREAD.fullmatch(entry)
+            if known is None or name in spreads:
+                words = f"{name}=0.12:0.2 (uniform) or {name}=normal(0.15, 0.02)"
+                raise ProblemError(f"random floor: {name}={entry} is no distribution; write once {words}")
+            low, high, mean, deviation = (None if value is None else float(value) for value in known.groups())
+            spreads[name] = _spread(name, low, high, mean, deviation)
+        return cls(spreads, seed)
+
+    def draw(self, tiles: int, walk: int = 0) -> Floor:
+        """The floor of one walk."""
+        return Floor(**{name: values.tolist() for name, values in self.arrays(tiles, walk).items()})
+
+    def arrays(self, tiles: int, walk: int = 0) -> dict[str, Array]:
+        """Friction, height and slope of the tiles of one walk, shape (tiles,) each, as far as they are random."""
+        return {
+            name: spread.draw(np.random.default_rng([self.seed, walk, QUANTITIES.index(name)]), tiles, BOUNDS[name][0])
+            for name, spread in self.spreads.items()
+        }
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name}={spread}" for name, spread in self.spreads.items())
+
+
+def _spread(name: str, low: float | None, high: float | None, mean: float | None, deviation: float | None) -> Spread:
+    """A distribution with its bounds checked."""
+    least, most = BOUNDS[name]
+    if low is not None and high is not None:
+        if not least <= low <= high <= most:
+            words = f"its limits must ascend within {least:g} to {most:g}{UNITS[name]}"
+            raise ProblemError(f"random floor: {name}={low:g}:{high:g}: {words}")
+        return Spread(low, high)
+    assert mean is not None
+    assert deviation is not None
+    if not least <= mean <= most or not 0 <= deviation <= most:
+        words = f"mean and deviation must be within {least:g} to {most:g}{UNITS[name]}, the deviation not negative"
+        raise ProblemError(f"random floor: {name}=normal({mean:g}, {deviation:g}): {words}")
+    return Spread(mean, deviation, normal=True)
+
+
+def _entries(text: str) -> Iterator[tuple[str, str]]:
+    """Name of the quantity and one entry after the other of a text; a name holds until the next one."""
+    name = ""
+    for part in _split(text):
+        before, sign, after = part.partition("=")
+        name, entry = (before.strip(), after.strip()) if sign else (name, part)
+        if name not in QUANTITIES:
+            words = f"{name!r} is no quantity of a tile" if name else f"{part!r} has no name"
+            raise ProblemError(f"floor: {words}; write friction=, height= or slope=, such as friction=0.2, 0.13x2, 0.2")
+        yield name, entry
+
+
+def _split(text: str) -> Iterable[str]:
+    """The parts between commas and semicolons outside of parentheses."""
+    parts = [part.strip() for part in re.split(r"[,;](?![^(]*\))", text)]
+    if not any(parts):
+        raise ProblemError("floor: is empty; write for instance friction=0.2, 0.13x2, 0.2")
+    return [part for part in parts if part]
+
+
+def _value(name: str, value: str, unit: str | None, kinetic: str | None) -> Coefficients:
+    fitting = {"height": ("m",), "slope": ("deg", "rad")}.get(name, ())
+    if (unit is not None and unit not in fitting) or (kinetic is not None and name != "friction"):
+        raise ProblemError(f"floor.{name}: {value}{unit or f'/{kinetic}'} is no value of {name}")
+    if kinetic is not None:
+        return float(value), float(kinetic)
+    return math.radians(float(value)) if unit == "deg" else float(value)
+
+
+def _count(name: str, count: str | None) -> int:
+    number = 1 if count is None else int(count)
+    if not 1 <= number <= MOST_TILES:
+        raise ProblemError(f"floor.{name}: x{number} tiles; give from 1 to {MOST_TILES:,}")
+    return number
+
+
+def _checked(name: str, k: int, value: Any) -> Any:
+    """A value of tile ``k`` as a float, or its static and kinetic coefficient."""
+    if name == "friction" and isinstance(value, tuple | list):
+        if len(value) != 2:
+            raise ProblemError(f"floor.friction, tile {k}: {shown(value)} are not a static and a kinetic coefficient")
+        static, kinetic = (_checked(name, k, each) for each in value)
+        if static < kinetic:
+            raise ProblemError(f"floor.friction, tile {k}: static {static:g} is smaller than kinetic {kinetic:g}")
+        return static, kinetic
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise ProblemError(f"floor.{name}, tile {k}: {shown(value)} is not a number")
+    number, (least, most) = float(value), BOUNDS[name]
+    if not least <= number <= most:
+        raise ProblemError(f"floor.{name}, tile {k}: {number:g}{UNITS[name]} is outside of {least:g} to {most:g}")
+    return number
