@@ -47,6 +47,7 @@ from gaitopt.model.mechanism import Mechanism as Mechanism
 from gaitopt.model.modes import Mode as Mode
 from gaitopt.model.walker import Walker as Walker
 from gaitopt.paper.reproduction import reproduce as reproduce
+from gaitopt.problem.floor import Floor as Floor
 from gaitopt.problem.problem import Problem as Problem
 from gaitopt.problem.problem import load_problem as load_problem
 from gaitopt.problem.problem import parse_problem as parse_problem

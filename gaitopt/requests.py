@@ -343,6 +343,24 @@ class UntilRequest(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FloorRequest(Request):
+    """See ``gaitopt.Floor``."""
+
+    floor: Annotated[
+        str | None,
+        About(
+            "Tiles under the feet, one per step: 'friction=0.2, 0.13x2, 0.2; height=0, 0.01', or a CSV file with the "
+            "columns friction, height and slope. The last tile repeats."
+        ),
+    ] = None
+    random: Annotated[
+        str | None,
+        About("Random tiles: friction=0.12:0.2 (uniform), or 'height=normal(0, 0.002)'; beyond 3 sigma drawn again."),
+    ] = None
+    seed: Annotated[int, SEED] = 0
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExplainRequest(Request):
     """See ``gaitopt.explain``."""
 

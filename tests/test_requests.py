@@ -20,6 +20,7 @@ from gaitopt.requests import (
     Engine,
     ExplainRequest,
     FindRequest,
+    FloorRequest,
     Method,
     ProveRequest,
     ReplayRequest,
@@ -92,7 +93,13 @@ def test_every_entry_with_help_is_an_option_of_the_command(verb):
 
 def test_every_request_belongs_to_a_verb():
     used = {request for request, _ in VERBS.values()}
-    assert stated_requests() == used | {UntilRequest, WorkersRequest, requests.Request, requests.SearchRequest}
+    assert stated_requests() == used | {
+        FloorRequest,
+        UntilRequest,
+        WorkersRequest,
+        requests.Request,
+        requests.SearchRequest,
+    }
 
 
 @pytest.mark.parametrize(

@@ -36,6 +36,7 @@ from gaitopt.gait.gait import Attractor, Gait, require_gait
 from gaitopt.model.control import Control
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.walker import Walker
+from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem, load_problem
 from gaitopt.problem.statement import Until
 from gaitopt.requests import (
@@ -238,6 +239,7 @@ def simulate(
     dense: bool = True,
     engine: str = Engine.AUTO,
     longest_step: float | None = None,
+    floor: Floor | None = None,
     compare: bool = False,
     output: Output = False,
     should_stop: Stop = None,
@@ -256,6 +258,8 @@ def simulate(
     engine : ``auto``, ``scipy`` or ``heyoka``.
     longest_step : longest time from impact to impact [s]; a step that takes longer ends as ``no_touchdown``. 50 times
         the square root of l / g by default.
+    floor : friction, height and slope of one tile per step, ``Floor(friction=[0.2, 0.13, 0.13, 0.2])``; see there. A
+        step is compared with the gait of the nominal floor.
     compare : compare the walk of a problem with its stored gait, if there is one; always done if ``output`` is given.
     output : run folder of the walk; True for the folder of the problem.
     should_stop : polled at every step.
@@ -270,7 +274,8 @@ def simulate(
         If ``start`` is a failed solve, and ``state`` does not say where to start.
     ProblemError
         If a coordinate or rate of the state is missing or not a finite number, the foot is below the ground, ``steps``
-        and ``until`` are both given, or no step ever ends and ``until`` has neither time nor events.
+        and ``until`` are both given, no step ever ends and ``until`` has neither time nor events, or the walker cannot
+        walk on a floor.
     UnknownNameError
         If ``state`` names something that is no coordinate of the walker, or the engine is unknown or not installed.
     StorageError
@@ -290,7 +295,7 @@ def simulate(
     check_room(count, folder or Path(), disk=disk, memory=STEP_BYTES_MEMORY if dense else 0, what="steps")
     walk = simulate_walk(
         begin, state, request.steps, until=until, dense=dense, engine=request.engine,
-        longest_step=request.longest_step, should_stop=should_stop,
+        longest_step=request.longest_step, floor=floor, should_stop=should_stop,
     )  # fmt: skip
     if compare or folder is not None:
         walk = compared(walk)

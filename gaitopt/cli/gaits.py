@@ -32,6 +32,7 @@ from gaitopt.requests import (
     NEWTON_STEPS,
     FeedbackLaw,
     FindRequest,
+    FloorRequest,
     Method,
     ProveRequest,
     ReplayRequest,
@@ -169,6 +170,9 @@ def simulate(
     events: Annotated[int | None, options.option(UntilRequest, "events")] = None,
     engine: EngineOption = "auto",
     longest_step: Annotated[float | None, options.option(SimulateRequest, "longest_step")] = None,
+    floor: Annotated[str | None, options.option(FloorRequest, "floor", metavar="TILES")] = None,
+    random: Annotated[str | None, options.option(FloorRequest, "random", metavar="DISTRIBUTION")] = None,
+    seed: options.SeedOption = 0,
     changes: SetOption = None,
     output: OutOption = None,
 ) -> int:
@@ -194,7 +198,8 @@ def simulate(
         until, steps = Until(time=time, steps=steps, events=events), None
     with shown_result(show), interruptible() as interrupted:
         walk = verbs.simulate(
-            start, begin, steps, until=until, engine=engine, longest_step=longest_step, compare=True,
+            start, begin, steps, until=until, engine=engine, longest_step=longest_step,
+            floor=options.floor(floor, random, seed, steps), compare=True,
             output=output or False, should_stop=interrupted,
         )  # fmt: skip
     show(walk)

@@ -23,9 +23,12 @@ from gaitopt.requests import (
 
 if TYPE_CHECKING:
     from gaitopt.api.verbs import Over
+    from gaitopt.problem.floor import Floor
 
 
 Texts = Iterable[str] | None
+UNKNOWN_STEPS = 1000
+"""Tiles of a random floor for a walk until a time; the last one repeats."""
 
 
 def key_value(text: str, option: str) -> tuple[str, str]:
@@ -112,6 +115,19 @@ def number(text: str, option: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong
     return float(value)
+
+
+def floor(tiles: str | None, random: str | None, seed: int, steps: int | None) -> "Floor | None":
+    """The floor of the options ``--floor``, a text or a CSV file, or ``--random``, as long as a walk may be."""
+    from gaitopt.problem.floor import Floor, RandomFloor
+
+    if tiles is not None and random is not None:
+        raise typer.BadParameter("--floor and --random: give one of them")
+    if random is not None:
+        return RandomFloor.parse(random, seed).draw((steps or UNKNOWN_STEPS) + 1)
+    if tiles is None:
+        return None
+    return Floor.parse(tiles) if "=" in tiles else Floor.read(tiles)
 
 
 def counts(texts: Texts) -> dict[str, int]:

@@ -501,6 +501,7 @@ class WalkRecord(TypedDict):
     impacts: NotRequired[list[ImpactEntry]]
     gait_states: list[State]
     parameters: dict[Word, Number]
+    floor: NotRequired[dict[Word, list[Any]]]
 
 
 @with_config(ConfigDict(extra="allow"))

@@ -29,7 +29,7 @@ from gaitopt.model.expressions import Expressions
 from gaitopt.model.friction import COULOMB, ContactFriction, Friction, ImpactLaw
 from gaitopt.model.lagrangian import ground_names
 from gaitopt.model.links import state_tree
-from gaitopt.model.modes import FOOT, Mode
+from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
@@ -365,11 +365,11 @@ class HybridSystem:
 
     @property
     @compiled("zp")
-    def guard(self) -> dict[str, SX]:
-        """(z, p) -> the guard of a walker on one foot, positive before it lands on level ground, and its rate."""
+    def descent(self) -> dict[str, SX]:
+        """(z, p) -> rates of the guard of a walker on one foot, as it is on level ground, and of its foot's height."""
         z, n = self._symbols.z, self.n_shape + 1
-        guard = -SX(self._eom.mechanism.touchdown)
-        return {"guard": guard, "rate": jtimes(guard, z[:n], z[n:])}
+        falling = vertcat(-SX(self._eom.mechanism.touchdown), self._eom.contacts[SWING_FOOT].position[1])
+        return {"rates": jtimes(falling, z[:n], z[n:])}
 
     @property
     @compiled("zp")

@@ -4,6 +4,7 @@
 - ``faults``: errors in values with their places; one line per fault
 - ``schema``: the sections of a file as pydantic models, and their JSON Schema
 - ``scalars``: the table of scalars of a gait: label, unit, range, formula
+- ``floor``: tiles of friction, height and slope under the feet of a walk, stated or random
 - ``statement``: what is required of a gait, complete and in SI; the same as data, changed by dotted key
 - ``reading``: from data to the fields of a statement
 - ``plausibility``: numbers that are impossible or unusual for the walker

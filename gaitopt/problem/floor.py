@@ -139,6 +139,24 @@ class Floor:
         return cls(**lists)
 
     @classmethod
+    def random(cls, spreads: str, tiles: int, *, seed: int = 0, walk: int = 0) -> "Floor":
+        """A floor of independent random tiles, such as ``friction=0.12:0.2`` or ``height=normal(0, 0.002)``.
+
+        Parameters
+        ----------
+        spreads : smallest and largest value of a uniform distribution, or ``normal(mean, standard deviation)``, drawn
+            again beyond three standard deviations; for friction, height or slope.
+        tiles : their number. A longer floor begins with the same tiles.
+        seed, walk : of the stream; every walk has its own.
+
+        Raises
+        ------
+        ProblemError
+            If the text is no distribution.
+        """
+        return RandomFloor.parse(spreads, seed).draw(tiles, walk)
+
+    @classmethod
     def read(cls, path: str | Path) -> "Floor":
         """The floor of a CSV file with the columns friction (or static and kinetic), height and slope.
 

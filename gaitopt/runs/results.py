@@ -22,6 +22,7 @@ from gaitopt.gait.trajectory import SAME_TIME, Arc, Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
+from gaitopt.problem.floor import Floor
 from gaitopt.runs.attractors import ATTRACTORS_FILE, Attractors, read_attractors
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
@@ -82,7 +83,8 @@ def restore_walk(folder: Path) -> Walk:
         impacts = [Mode.from_record(point["impact"] or "") for point in record["section"][1:]]
         start = np.array([record["section"][0]["state"][name] for name in system.state_names], dtype=float)
         gait = [[state[name] for name in system.state_names] for state in record["gait_states"]]
-        moved = tabulated_steps(dynamics, table, began, impacts) if table.rows else ()
+        floor = Floor.from_record(record["floor"]) if "floor" in record else None
+        moved = tabulated_steps(dynamics, table, began, impacts, floor) if table.rows else ()
         trajectory = Trajectory(
             names=system.state_names,
             start=start,
@@ -93,7 +95,7 @@ def restore_walk(folder: Path) -> Walk:
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
         raise StorageError(f"{folder}: walk.json or walk.csv does not contain a walk ({error!r})") from error
     states = np.array(gait, dtype=float).reshape(-1, len(system.state_names))
-    walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states)
+    walk = Walk(problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states, floor=floor)
     _check_table(folder / WALK_FILES[1], table, dynamics, trajectory.steps)
     check_agrees(folder / WALK_FILE, record, walk.to_record(), "the table beside it")
     return walk

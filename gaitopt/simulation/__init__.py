@@ -9,6 +9,7 @@ heyoka_code       functions of CasADi compiled by heyoka (needs heyoka)
 contact_forces    forces and impulses in all modes at once
 clear_cases       decisions about a lone foot that no rounding changes, for one state or many
 contact_resolver  what the contacts do at rest and after an impact
+ground            the parameters of a walker on tiles, step by step
 simulator         the hybrid loop: steps and walks
 outcomes          outcomes of steps, as records and as arrays
 heyoka_batch      steps of many states at once (needs heyoka)

@@ -103,12 +103,12 @@ def _not(flag: Any) -> Any:
     return flag ^ True
 
 
-def is_within_cone(f_t: Any, f_n: Any, friction: float) -> Any:
+def is_within_cone(f_t: Any, f_n: Any, friction: Any) -> Any:
     """Whether friction can provide a force or an impulse, to within ``EDGE``; floats, or arrays of one shape."""
     return abs(f_t) <= friction * f_n * (1 + EDGE)
 
 
-def is_at_edge(f_t: Any, f_n: Any, friction: float) -> Any:
+def is_at_edge(f_t: Any, f_n: Any, friction: Any) -> Any:
     """Whether a force or an impulse lies on the edge of the friction cone; floats, or arrays of one shape."""
     return abs(abs(f_t) - friction * f_n) <= EDGE * abs(friction * f_n)
 

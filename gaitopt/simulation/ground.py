@@ -8,20 +8,21 @@ A foot that stands alone is on tile n in step n, and lands on tile n + 1, whose 
 it. Named contacts keep the tile of the step in which they landed. The state is always that on the nominal floor.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
 from gaitopt.errors import ProblemError
+from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import RowMap, buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import ContactFriction, Friction
 from gaitopt.model.lagrangian import TRAILING
-from gaitopt.model.modes import FOOT, SWING_FOOT
-from gaitopt.model.section import TOUCHDOWN
+from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import FLOOR, HybridSystem
 from gaitopt.problem.floor import Floor
 from gaitopt.threads import cached_property
@@ -65,8 +66,8 @@ def floor_system(system: HybridSystem, drops: bool, uneven: bool) -> HybridSyste
 
     def law(name: str) -> Friction:
         key = f"{FLOOR}.{name}"
-        kinds = ("static", "kinetic") if drops else ("friction", "friction")
-        return Friction(*(f"{key}.{kind}" for kind in kinds), f"{key}.viscous" if is_viscous else None)
+        static, kinetic = ("static", "kinetic") if drops else ("friction", "friction")
+        return Friction(f"{key}.{static}", f"{key}.{kinetic}", f"{key}.viscous" if is_viscous else None)
 
     laws = ContactFriction(tuple((name, law(name)) for name in system.walker.landing_points()), of_ground=True)
     return HybridSystem(system.walker, system.control, system.law, laws, system.cycle_end, uneven)
@@ -129,8 +130,9 @@ class OnTiles:
         for name, tile in tiles.items():
             static, kinetic, viscous = self._coefficients[at][name]
             pair = np.array([[static, kinetic]]) if tile.friction is None else tile.friction
-            columns = {"friction": pair[:, 0], "static": pair[:, 0], "kinetic": pair[:, 1], "viscous": viscous}
-            for what, column in {**columns, "height": tile.height, "slope": tile.slope}.items():
+            columns: dict[str, Array | float] = {"height": tile.height, "slope": tile.slope, "viscous": viscous}
+            columns |= {"friction": pair[:, 0], "static": pair[:, 0], "kinetic": pair[:, 1]}
+            for what, column in columns.items():
                 if (place := self._place.get(f"{FLOOR}.{name}.{what}")) is not None:
                     p[:, place] = column
         if self.system.uneven and self.system.walker.stands_on_one():
@@ -168,34 +170,93 @@ class Ground:
 
     def __init__(self, dynamics: Dynamics, floor: Floor) -> None:
         check_floor(dynamics.system, floor)
-        self.floor, self._nominal = floor, dynamics
+        self.floor, self._nominal, self._walker = floor, dynamics, dynamics.system.walker
         self.on_tiles = OnTiles(dynamics, drops=floor.drops, uneven=not floor.is_even)
 
-    def of_step(self, n: int, z: Array) -> Dynamics:
-        """A walker on one foot in step ``n``, counted from 0, which begins with the state ``z``; shape (n_z,).
+    def start(self, z: Array) -> dict[str, int]:
+        """The tiles of the contacts that are on the ground where a walk begins with the state ``z``, shape (n_z,)."""
+        if self._walker.stands_on_one():
+            return {FOOT: 0}
+        low = LEVEL * self._nominal.scales.length
+        return {name: 0 for name, height in self._heights(z).items() if height <= low}
+
+    def following(self, n: int, tiles: Mapping[str, int], after: Mode) -> dict[str, int]:
+        """The tiles of the contacts that are on the ground after step ``n``, from those in it.
+
+        Parameters
+        ----------
+        after : the contacts just after the step.
+        """
+        swaps = self._nominal.system.cycle_end == TOUCHDOWN
+        partner = self._walker.partners() if swaps else {}
+        before = ((name, partner.get(name, name)) for name in after.touching)
+        return {name: tiles.get(was, self._next(n, was)) for name, was in before}
+
+    def within(self, n: int, tiles: Mapping[str, int], after: Mode) -> dict[str, int]:
+        """The tiles of the contacts that are on the ground after an event within step ``n``."""
+        return {name: tiles.get(name, self._next(n, name)) for name in after.touching}
+
+    def dynamics(self, n: int, on_ground: Mapping[str, int], z: Array) -> Dynamics:
+        """The walker from a state ``z``, shape (n_z,), of step ``n`` on, counted from 0.
 
         It is the nominal one where the tiles are nominal, and no tile before them had another height.
+
+        Parameters
+        ----------
+        on_ground : the tiles of the contacts that are on the ground. The others are over those on which they may land.
         """
-        here, following = self.floor.tile(n), self.floor.tile(n + 1)
-        rise, on_tiles, states = following.height - here.height, self.on_tiles, z[None]
-        same = all(not tile.slope and on_tiles.is_nominal(n, FOOT, tile.friction) for tile in (here, following))
-        if same and not rise and not on_tiles.trailing(states).any():
+        floor, on_tiles, states = self.floor, self.on_tiles, z[None]
+        tiles = {name: on_ground.get(name, self._next(n, name)) for name in self._walker.landing_points()}
+        first = floor.tile(n if self._walker.stands_on_one() else 0).height
+        heights = {name: floor.tile(tile).height - first for name, tile in tiles.items()}
+        if not self._walker.stands_on_one() and on_tiles.system.uneven:  # they may have slid along their tiles
+            heights |= {name: height for name, height in self._heights(z).items() if name in on_ground}
+        before = floor.tile(max(n - 1, 0))
+        level = [*heights.values(), first - before.height if self._walker.stands_on_one() else 0.0]
+        flat = not any(level) and not any(tile.slope for tile in (before, *map(floor.tile, tiles.values())))
+        same = all(on_tiles.is_nominal(n, name, floor.tile(tile).friction) for name, tile in tiles.items())
+        if flat and same and not on_tiles.trailing(states).any():
             steps = self._nominal.steps
             return steps[n % len(steps)]
-        tiles = {FOOT: Tiles.of(self.floor, n, 0.0), SWING_FOOT: Tiles.of(self.floor, n + 1, rise)}
-        return Dynamics(on_tiles.system, on_tiles.parameters(n, tiles, states)[0])
+        under = {name: Tiles.of(floor, tile, heights[name]) for name, tile in tiles.items()}
+        return Dynamics(on_tiles.system, on_tiles.parameters(n, under, states)[0])
+
+    def of_step(self, n: int, on_ground: dict[str, int], arcs: Sequence[Arc]) -> list[Arc]:
+        """The arcs of step ``n`` with the dynamics that follow from their modes and states.
+
+        Parameters
+        ----------
+        on_ground : see ``dynamics``; brought up to the end of the step.
+        """
+        found, touching = list[Arc](), tuple[str, ...]()
+        for arc in arcs:
+            dynamics = found[-1].dynamics if found else self.dynamics(n, on_ground, arc.states[0])
+            if found and arc.mode.is_named and arc.mode.touching != touching:
+                now = self.within(n, on_ground, arc.mode)
+                on_ground.clear()
+                on_ground.update(now)
+                dynamics = self.dynamics(n, on_ground, arc.states[0])
+            found.append(replace(arc, dynamics=dynamics))
+            touching = arc.mode.touching
+        return found
+
+    def _next(self, n: int, contact: str) -> int:
+        """The tile on which a contact lands next in step ``n``."""
+        return n + (contact in self._walker.step_ends())
+
+    def _heights(self, z: Array) -> dict[str, float]:
+        heights, _, _ = buffered(self._nominal.system.contact_points)(z, self._nominal.p)
+        return dict(zip(self._walker.contact_names(), heights.tolist(), strict=True))
 
 
 def comes_down(dynamics: Dynamics, z: Array) -> bool:
-    """Whether a foot at the height of its tile lands there: the walker's own guard falls, too.
+    """Whether a foot at the height of its tile lands there: its height falls, and so does the walker's own guard.
 
-    Before mid-swing the guard rises. A foot that passes through the height of a lower tile then does not land, as it
-    does not land on level ground where the legs pass each other.
+    Before mid-swing one of them rises. Just after the impact the foot moves up while the guard falls; later the foot
+    passes through the height of a lower tile while the guard rises. It does not land then, as it does not land on level
+    ground where the legs pass each other.
     """
-    if not dynamics.system.uneven:
-        return True
-    _, rate = buffered(dynamics.system.guard)(z, dynamics.p)
-    return bool(rate[0] < 0)
+    return not dynamics.system.uneven or bool((buffered(dynamics.system.descent)(z, dynamics.p)[0] < 0).all())
 
 
 def check_floor(system: HybridSystem, floor: Floor) -> None:
@@ -208,7 +269,8 @@ def check_floor(system: HybridSystem, floor: Floor) -> None:
         has slopes, and the feet of the walker roll.
     """
     walker = system.walker
-    if system.cycle_end != TOUCHDOWN or not walker.step_ends():
+    never = system.cycle_end == CLOCK or not (walker.step_ends() or system.cycle_end != TOUCHDOWN)
+    if never or (walker.stands_on_one() and system.cycle_end != TOUCHDOWN):
         raise ProblemError(
             f"floor: no landing ends a step of the {walker.model}, so that no tile is under a foot; "
             "set the friction of its contacts instead"

@@ -346,7 +346,7 @@ class BatchResolver:
         modes, clear = self._clear_modes(candidates, times, states, segments, p)
         endings = np.zeros_like(modes)
         for k in np.flatnonzero(~clear):
-            decision = self._alone(p, k).mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
+            decision = self._alone(p, int(k)).mode_at_rest(candidates, float(times[k]), states[k], int(segments[k]))
             if isinstance(decision, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(decision.ending)
             else:
@@ -377,7 +377,7 @@ class BatchResolver:
         """Modes just after a stop has locked, endings where no impact is possible, and states after it."""
         modes, endings, after = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), np.int64), states.copy()
         for k, state in enumerate(states):
-            struck = self._alone(p, k).strike(mode, transition, state)
+            struck = self._alone(p, int(k)).strike(mode, transition, state)
             if isinstance(struck, Termination):
                 modes[k], endings[k] = NONE, ENDINGS.index(struck.ending)
             else:
@@ -391,7 +391,7 @@ class BatchResolver:
         impacts, clear, after, step_lengths = self._clear_impacts(mode, states, p)
         endings = np.zeros_like(impacts)
         for k in np.flatnonzero(~clear):
-            decision = self._alone(p, k).impact(mode, transition, states[k])
+            decision = self._alone(p, int(k)).impact(mode, transition, states[k])
             if isinstance(decision, ImpactRecord):
                 impacts[k] = self._after_impact.index(decision.mode)
                 after[k], step_lengths[k] = decision.state, decision.step_length
@@ -430,8 +430,8 @@ class BatchResolver:
         """Static coefficient of a contact in every row, shape (n,); None where all are those of the system."""
         if p is None:
             return None
-        law = dict(self._system.friction.laws)[contact]  # on tiles every contact has its own
-        return p[:, self._system.parameters.index(law.static)]
+        static, _, _ = self._system.contact_coefficients(p.T)[contact]  # on tiles every contact has its own
+        return np.asarray(static)
 
 
 class BatchArcs:
@@ -448,7 +448,7 @@ class BatchArcs:
         self._integrators: dict[Mode, tuple[Integrator, Array]] = {}
         self._single, self._data = HeyokaStepper(dynamics), _segment_data(dynamics)
         self._own_constants: dict[Mode, RowMap] = {}
-        self._guard: HeyokaRowMap | None = None
+        self._descent: HeyokaRowMap | None = None
 
     def advance(
         self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array, p: Array | None = None
@@ -466,11 +466,13 @@ class BatchArcs:
         names, system = self._table.margin_names(mode), self._natural.system
         if not system.uneven or TOUCHDOWN not in names or p is None:
             return arrivals
-        self._guard = self._guard or HeyokaRowMap(system.guard, {1: p[0]})
+        self._descent = self._descent or HeyokaRowMap(system.descent, {1: p[0]})
         rows = np.arange(len(states))
         while rows.size:  # see ``ground.comes_down``
             rows = rows[arrivals.events[rows] == names.index(TOUCHDOWN)]
-            rows = rows[self._guard(arrivals.states[rows], fixed=[p[rows]])[1][:, 0] >= 0] if rows.size else rows
+            if rows.size:
+                rates = self._descent(arrivals.states[rows], fixed=[p[rows]])[0]
+                rows = rows[~(rates < 0).all(axis=1)]
             if rows.size:
                 later = self._advance(
                     mode, segments[rows], arrivals.times[rows], arrivals.states[rows], limits[rows], p[rows]

@@ -125,20 +125,33 @@ class Simulator:
         """The simulators of the steps in turn, one for each of ``dynamics.steps``: itself first."""
         return (self, *map(self._like, self.dynamics.steps[1:]))
 
-    def of_step(self, n: int, state: Array) -> "Simulator":
-        """The simulator of step ``n`` of a walk, counted from 0, which begins with a state of shape (n_z,)."""
-        nominal = self.per_step[n % len(self.per_step)]
-        if self._ground is None:
-            return nominal
-        dynamics = self._ground.of_step(n, state)
-        if dynamics.system is self.system:
-            return nominal
+    def on(self, dynamics: Dynamics) -> "Simulator":
+        """The simulator like this one of a walker on other tiles, or in another step."""
+        for simulator in self.per_step:
+            if dynamics is simulator.dynamics:
+                return simulator
         key = dynamics.p.tobytes()
         if key not in self._on_tiles:
             if len(self._on_tiles) >= MOST_SIMULATORS:
                 del self._on_tiles[next(iter(self._on_tiles))]
             self._on_tiles[key] = self._like(dynamics)
         return self._on_tiles[key]
+
+    def _over(
+        self, walk: tuple["Simulator", dict[str, int]] | None, n: int, before: Mode, after: Mode | Termination, z: Array
+    ) -> "Simulator":
+        """The simulator after an event within step ``n`` of a walk, see ``step``, whose tiles it updates.
+
+        It is another one where other named contacts touch the ground.
+        """
+        if walk is None or not isinstance(after, Mode) or not after.is_named or after.touching == before.touching:
+            return self
+        (whole, tiles), ground = walk, walk[0]._ground
+        assert ground is not None
+        on_ground = ground.within(n, tiles, after)
+        tiles.clear()
+        tiles.update(on_ground)
+        return whole.on(ground.dynamics(n, tiles, z))
 
     def _like(self, dynamics: Dynamics) -> "Simulator":
         return Simulator(dynamics, self._make_stepper, max_switches=self._max_switches, longest_step=self._longest_step)
@@ -177,18 +190,24 @@ class Simulator:
         completed: list[Step] = []
         ending, message, time, events = Ending.COMPLETED, "", 0.0, 0
         limits = Until(steps=int(steps)) if until is None else until
+        ground, tiles = self._ground, dict[str, int]() if self._ground is None else self._ground.start(z)
         most, last, events_left = (inf if n is None else n for n in (limits.steps, limits.time, limits.events))
         while len(completed) < most and time < last and events < events_left:
             if should_stop is not None and should_stop():
                 message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
-            simulator = self.of_step(len(completed), z)
+            n = len(completed)
+            if ground is None:
+                simulator = self.per_step[n % len(self.per_step)]
+            else:
+                simulator = self.on(ground.dynamics(n, tiles, z))
             outcome = simulator.step(
                 z,
                 dense=dense,
-                number=len(completed) + 1,
+                number=n + 1,
                 anywhere=anywhere and not completed,
                 rest=None if until is None else (last - time, events_left - events),
+                walk=None if ground is None else (self, tiles),
             )
             if outcome.step is not None:
                 completed.append(outcome.step)
@@ -198,6 +217,8 @@ class Simulator:
                 break
             events += outcome.events
             z = outcome.step.impact.state
+            if ground is not None:
+                tiles = ground.following(n, tiles, outcome.step.impact.mode)
         if not message:
             message = f"{steps} of {steps} steps" if until is None else f"{len(completed)} steps, {time:.6g} s"
         return Trajectory(
@@ -212,6 +233,7 @@ class Simulator:
         number: int = 1,
         anywhere: bool = False,
         rest: tuple[float, float] | None = None,
+        walk: tuple["Simulator", dict[str, int]] | None = None,
     ) -> StepOutcome:
         """Simulate one step from a state just after an impact.
 
@@ -220,6 +242,8 @@ class Simulator:
         number : of the step in the message.
         anywhere : see ``run``.
         rest : time [s] and number of events after which to end within the step; None for a whole step.
+        walk : the simulator of the walk on a floor of which this is a step, and the tiles of the contacts on the
+            ground, which are kept up to date: named contacts that leave the ground may land on another tile.
         """
         table, time, segment = self.system.transitions, 0.0, 0
         z = self._after_impact(state, anywhere=anywhere)
@@ -233,15 +257,16 @@ class Simulator:
         switches: list[float] = []
         mode: Mode | None = None
         origin = float(z[self.system.n_shape])
+        here = self
         following, z, struck = self._first_mode(z, anywhere=anywhere)
         while isinstance(following, Mode):
             mode = following
-            arrival = self._advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
+            arrival = here._advance(mode, segment, time, z, min(ends[segment], last_time, time + longest))
             transition = None if arrival.event is None else table.of(mode)[arrival.event]
             comes_to_rest = transition is not None and bool(transition.at_rest)
-            end = self._resolver.settled(arrival.state, stopped=mode if comes_to_rest else None)
+            end = here._resolver.settled(arrival.state, stopped=mode if comes_to_rest else None)
             if arrival.time > time:
-                arcs.append(self._arc(mode, segment, (time, arrival.time), (z, end), dense, struck))
+                arcs.append(here._arc(mode, segment, (time, arrival.time), (z, end), dense, struck))
                 struck = None
             time, z = arrival.time, end
             if arrival.failure:
@@ -258,9 +283,9 @@ class Simulator:
             elif transition is None:  # a segment of the control has ended
                 if segment < len(ends) - 1:
                     segment += 1
-                    following = self._continued(mode, time, z, segment)
+                    following = here._continued(mode, time, z, segment)
                 elif self.system.cycle_end == CLOCK:
-                    record = impact_record(self.dynamics, mode.contact, z, mode)
+                    record = impact_record(here.dynamics, mode.contact, z, mode)
                     return _completed(arcs, record, number, origin, len(switches))
                 else:
                     where = ", where the control law ends" if time == self.system.control.horizon else ""
@@ -269,7 +294,7 @@ class Simulator:
             elif transition.ending is not None:
                 following = Termination(transition.ending, transition.reason)
             elif transition.ends_step:
-                landed = self._resolver.impact(mode, transition, z)
+                landed = here._resolver.impact(mode, transition, z)
                 if isinstance(landed, ImpactRecord):
                     return _completed(arcs, landed, number, origin, len(switches) + 1)
                 following = landed
@@ -287,7 +312,8 @@ class Simulator:
                     following = Termination(Ending.CHATTERING, words)
                     break
                 switches.append(time)
-                following, z, struck = self._switch(mode, transition, time, z, segment, struck)
+                following, z, struck = here._switch(mode, transition, time, z, segment, struck)
+            here = here._over(walk, number - 1, mode, following, z)
         values = ", ".join(f"{name} = {value:.6g}" for name, value in zip(self.system.state_names, z, strict=True))
         where = "at the choice of the first mode" if mode is None else f"in mode {mode.brief}"
         return StepOutcome(

@@ -22,8 +22,10 @@ from gaitopt.model.cycle import UNTIL, Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
+from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
+from gaitopt.simulation.ground import Ground
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.mesh import nearest
 from gaitopt.store.formats import Table
@@ -194,7 +196,7 @@ def _integrated(
 
 
 def tabulated_steps(
-    dynamics: Dynamics, table: Table, starts: Sequence[float], impacts: Sequence[Mode]
+    dynamics: Dynamics, table: Table, starts: Sequence[float], impacts: Sequence[Mode], floor: Floor | None = None
 ) -> tuple[Step, ...]:
     """The steps of a table that ``trajectory_rows`` wrote.
 
@@ -204,6 +206,7 @@ def tabulated_steps(
     ----------
     starts : the time at which each step begins [s].
     impacts : the mode of the impact after each step; the last step of a walk may have none.
+    floor : the tiles on which the walker walked, if it was not the nominal floor.
 
     Raises
     ------
@@ -227,10 +230,15 @@ def tabulated_steps(
             states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
         )
         arcs.setdefault(step, []).append(arc)
+    if floor is not None:
+        ground, tiles = Ground(dynamics, floor), dict[str, int]()
+        for n in sorted(arcs):
+            tiles = ground.following(n - 1, tiles, impacts[n - 1]) if n else ground.start(arcs[0][0].states[0])
+            arcs[n] = ground.of_step(n, tiles, arcs[n])
     return tuple(
         Step(
             arcs=tuple(arcs[k]),
-            impact=impact_record(arcs[k][0].dynamics, impacts[k], arcs[k][-1].states[-1], arcs[k][-1].mode)
+            impact=impact_record(arcs[k][-1].dynamics, impacts[k], arcs[k][-1].states[-1], arcs[k][-1].mode)
             if k < len(impacts)
             else None,
         )

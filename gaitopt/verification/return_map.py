@@ -149,8 +149,7 @@ class ReturnMap:
         It is not finite if a step grazes an event.
         """
         deviations = self.section.tangent(steps[0].arcs[0].states[0], self.simulator.dynamics.p)
-        simulators = [self.simulator.of_step(n, step.arcs[0].states[0]) for n, step in enumerate(steps)]
-        return np.asarray(self.propagated(steps, deviations, simulators)[self._indices])
+        return np.asarray(self.propagated(steps, deviations, self.simulator.per_step)[self._indices])
 
     def propagated(self, steps: Sequence[Step], deviations: Array, simulators: Sequence[Simulator]) -> Array:
         """Deviations (n_z, m) just after the impact that ends complete steps, from those at their start.
@@ -159,10 +158,10 @@ class ReturnMap:
         ----------
         simulators : simulators of consecutive steps, repeated in turn; they differ if the legs differ.
         """
-        for step, simulator in zip(steps, cycle(simulators), strict=False):
-            system = simulator.system
+        for step, nominal in zip(steps, cycle(simulators), strict=False):
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
-                ends = arc.times[[0, -1]]
+                system, ends = arc.dynamics.system, arc.times[[0, -1]]
+                simulator = nominal if system is nominal.system else nominal.on(arc.dynamics)
                 deviations = simulator.stepper.propagate_variations(
                     arc.mode, arc.segment, arc.states[0], deviations, ends
                 )

@@ -21,6 +21,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.faults import shown
+from gaitopt.problem.floor import Floor
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import MEASURES
 from gaitopt.problem.statement import Until
@@ -45,11 +46,13 @@ class Walk(WalkerMotion):
     gait_states : ndarray, shape (n_steps, n_z) - states after each impact of the gait from which the walk started;
         no rows if it started from a problem.
     longest_step : the time limit of a step [s], if one was given.
+    floor : the tiles on which it walked; None for the nominal floor.
     """
 
     trajectory: Trajectory
     gait_states: Array
     longest_step: float | None = None
+    floor: Floor | None = None
 
     def __repr__(self) -> str:
         count, ending = len(self.complete_steps), self.trajectory.ending
@@ -97,6 +100,7 @@ class Walk(WalkerMotion):
             # parameters of the gait that differ from those of its problem
             "parameters": {key: value for (key, value), other in moving if value != other},
             **({} if self.longest_step is None else {"longest_step": self.longest_step}),
+            **({} if self.floor is None else {"floor": self.floor.to_record()}),
         }
 
     @property
@@ -117,6 +121,7 @@ def simulate(
     dense: bool = True,
     engine: str = Engine.AUTO,
     longest_step: float | None = None,
+    floor: Floor | None = None,
     should_stop: Stop = None,
 ) -> Walk:
     """Simulate a motion from a state; see ``gaitopt.simulate``."""
@@ -132,7 +137,10 @@ def simulate(
             "end the simulation at a time or after events: until=Until(time=2.0)"
         )
     z, anywhere = _initial_state(start, dynamics, state or {})
-    simulator = Simulator(dynamics, stepper_class(engine, steps=steps or 1), longest_step=longest_step)
+    if not isinstance(floor, Floor | None):
+        raise ProblemError(f"floor is {shown(floor)}, but must be Floor(friction=[...]), Floor.parse(TEXT) or similar")
+    stepper = stepper_class(engine, steps=steps or 1)
+    simulator = Simulator(dynamics, stepper, longest_step=longest_step, floor=floor)
     simulator.check_start(z)
     trajectory = simulator.run(
         z, steps=steps or 1, until=until, anywhere=anywhere, dense=dense, should_stop=should_stop
@@ -141,7 +149,7 @@ def simulate(
     states = states_after_impacts(start) if isinstance(start, Gait) else np.empty(0)
     return Walk(
         problem=problem, dynamics=dynamics, trajectory=trajectory, gait_states=states.reshape(-1, width),
-        longest_step=longest_step,
+        longest_step=longest_step, floor=floor,
     )  # fmt: skip
 
 

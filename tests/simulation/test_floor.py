@@ -1,0 +1,207 @@
+"""A walk on tiles of friction, height and slope obeys the laws of the walk on level ground."""
+
+from math import asin, cos, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt import Floor, load_problem, load_run, simulate
+from gaitopt.errors import ProblemError
+from gaitopt.gait import curves
+from gaitopt.gait.measures import observe
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import FOOT, SWING_FOOT
+from gaitopt.problem.floor import RandomFloor
+from gaitopt.simulation.ground import OnTiles, Tiles
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.systems import problem_dynamics
+from gaitopt.verification.return_map import ReturnMap
+
+TURNING = {"theta": 1, "theta1": 1, "theta2": -1}
+"""How the absolute angles of a wheel and a compass change where the ground turns."""
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-pd-impact-slip", "heel-toe-slip"])
+def test_a_floor_of_one_friction_is_the_problem_with_this_friction(name):
+    gait = named(name)
+    problem = gait.problem.replace({"friction": 1.01 * gait.problem.static_friction})
+    there = Simulator(problem_dynamics(problem)).run(gait.state, steps=3)
+    walk = Simulator(gait.dynamics, floor=Floor(friction=1.01 * gait.problem.static_friction)).run(gait.state, steps=3)
+    assert np.array_equal(walk.section_states, there.section_states)
+
+
+@pytest.mark.parametrize(("name", "delta"), [("compass-passive-a", 0.002), ("rimless-wheel-slip", -0.003)])
+@pytest.mark.portable
+def test_tiles_along_a_steeper_plane_are_a_steeper_slope(name, delta):
+    """The walker sees the same ground from a frame that is turned; its feet slip along the tiles."""
+    gait, steps = named(name), 4
+    nominal = gait.dynamics.at({"walker.slope": gait.dynamics.parameter("walker.slope") - delta})
+    drop = gait.scalar("step_length") * sin(delta)
+    floor = Floor(slope=delta, height=[-k * drop for k in range(steps + 1)])
+    turned = gait.state.copy()
+    for k, key in enumerate(nominal.system.state_names):
+        turned[k] = turned[k] * cos(delta) if key == "dx" else turned[k] + TURNING.get(key, 0) * delta
+    walk = Simulator(nominal, floor=floor).run(turned, steps=steps)
+    assert walk.duration == pytest.approx(steps * gait.scalar("period"), rel=1e-11)
+    assert walk.final_state == pytest.approx(turned, abs=1e-11)
+
+
+@pytest.mark.parametrize("rise", [0.01, -0.02])
+@pytest.mark.portable
+def test_a_wheel_lands_on_a_step_at_the_angle_and_with_the_rate_of_its_closed_form(rise):
+    gait = named("rimless-wheel-stick")
+    p = gait.problem.walker
+    a, ratio = pi / p.spokes, 1 + p.inertia_ratio
+    theta, rate = gait.state[0], gait.state[2]
+    landing = a - asin(rise / (2 * p.radius * sin(a)))
+    energy = 2 * p.gravity / (p.radius * ratio) * (cos(theta + p.slope) - cos(landing + p.slope))
+    after = sqrt(rate**2 + energy) * (cos(2 * a) + p.inertia_ratio) / ratio
+    state = simulate(gait, steps=1, floor=Floor(friction=2, height=[0, rise])).trajectory.final_state
+    assert (state[0], state[2]) == pytest.approx((landing - 2 * a, after), rel=1e-11)
+
+
+def test_a_tilted_tile_does_no_work_but_that_of_friction():
+    gait = named("compass-passive-a")
+    floor = Floor(slope=[0.01, -0.02, 0.015], height=[0, 0.001, -0.001])
+    walk = Simulator(gait.dynamics, floor=floor).run(gait.state, steps=2, dense=True)
+    slips = 0
+    for arc in (arc for step in walk.steps for arc in step.arcs if len(arc.times) > 2):
+        seen = observe(arc)
+        power = curves.coefficients((seen.force[:, 0] * seen.slip[:, 0])[:, None])[:, 0]
+        work = arc.duration / 2 * np.polynomial.chebyshev.chebint(power, lbnd=-1)
+        done = np.polynomial.chebyshev.chebval(1.0, work)
+        slips += arc.mode.slips
+        assert seen.energy[-1] - seen.energy[0] == pytest.approx(done, abs=1e-9)
+    assert slips == 4
+
+
+def test_a_foot_does_not_land_on_a_lower_tile_before_mid_swing():
+    """The height of the swing foot falls below that of the tile, early in the step, where the legs are to pass."""
+    walk = simulate(named("compass-passive-stick"), steps=1, floor=Floor(height=[0, -1e-4]))
+    assert walk.trajectory.steps[0].period > 0.9 * named("compass-passive-stick").scalar("period")
+
+
+def test_the_derivative_of_a_walk_over_tiles_is_that_of_differences():
+    gait = named("compass-passive-a")
+    floor = Floor(friction=[0.1402, 0.14, 0.141], height=[0, 2e-5, -1e-5, 0, 0], slope=[1e-4, -1e-4, 0])
+    mapped = ReturnMap(Simulator(gait.dynamics, floor=floor), gait.steps[0].final_impact.mode, n_steps=4)
+    xi, h = gait.state[mapped.section.indices], 1e-6
+    exact = mapped.jacobian(mapped(xi).steps)
+    for k in range(xi.size):
+        step = h * np.eye(xi.size)[k]
+        assert exact[:, k] == pytest.approx((mapped(xi + step).xi - mapped(xi - step).xi) / (2 * h), abs=2e-6)
+
+
+def test_walks_on_floors_of_their_own_in_a_batch_are_those_of_one():
+    heyoka_batch = pytest.importorskip("gaitopt.simulation.heyoka_batch", exc_type=ImportError)
+    from gaitopt.simulation.heyoka_stepper import HeyokaStepper
+
+    gait, steps = named("compass-passive-a"), 3
+    floors = [Floor.random("friction=0.13:0.16, height=normal(0, 5e-4), slope=-2e-3:2e-3", 5, walk=k) for k in range(6)]
+    walker = OnTiles(gait.dynamics, drops=False, uneven=True)
+    batch = heyoka_batch.BatchSimulator(Dynamics(walker.system, walker.parameters(0, {}, gait.state[None])[0]))
+    states = np.tile(gait.state, (len(floors), 1))
+
+    def tiles(n, base):
+        rows = [floor.tile(n) for floor in floors]
+        heights = [tile.height - floor.tile(base).height for tile, floor in zip(rows, floors, strict=True)]
+        friction, slope = np.array([tile.friction for tile in rows]), np.array([tile.slope for tile in rows])
+        return Tiles(friction=friction, height=np.array(heights), slope=slope)
+
+    for n in range(steps):
+        p = walker.parameters(n, {FOOT: tiles(n, n), SWING_FOOT: tiles(n + 1, n)}, states)
+        states = batch.step(states, p).states
+    for floor, state in zip(floors, states, strict=True):
+        walk = Simulator(gait.dynamics, HeyokaStepper, floor=floor).run(gait.state, steps=steps)
+        assert walk.final_state == pytest.approx(state, abs=1e-11)
+
+
+@pytest.mark.slow
+def test_a_contact_keeps_the_tile_on_which_it_landed():
+    """The rear foot of flat-foot stays on its tile after the front one has landed."""
+    walk = simulate(named("flat-foot"), steps=2, floor=Floor(friction=[0.5, 0.6, 0.7]))
+    arcs = [
+        {name: arc.dynamics.contact_friction[name] for name in arc.mode.touching}
+        for arc in walk.trajectory.steps[1].arcs
+    ]
+    assert {"heel": 0.6, "swing_heel": 0.5, "swing_toe": 0.5} in arcs
+    assert {"heel": 0.6, "swing_toe": 0.5} in arcs
+    assert arcs[-1] == {"heel": 0.6, "toe": 0.6}
+    assert walk.trajectory.steps[1].arcs[-1].dynamics.contact_friction["swing_heel"] == 0.7
+
+
+def test_a_heel_and_its_toe_land_on_the_same_tile():
+    walk = simulate(named("heel-toe"), steps=2, floor=Floor(friction=[0.5, 0.6, 0.7]))
+    found = [(arc.mode.touching, arc.dynamics.contact_friction) for s in walk.trajectory.steps for arc in s.arcs]
+    assert [{name: of[name] for name in touching} for touching, of in found] == [
+        {"heel": 0.5},
+        {"toe": 0.5},
+        {"heel": 0.6},
+        {"toe": 0.6},
+    ]
+
+
+def test_a_stored_walk_on_a_floor_is_read_as_it_was(tmp_path):
+    floor = Floor(friction=[0.14, 0.139], height=[0, 1e-4, 0], slope=[0, 1e-3, 0])
+    walk = simulate("compass-passive-a", steps=3, floor=floor, output=tmp_path / "walk")
+    again = load_run(tmp_path / "walk")
+    assert again.floor == floor
+    assert again.trajectory.final_state == pytest.approx(walk.trajectory.final_state, abs=1e-14)
+    assert again.trajectory.steps[1].arcs[0].dynamics.parameters == walk.trajectory.steps[1].arcs[0].dynamics.parameters
+
+
+def test_the_text_the_table_and_the_lists_of_a_floor_agree(tmp_path):
+    floor = Floor(friction=[0.2, 0.13, 0.13, (0.2, 0.15)], slope=[0, pi / 180])
+    table = tmp_path / "floor.csv"
+    table.write_text("static,kinetic,slope\n0.2,0.2,0\n0.13,0.13,0.017453292519943295\n"
+                     "0.13,0.13,0.017453292519943295\n0.2,0.15,0.017453292519943295\n")  # fmt: skip
+    assert Floor.parse("friction=0.2, 0.13x2, 0.2/0.15; slope=0, 1 deg") == floor
+    assert [Floor.read(table).tile(n) for n in range(6)] == [floor.tile(n) for n in range(6)]
+    assert Floor.from_record(floor.to_record()) == floor
+
+
+def test_a_longer_random_floor_begins_as_the_shorter_one():
+    floors = RandomFloor.parse("friction=normal(0.15, 0.08), height=-1:1", seed=3)
+    assert floors.draw(50).tile(19) == floors.draw(20).tile(19)
+    assert floors.draw(50) != floors.draw(50, walk=1)
+    assert min(floors.draw(2000).friction) >= 0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Floor(), "floor: has no tile"),
+        (lambda: Floor(friction=[0.2, -0.1]), "floor.friction, tile 1: -0.1 is outside of 0 to 100"),
+        (lambda: Floor(friction=[(0.1, 0.2)]), "static 0.1 is smaller than kinetic 0.2"),
+        (lambda: Floor(height=["high"]), "floor.height, tile 0: 'high' is not a number"),
+        (lambda: Floor.parse("0.2, 0.3"), "'0.2' has no name; write friction=, height= or slope="),
+        (lambda: Floor.parse("ice=0.2"), "'ice' is no quantity of a tile"),
+        (lambda: Floor.parse("friction=0.2, b"), "floor.friction: 'b' is no value"),
+        (lambda: Floor.parse("height=1 deg"), "1deg is no value of height"),
+        (lambda: Floor.read("nowhere.csv"), "nowhere.csv: the floor cannot be read"),
+        (lambda: Floor.random("friction=0.3:0.2", 3), "its limits must ascend within 0 to 100"),
+        (lambda: Floor.random("friction=0.2", 3), "friction=0.2 is no distribution"),
+        (lambda: simulate("crawler", floor=Floor(friction=0.2)), "no landing ends a step of the crawler"),
+        (lambda: simulate("slip-run", floor=Floor(height=0.1)), "lands with a given energy above level ground"),
+        (lambda: simulate("round-feet-passive", floor=Floor(slope=0.1)), "roll"),
+        (lambda: simulate("compass-passive-a", floor=[0.2]), "floor is [0.2], but must be Floor"),
+    ],
+)
+def test_a_wrong_floor_is_refused_with_the_reason(make, words):
+    with pytest.raises(ProblemError) as error:
+        make()
+    assert words in str(error.value)
+
+
+def test_a_table_with_a_wrong_value_is_refused_with_its_place(tmp_path):
+    path = tmp_path / "floor.csv"
+    path.write_text("friction,height\n0.2,0\nice,0\n")
+    with pytest.raises(ProblemError, match=r"floor.csv, row 3, friction: 'ice' is not a number"):
+        Floor.read(path)
+
+
+def test_floors_are_public():
+    assert go.Floor is Floor
+    assert load_problem("compass-passive-a").friction == 0.14
