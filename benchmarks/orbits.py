@@ -10,10 +10,12 @@ import hashlib
 import json
 import re
 from pathlib import Path
+from textwrap import fill
 from xml.etree import ElementTree as ET
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from rich.progress import track
 
 import gaitopt as go
@@ -26,7 +28,7 @@ from gaitopt.show.film import skeleton
 from gaitopt.show.gaits import MODE_COLOURS
 from gaitopt.show.motion import resampled
 from gaitopt.show.orbits import orbit_record
-from gaitopt.show.style import dashes, encoded, figure_style
+from gaitopt.show.style import MODE_WORDS, dashes, encoded, figure_style
 
 VERSION = "2.1.2"
 """Of the set; a change of a number or a key changes it."""
@@ -154,15 +156,22 @@ def picture(gait: go.Gait) -> bytes:
         began, walked = began + step.period, walked + step.final_impact.step_length
     for side in (-1, 1):
         ratio.axhline(side * gait.dynamics.static_friction, color="0.5", lw=0.9, ls="-.")
-    posture.set_aspect("equal", adjustable="datalim")
-    posture.set(title=f"{gait.problem.name}: {gait.cycle}", xlabel="x [m]", ylabel="y [m]")
-    posture.title.set_fontsize(8)
+    posture.set_aspect("equal", adjustable="box")
+    posture.set(title=fill(f"{gait.problem.name}: {gait.cycle}".replace("_", " "), 80), xlabel="x [m]", ylabel="y [m]")
+    posture.title.set_fontsize(9)
     ratio.tick_params(labelbottom=False)
     ratio.set(ylabel="f_t / f_n", xlabel="")
     slip.set(ylabel="foot x [mm]", xlabel="t [s]")
     low, high = slip.get_ylim()
     slip.set_ylim(min(low, -LEAST_SLIP), max(high, LEAST_SLIP))
     ratio.set_xlim(slip.get_xlim())
+    entries = [
+        Line2D([], [], color=MODE_COLOURS[mode], linestyle=dashes(mode), label=MODE_WORDS[mode])
+        for mode in dict.fromkeys(mode.contact for mode, _ in gait.phases)
+    ]
+    entries.append(Line2D([], [], color="0.5", lw=0.9, ls="-.", label="cone"))
+    with figure_style():
+        figure.legend(handles=entries, loc="outside lower center", ncols=4)
     return encoded(figure, "png", DPI)
 
 

@@ -30,7 +30,7 @@ def postures(gait):
 
 def picture(gait):
     """The figure: five postures side by side."""
-    figure = Figure(figsize=(9.0, 3.9))
+    figure = Figure(figsize=(8.0, 4.1))
     axes = figure.subplots()
     words = [
         "section\njust after\nthe impact",
@@ -46,7 +46,7 @@ def picture(gait):
         axes.plot(*np.column_stack([foot, hip]), color=STANCE, lw=3.5, solid_capstyle="round")
         axes.plot(*hip, "o", color="black", ms=9)
         axes.plot([k * SPACING - 0.55, k * SPACING + 0.55], [0, 0], color="black", lw=1)
-        axes.text(hip[0], -0.34, text, ha="center", va="top", fontsize=9.5)
+        axes.text(hip[0], -0.34, text, ha="center", va="top", fontsize=12)
         if mode is not None:
             axes.plot(*foot, "o", color=MODE_COLOURS[mode], ms=10, mec="black", mew=0.8)
             direction = {Mode.SLIP_FORWARD: 1, Mode.SLIP_BACKWARD: -1}.get(mode)
@@ -56,14 +56,14 @@ def picture(gait):
                     arrowprops={"arrowstyle": "-|>", "color": MODE_COLOURS[mode], "lw": 2.5},
                 )  # fmt: skip
         if k == 0:
-            axes.text(foot[0] + 0.08, 0.7, "stance\nleg", color=STANCE, fontsize=9)
-            axes.text(swing[0] + 0.02, 0.7, "swing\nleg", color=SWING, fontsize=9, ha="right")
+            axes.text(foot[0] + 0.08, 0.7, "stance\nleg", color=STANCE, fontsize=12)
+            axes.text(swing[0] + 0.02, 0.7, "swing\nleg", color=SWING, fontsize=12, ha="right")
     axes.annotate(
         "", (-0.3, 1.85), (4 * SPACING + 0.3, 1.85),
         arrowprops={"arrowstyle": "-|>", "color": "black", "lw": 1.2, "connectionstyle": "arc3,rad=0.06"},
     )  # fmt: skip
-    axes.text(2 * SPACING, 2.12, "reset: impact, then the feet swap roles", ha="center", va="bottom", fontsize=9.5)
-    axes.set(xlim=(-0.75, 4 * SPACING + 0.75), ylim=(-1.0, 2.35), aspect="equal")
+    axes.text(2 * SPACING, 2.12, "reset: impact, then the feet swap roles", ha="center", va="bottom", fontsize=12)
+    axes.set(xlim=(-0.75, 4 * SPACING + 0.75), ylim=(-1.15, 2.45), aspect="equal")
     axes.axis("off")
     return figure
 

@@ -42,9 +42,9 @@ if __name__ == "__main__":
     branch = go.continuation(go.solve("rabbit-hzd-slip"), "friction", to=0.4)
     shown = (optimal, "rabbit-optimal"), (tracked, "rabbit-tracked"), (sticking, "rabbit-hzd, friction 0.6")
     with go.figure_style():
-        figure = Figure(figsize=(10.5, 3.4), layout="constrained")
+        figure = Figure(figsize=(6.0, 6.6), layout="constrained")  # readable on a phone
         for axes, (gait, title) in zip(
-            figure.subplots(1, 4), (*shown, (branch.points[-1].gait, "friction 0.4")), strict=True
+            figure.subplots(2, 2).flat, (*shown, (branch.points[-1].gait, "rabbit-hzd-slip, friction 0.4")), strict=True
         ):
             draw(axes, gait, title)
         figure.savefig(PICTURE, dpi=110)

@@ -25,8 +25,8 @@ if __name__ == "__main__":
     }
     run = go.solve(walk.problem.replace(running))
     with go.figure_style():
-        figure = Figure(figsize=(9.0, 3.2), layout="constrained")
-        force, family = figure.subplots(1, 2)
+        figure = Figure(figsize=(6.0, 5.6), layout="constrained")
+        force, family = figure.subplots(2, 1)
         for name, gait, ends in (("walk", walk, (811, 833)), ("run", run, (1050, 1400))):
             steps = go.simulate(gait, steps=2, dense=True).to_frame()
             steps["whole"] = steps["f_n.front"] + steps["f_n.back"]

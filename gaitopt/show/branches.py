@@ -57,6 +57,8 @@ TEXT = np.array([0.12, 0.06])
 """Size of the value beside a special point, relative to the axes; one that would cover another is left out."""
 MARK = np.array([0.015, 0.02])
 """Half size of the marker of a special point, and distance of its value, relative to the axes."""
+AWAY = (1.0, 2.0, 3.5)
+"""Distances at which the value is tried, in those of ``MARK``: the closest one that is free is taken."""
 ROOM = 0.11
 """Margin above and below the curves, for the value of a special point at their edge, relative to their height."""
 INSIDE = np.array([[0.0, 0.0], [1.03, 1.08]])
@@ -198,26 +200,29 @@ def _mark(
 
 
 def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None:
-    """Write the parameter beside special points: beside no other mark or value, and over as little of the curves."""
+    """Write the parameter beside special points, over no mark, value or curve; not where there is no room for it."""
     axes.margins(y=ROOM)
     axes.autoscale_view()
-    to_axes = axes.transData + axes.transAxes.inverted()
-    curves = np.concatenate([_along(to_axes.transform(line.get_xydata())) for line in axes.lines])
+    to_axes, back = axes.transData + axes.transAxes.inverted(), axes.transAxes.inverted()
+    lines = [(line.get_transform() + back).transform(line.get_xydata()) for line in axes.lines]
+    curves = np.concatenate([_along(line) for line in lines])
     taken = [(at - MARK, at + MARK) for at in (to_axes.transform(place) for _, *place in marks)]
     for kind, value, height in marks:
-        at, options = to_axes.transform((value, height)), list[tuple[int, Any]]()
-        for side in product((1, -1), repeat=2) if kind not in TERMINAL else ():
-            low, high = np.sort([at + MARK * side, at + (MARK + TEXT) * side], axis=0)
+        at, options = to_axes.transform((value, height)), list[Any]()
+        sides = product(AWAY, (1, -1), (1, -1)) if kind not in TERMINAL else ()
+        for away, side in ((away, np.array(side)) for away, *side in sides):
+            low, high = np.sort([at + away * MARK * side, at + (away * MARK + TEXT) * side], axis=0)
             if any(np.all((low < top) & (bottom < high)) for bottom, top in taken):
                 continue
             if np.all(low >= INSIDE[0]) and np.all(high <= INSIDE[1]):
                 covered = np.all((low < curves) & (curves < high), axis=1)
-                options.append((int(covered.sum()), (side, low, high)))
+                if not covered.any():
+                    options.append((away, side, low, high))
         if options:
-            _, ((right, up), low, high) = min(options, key=lambda option: option[0])
+            away, (right, up), low, high = options[0]  # as close to its mark as there is room
             taken.append((low, high))
             axes.annotate(
-                f"{value:.4g}", (value, height), xytext=(7 * right, 5 * up), textcoords="offset points",
+                f"{value:.4g}", (value, height), xytext=(7 * away * right, 5 * away * up), textcoords="offset points",
                 ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small", color=NEUTRAL,
             )  # fmt: skip
 
@@ -276,7 +281,11 @@ def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
             place = next((known for known in texts if abs(known - z) < SAME_PLACE), complex(z))
             texts.setdefault(place, []).append(f"{special['value']:.4g}")
     for z, words in texts.items():
-        axes.annotate("\n".join(words), (z.real, z.imag), xytext=(6, 6), textcoords="offset points")
+        right, up = 9 * z.real / abs(z), 9 * z.imag / abs(z)
+        axes.annotate(
+            "\n".join(words), (z.real, z.imag), xytext=(right, up), textcoords="offset points",
+            ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top",
+        )  # fmt: skip
     if specials:
         handles.append(entry("stability changes", marker="o", linestyle="", color=CROSSING, fillstyle="none"))
     z = np.concatenate([multipliers_of(point) for point in points])

@@ -13,7 +13,7 @@ before the high ones, which differ so little that the page compresses well.
 import base64
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate, combinations, pairwise
+from itertools import accumulate, combinations, groupby, pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -57,6 +57,10 @@ COINCIDENT = 1e-9
 """Distance [m] below which two points are one."""
 SAME_PLACE = 1e-9
 """Distance of points that are the same up to rounding [m]."""
+MAGNIFICATIONS = (100, 50, 20, 10, 5, 2)
+"""Of the magnifier; the largest one in which the longest slip fits."""
+FITS = 0.3
+"""Length of a slip that fits into the magnifier, in heights of the walker as drawn outside it."""
 DIGITS = 9
 """Digits of lengths that are compared: rounding does not decide which of two equal legs comes first."""
 
@@ -82,6 +86,7 @@ class FilmPhaseRecord(TypedDict):
 
     ``undetermined`` says of each whether its share of a force is undetermined: the page then draws no force. A phase
     lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin`` [m].
+    ``closeup`` is the number of the contact under the magnifier and the place [m] at its middle; None if there is none.
     """
 
     mode: str
@@ -94,6 +99,7 @@ class FilmPhaseRecord(TypedDict):
     origin: float
     first: int
     last: int
+    closeup: tuple[int, float] | None
 
 
 class FilmRecord(TypedDict):
@@ -102,7 +108,8 @@ class FilmRecord(TypedDict):
     Frames are Chebyshev points of each phase, as many as a smooth curve needs; their columns are the coordinates ``xK``
     and ``yK`` of the points, the force ``f_tN`` and ``f_nN`` at each contact, the shape with its rates, and
     ``torque ACTUATOR``. Point 0 is the stance foot. All x count from the stance foot at the start of its step, which is
-    ``origin`` in the cycle. The picture follows the walker between the times and places of ``path``.
+    ``origin`` in the cycle. The picture follows the walker between the times and places of ``path``; ``magnification``
+    is that of the magnifier of the feet, 0 if none of them slips.
     """
 
     name: str
@@ -119,6 +126,7 @@ class FilmRecord(TypedDict):
     motor_label: str
     step_length: float
     path: list[tuple[float, float]]
+    magnification: int
     impacts: list[str]
     impulse_ratios: list[float | None]
     shape: list[str]
@@ -187,6 +195,57 @@ def slope(motion: Motion) -> float:
     _, _, gravity, *_ = _mechanism(motion.walker)
     along, normal = np.asarray(gravity(motion.dynamics.p[: len(motion.walker.model_fields)])).ravel()
     return float(np.arctan2(along, -normal))
+
+
+def magnifier(motion: Motion) -> tuple[int, list[tuple[int, float] | None]]:
+    """Magnification in which every slip of a contact is seen whole, and what is magnified in each arc of the motion.
+
+    A contact is magnified while it stays on the ground, if it slips during this time. Among several, it is the one that
+    slips, or else the one that was magnified before.
+
+    Returns
+    -------
+    magnification : of ``MAGNIFICATIONS``; 0 if no contact slips, or if slips are too long to be magnified.
+    closeups : number of the contact and the place [m] in the middle of its trace, for every arc; or None.
+    """
+    names = motion.walker.contact_names()
+    arcs, steps, origins, place = list[Arc](), list[int](), list[float](), 0.0
+    for number, step in enumerate(motion.steps):
+        arcs, steps = [*arcs, *step.arcs], [*steps, *[number] * len(step.arcs)]
+        origins += [place] * len(step.arcs)
+        place += step.impact.step_length if step.impact is not None else 0.0
+    drawing = skeleton(arcs)
+    rows = [slice(end - len(arc.times), end) for arc, end in zip(arcs, accumulate(map(_count, arcs)), strict=True)]
+    stays, longest = list[dict[int, float]]({} for _ in arcs), 0.0
+    for n, name in enumerate(names):
+        x = drawing.points[:, drawing.contacts[n] if motion.walker.label(name) else 0, 0]
+        touching = [k if name in arc.mode.touching else None for k, arc in enumerate(arcs)]
+        for _, run in groupby(
+            (k for k in touching if k is not None), key=lambda k: (steps[k], touching[:k].count(None))
+        ):
+            stay = list(run)
+            if not any(Mode(arcs[k].mode.contacts[name]).slips for k in stay):
+                continue
+            trace = np.concatenate([origins[k] + x[rows[k]] for k in stay])
+            longest = max(longest, float(np.ptp(trace)))
+            for k in stay:
+                stays[k][n] = float(trace.min() + trace.max()) / 2
+    height = float(drawing.points[:, :, 1].max())
+    fitting = [one for one in MAGNIFICATIONS if one * longest <= FITS * height]
+    if not longest or not fitting:
+        return 0, [None] * len(arcs)
+    closeups, last = list[tuple[int, float] | None](), -1
+    for arc, middles in zip(arcs, stays, strict=True):
+        slipping = [n for n in middles if Mode(arc.mode.contacts[names[n]]).slips]
+        last = next(
+            (n for n in (last, *slipping) if n in slipping), last if last in middles else next(iter(middles), -1)
+        )
+        closeups.append((last, middles[last]) if last in middles else None)
+    return fitting[0], closeups
+
+
+def _count(arc: Arc) -> int:
+    return len(arc.times)
 
 
 def _wheel(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
@@ -295,6 +354,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
     frames = frames if motion.periodic else max(FRAMES_OF_WALK, frames * len(motion.steps))
     arcs, phases, path, first = list[Arc](), list[FilmPhaseRecord](), [(0.0, 0.0)], 0
     names = motion.walker.contact_names()
+    magnification, closeups = magnifier(motion)
     for index, (began, step) in enumerate(with_start_times(motion.steps)):
         time, place = path[-1]
         for whole in step.arcs:
@@ -312,6 +372,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
                     "origin": _short(place),
                     "first": first,
                     "last": first + len(arc.times) - 1,
+                    "closeup": closeups[len(phases)],
                 }
             )
             first += len(arc.times)
@@ -348,6 +409,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
         "motor_label": motor_label([motion]),
         "step_length": _short(path[-1][1]),
         "path": [(_short(time), _short(place)) for time, place in path],
+        "magnification": magnification,
         "impacts": [contacts_words(impact.mode) for impact in impacts],
         "impulse_ratios": [tangential / normal if normal else None for tangential, normal in impulses],
         "shape": list(motion.walker.shape),

@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.markers import CARETDOWNBASE
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
@@ -62,8 +63,8 @@ OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "n
 """Look of the region beyond the friction cone, on any background."""
 SLIP_WIDTH, EDGE_DASHES = 4.0, (0, (1.3, 0.6))
 """Width [points] and dashes, in widths, of the force ratio of a foot that slips: on the edge of the cone."""
-EDGE_WIDTH = 2.0
-"""Width of the edge of the bar of a mode, so that a slip of less than a pixel is seen [points]."""
+BAR, NARROW = 0.8, 0.005
+"""Height of the bar of a mode, and the part of the time axis below which a slip is marked, as it is not seen."""
 MARKED_STATES = 6
 """Most states after impacts that are marked in the portrait of a walk."""
 CONE_ROOM = 1.35
@@ -110,7 +111,7 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     modes = [mode for motion in motions for mode in motion.modes]
     crosses = [line for line in axes.lines if line.get_marker() == "x"][:1]
     words = [entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8) for _ in crosses]
-    legend_below(figure, [*handles, *mode_legend(modes), *words])
+    legend_below(figure, [*handles, *mode_legend(modes, each=True), *words])
     return figure
 
 
@@ -134,7 +135,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
     labelled = any(motion.walker.labels() for motion in motions)
     axes.set_ylabel("slip since touchdown [mm]" if labelled else "slip of the stance foot x [mm]")
     modes = [mode for motion in motions for mode in motion.modes]
-    legend_below(figure, [*_contact_entries(motions, colours), *mode_legend(modes)])
+    legend_below(figure, [*_contact_entries(motions, colours), *mode_legend(modes, each=True)])
     return figure
 
 
@@ -201,21 +202,31 @@ def contact_rows(motions: Sequence[Motion]) -> list[tuple[Motion, str]]:
     return [(motion, name) for motion in motions for name in motion.walker.contact_names()]
 
 
-def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
+def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
     """Draw what every contact does versus time as coloured bars, a row each; returns the legend's entries.
 
-    A foot without a name is shown in flight too; a named contact that is off leaves its row empty.
+    A slip too short to be seen has a mark above its bar. A foot without a name is shown in flight too; a named contact
+    that is off leaves its row empty.
     """
-    rows, present = contact_rows(motions), set[Mode]()
+    rows, present, narrow = contact_rows(motions), set[Mode](), False
+    whole = max(motion.period for motion in motions)
     for row, (motion, name) in enumerate(rows):
         for began, step in with_start_times(motion.steps):
             for arc in step.arcs:
                 word = arc.mode.contacts[name] if arc.mode.is_named else arc.mode.contact
                 if word != OFF:
-                    colour = MODE_COLOURS[Mode(word)]
-                    begin, above = began + arc.start, 2 if Mode(word).slips else 1
-                    (bar,) = axes.barh(row, arc.duration, left=begin, height=0.8, color=colour, zorder=above)
-                    bar.set(edgecolor=colour, linewidth=EDGE_WIDTH)
+                    begin, colour = began + arc.start, MODE_COLOURS[Mode(word)]
+                    axes.barh(row, arc.duration, left=begin, height=BAR, color=colour, linewidth=0)
+                    if arc.duration < NARROW * whole and Mode(word).slips:
+                        style: dict[str, Any] = {
+                            "color": colour,
+                            "markeredgecolor": "black",
+                            "markeredgewidth": 0.4,
+                            "clip_on": False,
+                        }
+                        place = begin + arc.duration / 2, row - BAR / 2 - 0.02
+                        axes.plot(*place, marker=CARETDOWNBASE, markersize=5, linestyle="", zorder=3, **style)
+                        narrow = True
                     present.add(Mode(word))
     labels = [motion.name if len(motions) > 1 else "" for motion, _ in rows]
     own = [motion.walker.label(name).replace("_", " ") for motion, name in rows]
@@ -226,7 +237,10 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch]:
     axes.grid(visible=False)
     for spine in axes.spines.values():
         spine.set_visible(False)
-    return [Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in MODE_COLOURS if mode in present]
+    entries: list[Patch | Line2D] = [
+        Patch(color=MODE_COLOURS[mode], label=MODE_WORDS[mode]) for mode in MODE_COLOURS if mode in present
+    ]
+    return entries + [entry("a slip too short to see", marker=CARETDOWNBASE, linestyle="")] * narrow
 
 
 def _draw_ratio(axes: Axes, motion: Motion, against: str, colours: Mapping[tuple[str, tuple[str, ...]], str]) -> None:

@@ -1,39 +1,60 @@
-"""The moving walker as a GIF or an MP4, in real time, where the picture follows the walker; and as some postures.
+"""The moving walker as a GIF or an MP4, where the picture follows the walker; and as some postures.
 
-A gait is shown over one cycle, which repeats without a jump: the marks on the ground are apart by a part of its length.
-A GIF plays it for ever; an MP4, which players show once, contains several cycles.
+A gait is shown over an even number of steps, after which both legs have their colours again, and it repeats without a
+jump: the marks on the ground are apart by a part of a cycle's length. A step shorter than a second is shown in slow
+motion. A GIF plays for ever; an MP4, which players show once, contains several repetitions. Where feet slip, a
+magnifier shows the foot that does.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from io import BytesIO
 from math import ceil, cos, degrees, sin
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Normal, Stroke
+from PIL import Image
 
 from gaitopt.arrays import Array
 from gaitopt.errors import UnknownNameError
 from gaitopt.gait import curves
-from gaitopt.show.film import Skeleton, contacts_words, skeleton, slope
-from gaitopt.show.motion import Motion, with_start_times
-from gaitopt.show.style import COLOURS, NEUTRAL, figure_style, panels
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Arc
+from gaitopt.model.contacts import undetermined
+from gaitopt.model.modes import Mode
+from gaitopt.show.film import Skeleton, contacts_words, magnifier, skeleton, slope
+from gaitopt.show.motion import Motion
+from gaitopt.show.style import COLOURS, MODE_COLOURS, NEUTRAL, figure_style, panels
 
 MOVIES = ("gif", "mp4")
 """Formats of a movie."""
 RATE = 25
 """Pictures per second; a GIF counts hundredths of a second, of which this is four."""
-DPI, HEIGHT = 100, 4.0
+DPI, HEIGHT = 80, 4.0
 """Resolution [dots per inch] and height [inch] of a picture."""
+SHOWN_STEP, SLOWER = 1.0, (1, 2, 4, 10, 20)
+"""Least duration of a step on the screen [s], and the factors of slow motion."""
+LENS, TRACES, GLOW = 0.36, {Mode.SLIP_FORWARD: -0.07, Mode.SLIP_BACKWARD: -0.13}, 5.0
+"""Side of the magnifier relative to the picture, places of traces relative to it, width of its glowing rim [points]."""
+LENS_GROUND, LENS_WEIGHT, LENS_LEGS = 0.28, 0.5, 14.0
+"""Height of the ground in the magnifier and length of the weight's arrow, relative to its side; size of the legs."""
+SCALE_BARS = (0.5, 1, 2, 5, 10, 20, 50, 100)
+"""Lengths of the magnifier's scale [mm]."""
+PALETTE, SAMPLED = 64, 8
+"""Colours of a GIF, and the number of pictures from which they are chosen."""
 SHOWN = 5.0
 """Least duration of the MP4 of a gait [s]."""
 MARKS = 6
 """Marks on the ground per step."""
+FORCE, SHORTEST = "#b3246f", 1e-12
+"""Colour of the contact force, as on pages; a duration [s] that no arc with a picture in it falls below."""
 POSTURES, ROUNDING = 6, 1e-9
 """Number of postures of a figure; the last is so much before the end, relative to the whole time."""
 ROW, NARROWEST, WORDS = 2.6, 0.35, 14
@@ -59,35 +80,134 @@ def movie(motion: Motion, extension: str) -> bytes:
     if extension == "mp4" and not FFMpegWriter.isAvailable():
         words = "an MP4 is written by the program ffmpeg, which is not on the PATH"
         raise UnknownNameError(f"{words}: install ffmpeg, or write a GIF or a page (.gif, .html)")
-    count = max(ceil(motion.period * RATE), 2)
-    frames = list(_frames(motion, np.arange(count) * motion.period / count))  # the last is one before the first
-    heights = np.concatenate([drawing.points[:, :, 1].ravel() for _, drawing, _, _ in frames])
+    cycles, slower = playing(motion)
+    shown = cycles * motion.period
+    count = max(ceil(shown * slower * RATE), 2)
+    frames = list(_frames(motion, np.arange(count) * shown / count))  # the last is one before the first
+    heights = np.concatenate([frame.points[:, 1] for frame in frames])
     length = sum(step.impact.step_length for step in motion.steps if step.impact is not None)
     figure, (axes,) = panels(height=HEIGHT)
-    across = [drawing.points[:, :, 0] + origin - place for place, drawing, origin, _ in frames]
+    across = [frame.points[:, 0] - frame.camera for frame in frames]
     breadth = 2 * max(float(np.abs(x).max()) for x in across)  # the walker stays in the picture, which follows it
     size = (1 + 2 * ROOM) * max(float(np.ptp(heights)), breadth * HEIGHT / figure.get_figwidth())
     width = size * figure.get_figwidth() / HEIGHT
     repeats = ceil(SHOWN * RATE / len(frames)) - 1 if motion.periodic else 0
     loop = ["-vf", f"loop={repeats}:{len(frames)}"] if repeats > 0 else []
-    writer = PillowWriter(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE, extra_args=loop)
+    writer = _Gif(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE, extra_args=loop)
+    magnification, traces = magnifier(motion)[0], list[_Trace]()
     with TemporaryDirectory() as folder, figure_style():
         path = Path(folder) / f"movie.{extension}"
         axes.set_position((0, 0, 1, 1))
         figure.set_layout_engine("none")
+        side = LENS * HEIGHT / figure.get_figwidth()
+        lens = figure.add_axes((0.015, 0.98 - LENS, side, LENS)) if magnification else None
         with writer.saving(figure, str(path), DPI):
-            for place, drawing, origin, words in frames:
+            for frame in frames:
                 axes.clear()
                 axes.set_axis_off()
                 axes.set_aspect("equal")
                 low = float(heights.min()) - ROOM * size
                 axes.set(xlim=(-width / 2, width / 2), ylim=(low, low + size))
-                _draw(axes, motion, drawing, origin - place, HEIGHT)
+                _draw(axes, motion, frame, -frame.camera, HEIGHT)
                 spacing = abs(length) / (MARKS * len(motion.steps)) or width / MARKS
-                _draw_ground(axes, motion, place, spacing, width)
-                axes.text(0.02, 0.03, words, transform=axes.transAxes, color=NEUTRAL)
+                _draw_ground(axes, motion, frame.camera, spacing, width)
+                axes.text(0.02, 0.03, frame.words, transform=axes.transAxes, color=NEUTRAL)
+                if slower > 1:
+                    words = f"{slower} times slower"
+                    axes.text(0.98, 0.03, words, transform=axes.transAxes, ha="right", color=NEUTRAL)
+                if lens is not None:
+                    _magnify(lens, motion, frame, LENS * size / magnification, traces)
+                    lens.text(0.05, 0.95, f"×{magnification}", transform=lens.transAxes, va="top")
                 writer.grab_frame()
         return path.read_bytes()
+
+
+class _Gif(PillowWriter):
+    """A GIF with few colours, the same in all pictures, of which only what changes is stored."""
+
+    def setup(self, fig: Figure, outfile: Any, dpi: float | None = None) -> None:
+        """Begin without pictures."""
+        super().setup(fig, outfile, dpi)
+        self.pictures: list[Image.Image] = []
+
+    def grab_frame(self, **_: Any) -> None:
+        """Add a picture."""
+        content = BytesIO()
+        self.fig.savefig(content, format="rgba", dpi=self.dpi)
+        self.pictures.append(
+            Image.frombuffer("RGBA", self.frame_size, content.getvalue(), "raw", "RGBA", 0, 1).convert("RGB")
+        )
+
+    def finish(self) -> None:
+        """Write the file."""
+        strips = np.hstack([np.asarray(one) for one in self.pictures[:: max(1, len(self.pictures) // SAMPLED)]])
+        palette = Image.fromarray(strips).quantize(PALETTE, dither=Image.Dither.NONE)
+        first, *rest = (one.quantize(palette=palette, dither=Image.Dither.NONE) for one in self.pictures)
+        first.save(self.outfile, save_all=True, append_images=rest, duration=round(1000 / RATE), loop=0, optimize=False)
+
+
+def playing(motion: Motion) -> tuple[int, int]:
+    """Cycles of a gait that are shown, and the factor by which they are slower than in reality."""
+    steps = len(motion.steps)
+    if not motion.periodic:
+        return 1, 1
+    shortest = motion.period / steps
+    slower = next((factor for factor in SLOWER if factor * shortest >= SHOWN_STEP), SLOWER[-1])
+    return 1 + steps % 2, slower
+
+
+_Trace = tuple[int, int, Mode, list[float]]
+"""What a slip leaves under the magnifier: number of its arc and its contact, its mode, and its places [m]."""
+
+
+def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: list[_Trace]) -> None:
+    """Draw the foot that slips in a picture of a width [m], with its trace, and its force in its cone."""
+    lens.clear()
+    lens.set(xticks=[], yticks=[], aspect="equal")
+    lens.set(xlim=(-width / 2, width / 2), ylim=(-LENS_GROUND * width, (1 - LENS_GROUND) * width))
+    lens.set_facecolor("white")
+    mode = (
+        None
+        if frame.closeup is None
+        else Mode(frame.arc.mode.contacts[motion.walker.contact_names()[frame.closeup[0]]])
+    )
+    for spine in lens.spines.values():
+        spine.set(visible=True, color=MODE_COLOURS[mode] if mode and mode.slips else NEUTRAL)
+        spine.set_linewidth(GLOW if mode and mode.slips else 1.0)
+    if frame.closeup is None or mode is None:
+        return
+    contact, middle = frame.closeup
+    name = motion.walker.contact_names()[contact]
+    foot = frame.points[frame.contacts[contact] if motion.walker.label(name) else 0]
+    _draw(lens, motion, frame, -middle, LENS_LEGS)
+    _draw_ground(lens, motion, middle, width / MARKS, width, slopes=False)
+    if mode.slips:
+        if not traces or traces[-1][:3] != (frame.number, contact, mode):
+            traces.append((frame.number, contact, mode, []))
+        traces[-1][3].append(foot[0])
+    for _, _, kind, places in traces:
+        ends = np.array([[place - middle, TRACES[kind] * width] for place in (places[0], places[-1])])
+        lens.plot(*_turned(motion, ends).T, color=MODE_COLOURS[kind], linewidth=4, solid_capstyle="butt")
+    foot = foot - [middle, 0.0]
+    lens.plot(*_turned(motion, foot), "o", color=MODE_COLOURS[mode], markeredgecolor="black", markersize=8, zorder=4)
+    if name not in undetermined(motion.walker, frame.arc.mode):
+        force = observe(frame.arc).force[0, 2 * contact : 2 * contact + 2]
+        arrow = force * LENS_WEIGHT * width / float(motion.dynamics.system.weight(motion.dynamics.p))
+        friction, *_ = motion.dynamics.system.contact_coefficients(motion.dynamics.p)[name]
+        tall = min(1.0, 0.5 / float(friction)) * LENS_WEIGHT * width
+        cone = foot + np.array([[float(friction) * tall, tall], [0, 0], [-float(friction) * tall, tall]])
+        lens.fill(*_turned(motion, cone).T, color=FORCE, alpha=0.15, linewidth=0, zorder=3)
+        lens.annotate(
+            "", tuple(_turned(motion, foot + arrow)), tuple(_turned(motion, foot)), zorder=5,
+            arrowprops={"arrowstyle": "-|>", "color": FORCE, "linewidth": 2, "shrinkA": 0, "shrinkB": 0},
+        )  # fmt: skip
+    bar = next((one for one in SCALE_BARS if 1e-3 * one > 0.15 * width), SCALE_BARS[-1])
+    ends = np.array([0.45 * width - 1e-3 * bar, 0.45 * width])
+    lens.plot(ends, [(0.92 - LENS_GROUND) * width] * 2, color="black", linewidth=1.5)
+    lens.annotate(
+        f"{bar:g} mm", (ends[0], (0.92 - LENS_GROUND) * width), xytext=(-4, 0), textcoords="offset points",
+        ha="right", va="center", fontsize="small",
+    )  # fmt: skip
 
 
 def postures(motions: Sequence[Motion]) -> Figure:
@@ -96,16 +216,16 @@ def postures(motions: Sequence[Motion]) -> Figure:
     for motion, axes in zip(motions, rows, strict=True):
         times = np.linspace(0, motion.period * (1 - ROUNDING), POSTURES)
         frames = list(_frames(motion, times))
-        points = [_turned(motion, drawing.points[0] + [origin - place, 0]) for place, drawing, origin, _ in frames]
+        points = [_turned(motion, frame.points - [frame.camera, 0]) for frame in frames]
         low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
         spacing = (1 + 2 * ROOM) * max(high[0] - low[0], NARROWEST * (high[1] - low[1]))
         height = figure.get_figwidth() * (high[1] - low[1]) / (POSTURES * spacing)  # of a walker, in inches
-        for k, (time, (place, drawing, origin, words)) in enumerate(zip(times, frames, strict=True)):
-            _draw(axes, motion, drawing, origin - place + k * spacing, height)
+        for k, (time, frame) in enumerate(zip(times, frames, strict=True)):
+            _draw(axes, motion, frame, k * spacing - frame.camera, height)
             middle = k * spacing + np.mean([points[k][:, 0].min(), points[k][:, 0].max()])
             x, y = _turned(motion, np.array([middle, 0.0]))
             axes.annotate(
-                f"{time:.2f} s\n{fill(words, WORDS)}", (x, y), xytext=(0, -8), textcoords="offset points",
+                f"{time:.2f} s\n{fill(frame.words, WORDS)}", (x, y), xytext=(0, -8), textcoords="offset points",
                 ha="center", va="top", fontsize="x-small", color=NEUTRAL,
             )  # fmt: skip
         ends = np.array([low[0], (POSTURES - 1) * spacing + high[0]])
@@ -115,22 +235,70 @@ def postures(motions: Sequence[Motion]) -> Figure:
     return figure
 
 
-def _frames(motion: Motion, times: Array) -> Iterator[tuple[float, Skeleton, float, str]]:
-    """Place of the picture, drawing at one time, place of the stance foot's origin, and words, frame by frame."""
-    origin = 0.0
-    for began, step in with_start_times(motion.steps):
-        length = 0.0 if step.impact is None else step.impact.step_length
-        for arc in step.arcs:
-            inside = times[(times >= began + arc.start) & (times < began + arc.end)] - began
-            if not inside.size:
-                continue
-            s = 2 * (inside - arc.start) / arc.duration - 1
-            states = np.asarray(curves.evaluate(curves.coefficients(arc.states), s))
-            drawn = skeleton([replace(arc, times=inside, states=states)])
-            for k, time in enumerate(inside):
-                here = replace(drawn, points=drawn.points[k : k + 1])
-                yield origin + length * float(time) / step.period, here, origin, contacts_words(arc.mode)
-        origin += length
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Frame:
+    """The walker at one time.
+
+    Attributes
+    ----------
+    points : ndarray, shape (n, 2) - positions [m], x from the stance foot at the start.
+    drawing : its lines and discs.
+    camera : x in the middle of the picture, which moves evenly from one impact to the next [m].
+    number : of the arc since the start.
+    step : number of the step since the start, by which legs change their roles.
+    arc : at this time alone.
+    closeup : number of the contact that is magnified, and the place in the middle of its trace [m].
+    """
+
+    points: Array
+    drawing: Skeleton
+    camera: float
+    number: int
+    step: int
+    arc: Arc
+    closeup: tuple[int, float] | None
+
+    @property
+    def contacts(self) -> tuple[int, ...]:
+        """Points of the contacts."""
+        return self.drawing.contacts
+
+    @property
+    def words(self) -> str:
+        """What the contacts do."""
+        return contacts_words(self.arc.mode)
+
+
+def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
+    """The walker at increasing times, which may go beyond the first cycle of a gait."""
+    _, closeups = magnifier(motion)
+    origin, began, number, steps = 0.0, 0.0, 0, 0
+    while began <= times[-1] and (motion.periodic or not number):
+        for step in motion.steps:
+            length = 0.0 if step.impact is None else step.impact.step_length
+            for arc in step.arcs:
+                inside = times[(times >= began + arc.start) & (times < began + arc.end)] - began
+                closeup = closeups[number % len(closeups)]
+                if closeup is not None:
+                    travelled = origin - _travelled(motion, steps % len(motion.steps))
+                    closeup = closeup[0], closeup[1] + travelled
+                s = 2 * (inside - arc.start) / max(arc.duration, SHORTEST) - 1
+                states = np.asarray(curves.evaluate(curves.coefficients(arc.states), s)) if inside.size else inside
+                drawn = skeleton([replace(arc, times=inside, states=states)]) if inside.size else None
+                for k, time in enumerate(inside):
+                    assert drawn is not None, "times within an arc"
+                    yield _Frame(
+                        points=drawn.points[k] + [origin, 0.0], drawing=drawn, number=number, step=steps,
+                        camera=origin + length * float(time) / step.period, closeup=closeup,
+                        arc=replace(arc, times=inside[k : k + 1], states=states[k : k + 1]),
+                    )  # fmt: skip
+                number += 1
+            origin, began, steps = origin + length, began + step.period, steps + 1
+
+
+def _travelled(motion: Motion, step: int) -> float:
+    """Place of the stance foot at the start of a step of the cycle [m]."""
+    return sum(one.impact.step_length for one in motion.steps[:step] if one.impact is not None)
 
 
 def _turned(motion: Motion, points: Array) -> Array:
@@ -139,13 +307,14 @@ def _turned(motion: Motion, points: Array) -> Array:
     return np.asarray(points @ np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]]))
 
 
-def _draw(axes: Axes, motion: Motion, drawing: Skeleton, shift: float, height: float) -> None:
-    """Draw the walker, ``shift`` along the slope [m], for a picture of a height [inch]."""
-    points = _turned(motion, drawing.points[0] + [shift, 0.0])
+def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: float, height: float) -> None:
+    """Draw the walker, ``shift`` along the slope [m], for a picture of a height [inch]; a leg keeps its colour."""
+    drawing, points = frame.drawing, _turned(motion, np.add(frame.points, [shift, 0.0]))
     for number, (a, b) in reversed([*enumerate(drawing.legs)]):
         sides = drawing.sides or ((0, 1) if len(drawing.legs) == 2 else (0,) * len(drawing.legs))
-        stands = sides[number] == 0
-        colour = COLOURS[0] if stands else NEUTRAL
+        side = sides[number]
+        exchanged = frame.step % 2 if drawing.sides or len(drawing.legs) == 2 else 0
+        colour = NEUTRAL if side is None else COLOURS[(side + exchanged) % 2]
         width = 1 + height / 2
         outline = [Stroke(linewidth=width + 1.4, foreground=axes.get_facecolor(), capstyle="butt"), Normal()]
         axes.plot(*points[[a, b]].T, color=colour, linewidth=width, solid_capstyle="round", path_effects=outline)
@@ -156,8 +325,10 @@ def _draw(axes: Axes, motion: Motion, drawing: Skeleton, shift: float, height: f
         axes.plot(*points[point], "o", color=NEUTRAL, markersize=size, clip_on=False)
 
 
-def _draw_ground(axes: Axes, motion: Motion, place: float, spacing: float, width: float) -> None:
-    """The ground with its marks, which stay where they are."""
+def _draw_ground(
+    axes: Axes, motion: Motion, place: float, spacing: float, width: float, *, slopes: bool = True
+) -> None:
+    """The ground with its marks, which stay where they are, and its slope."""
     ends = _turned(motion, np.array([[-width, 0.0], [width, 0.0]]))
     axes.plot(*ends.T, color="black", linewidth=1)
     first = ceil((place - width) / spacing)
@@ -166,5 +337,5 @@ def _draw_ground(axes: Axes, motion: Motion, place: float, spacing: float, width
         mark = _turned(motion, np.array([[x, 0.0], [x - 0.02 * width, -0.02 * width]]))
         axes.plot(*mark.T, color="black", linewidth=1)
     words = f"{degrees(slope(motion)):.3g}°"
-    if slope(motion):
+    if slopes and slope(motion):
         axes.text(0.98, 0.97, words, transform=axes.transAxes, va="top", ha="right", color=NEUTRAL)

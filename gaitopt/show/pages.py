@@ -36,7 +36,7 @@ from gaitopt.show.motion import (
     thinned,
 )
 from gaitopt.show.replays import replayed_motion
-from gaitopt.show.style import MODE_WORDS, encoded, label, parameter_of, symbol
+from gaitopt.show.style import FLIGHT_DOTS, MODE_WORDS, SLIP_DASHES, dashes, encoded, label, parameter_of, symbol
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
@@ -45,6 +45,8 @@ Record = Mapping[str, Any]
 
 FRAMES = 30
 """Frames of one step of one point of a branch: 200 points stay well under a megabyte."""
+STROKES = {"-": "stick", SLIP_DASHES: "slip", FLIGHT_DOTS: "flight"}
+"""Line styles by the words of ``curves.js``."""
 POINTS = 17
 """Chebyshev points of a phase of a branch, accurate to seven digits, which is more than a page can show."""
 
@@ -168,7 +170,7 @@ def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:
     ]
     return {
         "nodes": pack(nodes),
-        "lines": [{"mode": str(mode.contact), **pack(line)} for mode, line in arcs],
+        "lines": [{"mode": STROKES[dashes(mode)], **pack(line)} for mode, line in arcs],
         "gaps": [pack(gap) for gap in gaps],
     }
 

@@ -146,8 +146,9 @@ def encoded(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -
 
 
 def dashes(mode: Mode) -> Any:
-    """Line style of a mode: solid where the foot sticks, dashed where it slips, dotted in flight."""
-    return "-" if mode.sticks else SLIP_DASHES if mode.slips else FLIGHT_DOTS
+    """Line style of a mode: solid where a foot sticks, dashed where feet only slip, dotted in flight."""
+    sticks = any(mode.contacts[name] == Mode.STICK for name in mode.touching)
+    return "-" if sticks else SLIP_DASHES if mode.touching else FLIGHT_DOTS
 
 
 def entry(words: str, **style: Any) -> Line2D:
@@ -155,16 +156,18 @@ def entry(words: str, **style: Any) -> Line2D:
     return Line2D([], [], label=words, **({"color": NEUTRAL} | style))
 
 
-def mode_legend(modes: Sequence[Mode]) -> list[Line2D]:
-    """Legend entries for the line styles of the modes that occur."""
-    entries = []
-    if any(mode.sticks for mode in modes):
-        entries.append(entry("foot sticks"))
-    if any(mode.slips for mode in modes):
-        entries.append(entry("foot slips", linestyle=SLIP_DASHES))
-    if not all(mode.touching for mode in modes):
-        entries.append(entry("flight", linestyle=FLIGHT_DOTS))
-    return entries
+def mode_legend(modes: Sequence[Mode], *, each: bool = False) -> list[Line2D]:
+    """Legend entries for the line styles of the modes that occur; ``each``: every contact has its line."""
+    if each:
+        states = {word for mode in modes for word in (mode.contacts[name] for name in mode.touching)}
+        styles: list[Any] = ["-"] * (Mode.STICK in states) + [SLIP_DASHES] * bool(states - {Mode.STICK})
+        styles += [FLIGHT_DOTS] * any(not mode.touching for mode in modes)
+    else:
+        styles = [dashes(mode) for mode in modes]
+    several = not each and any(mode.is_named for mode in modes)
+    words = ("a foot sticks", "all feet on the ground slip") if several else ("foot sticks", "foot slips")
+    known = zip(("-", SLIP_DASHES, FLIGHT_DOTS), (*words, "flight"), strict=True)
+    return [entry(text, linestyle=style) for style, text in known if style in styles]
 
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
@@ -239,7 +242,7 @@ def symbol(state: str) -> str:
 
 def label(key: str, of: Driven | None = None) -> Label:
     """Label of a scalar, a state or a parameter of a problem or system; an unknown key is its own label."""
-    if key in SCALARS or key in FRICTION_LABELS:
+    if key in SCALARS or key in FRICTION_LABELS or key.startswith("friction."):
         return Label(words=f"{label_of(key, of)} {SYMBOLS.get(key, '')}".rstrip(), unit=typeset(unit_of(key, of)))
     last, unit = key.rpartition(".")[2], unit_of(key, of)
     return Label(words=f"{last.replace('_', ' ')} {MOTOR_WORDS.get(unit, '')}".rstrip(), unit=typeset(unit))

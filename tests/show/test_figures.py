@@ -7,17 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgba
+from legible import faults
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.contour import ContourSet
+from matplotlib.figure import Figure
 from pictured import SEQUENCES, TORSO, branch, gait
 
-from gaitopt import Mode, Sweep, load_problem, simulate
+from gaitopt import Mode, Sweep, continuation, load_problem, simulate
 from gaitopt.gait.trajectory import Step
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.runs.grid import Axis, Grid
 from gaitopt.show.branches import UNSTABLE, multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.catalogue import branch_figures, figures_of
-from gaitopt.show.gaits import EDGE_DASHES, EDGE_WIDTH
+from gaitopt.show.gaits import EDGE_DASHES
 from gaitopt.show.grids import FAILURES, front_figure, pareto_front, sweep
 from gaitopt.show.motion import differences, motion_from_record, motion_of, simulated, thinned
 from gaitopt.show.style import MODE_COLOURS, SLIP_DASHES, Parameter, label, parameter_of, save, symbol
@@ -176,11 +178,16 @@ def test_the_portrait_of_a_walk_marks_at_most_six_states_and_outlines_them():
     assert {line.get_markeredgecolor() for line in marks} == {axes.get_facecolor()}
 
 
-def test_a_slip_of_less_than_a_pixel_is_seen_in_the_gait_diagram():
-    axes = gait("compass-passive-a").plot("contacts")
-    edges = {bar.get_edgecolor(): bar.get_zorder() for bar in axes.patches if bar.get_linewidth() == EDGE_WIDTH}
-    above = {Mode.STICK: 1, Mode.SLIP_FORWARD: 2, Mode.SLIP_BACKWARD: 2}
-    assert edges == {to_rgba(MODE_COLOURS[mode]): order for mode, order in above.items()}
+def test_a_slip_of_less_than_a_pixel_is_marked_in_the_gait_diagram_whose_bars_end_where_phases_do():
+    shown = gait("heel-toe-slip")
+    axes = shown.plot("contacts")
+    (arcs,) = (step.arcs for step in shown.motion)
+    drawn = sorted((bar.get_x(), bar.get_x() + bar.get_width()) for bar in axes.patches)
+    np.testing.assert_allclose(drawn, [(arc.start, arc.end) for arc in arcs], atol=1e-12)
+    assert {bar.get_linewidth() for bar in axes.patches} == {0.0}
+    (mark,) = [line for line in axes.lines if len(line.get_xdata())]
+    assert arcs[-1].start < mark.get_xdata()[0] < arcs[-1].end
+    assert mark.get_color() == MODE_COLOURS[Mode.SLIP_BACKWARD]
 
 
 def test_a_way_to_fail_has_its_colour_in_every_basin():
@@ -330,11 +337,42 @@ def test_requests_without_a_design_are_ticks_with_their_reason():
     assert f"infeasible: {reason}" in [text.replace("\n", " ") for text in words]
 
 
-def test_labels_lie_inside_the_canvas(drawn):
-    for name, figure in drawn.items():
-        box = figure.get_tightbbox(figure.canvas.get_renderer())
-        assert box.x0 > -0.02, name
-        assert box.y0 > -0.02, name
+def test_no_text_lies_over_text_or_over_a_curve_or_is_cut_off(drawn):
+    assert {name: found for name, figure in drawn.items() if (found := faults(figure))} == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    ["heel-toe-slip", "inchworm", "flat-foot", "crawler", "bounding", "slip-walk", "slip-run-foot", "rabbit-hzd"],
+)
+def test_no_figure_of_other_walkers_has_such_text(name):
+    shown = figures_of(gait(name))
+    assert {word: found for word in shown.usual if (found := faults(shown.draw(word)))} == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "key", "to"), [("compass-passive-stick", "friction", 0.1), ("slip-walk", "walker.energy", 815)]
+)
+def test_no_figure_of_a_branch_has_such_text(name, key, to):
+    shown = figures_of(continuation(gait(name), key, to, progress=False))
+    assert {word: found for word in shown.names if (found := faults(shown.draw(word)))} == {}
+
+
+def test_text_over_text_over_a_curve_and_beyond_the_edge_is_found():
+    figure = Figure(figsize=(3, 3))
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.2, 0.2, 0.6, 0.6))
+    axes.plot([0, 1], [0, 1])
+    assert faults(figure) == []
+    figure.canvas.draw()
+    axes.text(0.5, 0.5, "on the curve", ha="center", va="center")
+    axes.text(0.1, 0.8, "one")
+    axes.text(0.12, 0.82, "other")
+    axes.text(0.99, 0.1, "too long for this place")
+    found = faults(figure)
+    assert sorted(words.split("' ")[-1] for words in found) == ["is cut off", "lies over a curve", "lies over 'other'"]
 
 
 def test_sweep_without_any_gait_is_drawn():

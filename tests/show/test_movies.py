@@ -6,15 +6,19 @@ from math import ceil
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from named import named
 from PIL import Image, ImageSequence
 
 import gaitopt as go
 from gaitopt.cli.main import main
 from gaitopt.errors import StorageError, UnknownNameError
+from gaitopt.model.modes import Mode
 from gaitopt.show import movie
 from gaitopt.show.catalogue import figures_of
-from gaitopt.show.movie import RATE
+from gaitopt.show.film import FITS, magnifier, skeleton
+from gaitopt.show.motion import motion_of
+from gaitopt.show.movie import RATE, SHOWN_STEP, playing
 
 WHEEL = "rimless-wheel-slip"
 
@@ -24,17 +28,20 @@ def pictures(path):
         return [np.asarray(frame.convert("L"), dtype=float) for frame in ImageSequence.Iterator(file)]
 
 
-def test_a_gif_shows_one_cycle_in_real_time_and_repeats(tmp_path):
+def test_a_gif_shows_two_steps_in_slow_motion_and_repeats(tmp_path):
     gait = named(WHEEL)
+    cycles, slower = playing(motion_of(gait))
+    assert cycles == 2
+    assert gait.period < SHOWN_STEP <= slower * gait.period
     path = gait.animate().save(tmp_path / "walk.gif")
     with Image.open(path) as file:
         assert file.format == "GIF"
         assert file.info["loop"] == 0
         assert file.info["duration"] == 1000 / RATE
     frames = pictures(path)
-    assert len(frames) == ceil(gait.period * RATE)
+    assert len(frames) == ceil(cycles * slower * gait.period * RATE)
     apart = [np.abs(one - frames[0]).mean() for one in frames]
-    assert min(apart[1:]) > 0.1  # the walker moves
+    assert max(apart) > 1  # the walker moves
     assert apart[-1] < 2 * apart[1]  # and comes back, as the next picture is the first one
 
 
@@ -45,6 +52,43 @@ def test_a_low_and_long_walker_is_whole_in_the_picture(tmp_path, monkeypatch):
     left, right = np.array_split(grey.sum(axis=0) > 20, 2)
     assert left.any()
     assert right.any()
+
+
+def test_a_leg_keeps_its_colour_through_the_exchange_of_roles():
+    motion = motion_of(named("compass-passive-a"))
+    frames = list(movie._frames(motion, np.array([0.3, 1.3, 2.3, 3.3]) * motion.period))
+    figure, stands = Figure(), []
+    for frame in frames:
+        axes = figure.add_subplot()
+        movie._draw(axes, motion, frame, 0.0, 4.0)
+        lowest = min((line for line in axes.lines if line.get_path_effects()), key=lambda line: line.get_ydata().min())
+        stands.append(lowest.get_color())
+    assert stands[:2] == stands[2:]
+    assert stands[0] != stands[1]
+
+
+@pytest.mark.parametrize(("name", "factor"), [("compass-passive-a", 100), ("compass-passive-stick", 0), ("crawler", 0)])
+def test_the_magnifier_shows_every_slip_whole_and_is_not_there_without_a_slip(name, factor):
+    motion = motion_of(named(name))
+    magnification, closeups = magnifier(motion)
+    assert magnification == factor
+    if not factor:  # the crawler slips so far that it is seen
+        assert set(closeups) == {None}
+        return
+    for arc, (contact, middle) in zip(motion.steps[0].arcs, closeups, strict=True):
+        assert contact == 0
+        x = arc.states[:, motion.state_index("x")]
+        height = skeleton([arc]).points[..., 1].max()
+        assert factor * np.abs(x - middle).max() <= FITS / 2 * height
+
+
+def test_the_magnifier_follows_the_contact_that_slips():
+    motion = motion_of(named("heel-toe-slip"))
+    names = motion.walker.contact_names()
+    _, closeups = magnifier(motion)
+    slipping = [[name for name, word in arc.mode.contacts.items() if Mode(word).slips] for arc in motion.steps[0].arcs]
+    followed = [[names[closeup[0]]] for closeup, slips in zip(closeups, slipping, strict=True) if slips]
+    assert followed == [slips for slips in slipping if slips] == [["heel"], ["toe"]]
 
 
 def test_an_ending_that_is_not_written_is_an_error(tmp_path, monkeypatch):
@@ -68,7 +112,7 @@ def test_an_mp4_lasts_long_enough_to_be_seen(tmp_path):
     assert b"ftypisom" in content[:32]
     header = content.index(b"mvhd") + 16  # after version and two dates: units per second, duration in these
     scale, duration = np.frombuffer(content[header : header + 8], ">u4")
-    assert movie.SHOWN <= duration / scale < movie.SHOWN + named(WHEEL).measures["period"] + 2 / movie.RATE
+    assert movie.SHOWN <= duration / scale < movie.SHOWN + 4 * SHOWN_STEP + 2 / movie.RATE
 
 
 def test_plot_writes_the_animation_alone_in_a_moving_format(tmp_path, monkeypatch, capsys):

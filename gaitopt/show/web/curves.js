@@ -39,11 +39,17 @@ function stepEnds({ phases }) {
 
 const STROKES = { stick: "", flight: "flying" };
 
+// What matters of a phase with several contacts: whether any sticks, all slip, or none touches the ground.
+function overall(contacts) {
+  const touching = contacts.filter((mode) => mode);
+  return touching.length === 0 ? "flight" : touching.includes("stick") ? "stick" : "slip";
+}
+
 // Draw y versus x, phase by phase, where y is a number: there is no force in flight. A line is dashed where the contact
-// with number n slips; without a number, where any does.
+// with number n slips; without a number, where all on the ground do.
 function stroke(chart, moving, x, y, colour, n, style = "") {
-  for (const { mode: overall, contacts, first, last } of moving.film.phases) {
-    const mode = n === undefined ? overall : contacts[n] ?? "flight";
+  for (const { contacts, first, last } of moving.film.phases) {
+    const mode = n === undefined ? overall(contacts) : contacts[n] ?? "flight";
     const points = Array.from({ length: last - first + 1 }, (_, k) => [x[first + k], y[first + k]]).filter((point) => point.every(Number.isFinite));
     if (points.length) chart.line(points, `curve ${colour} ${STROKES[mode] ?? "slipping"} ${style}`);
   }
@@ -51,12 +57,13 @@ function stroke(chart, moving, x, y, colour, n, style = "") {
 
 // The meaning of the line styles in a figure.
 function strokesMean({ film }) {
-  const modes = film.phases.map((phase) => phase.mode);
-  return (modes.some((mode) => !(mode in STROKES)) ? "Dashed: the foot slips. " : "") + (modes.includes("flight") ? "Dotted, thin: flight. " : "");
+  const modes = film.phases.map((phase) => overall(phase.contacts));
+  const slips = film.contacts.length > 1 ? "Dashed: all feet on the ground slip. " : "Dashed: the foot slips. ";
+  return (modes.includes("slip") ? slips : "") + (modes.includes("flight") ? "Dotted, thin: flight. " : "");
 }
 
-function positionAxis(film) {
-  return film.lengths ? "angle [rad], length [m]" : "angle [rad]";
+function positionAxis(film, names = []) {
+  return film.lengths || names.includes("y") ? "angle [rad], length [m]" : "angle [rad]";
 }
 
 // Points before and after every jump within a step, as where a stop locks.
@@ -204,7 +211,7 @@ function comparison(host, { nodes, lines }, film, labels) {
   const solved = unpack(nodes);
   const walked = lines.map((line) => ({ mode: line.mode, ...unpack(line) }));
   const names = Object.keys(solved).filter((name) => name !== "t");
-  const options = { title: "Simulation and NLP", x: film.time_label, y: positionAxis(film), xRange: [0, film.period] };
+  const options = { title: "Simulation and NLP", x: film.time_label, y: positionAxis(film, names), xRange: [0, film.period] };
   options.yRange = extent(names.flatMap((name) => walked.flatMap((arc) => [...arc[name]])));
   new Chart(host, options, (chart) =>
     names.forEach((name, n) => {

@@ -8,6 +8,7 @@ const GROUND_AT = 0.84;
 const FORCE_PER_WEIGHT = 0.45; // length of the arrow of a force equal to the weight, in heights of the walker
 const CONE = 0.6;
 const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the ground, in heights of the walker
+const LENS = { left: 12, top: 12, width: 158, height: 132, ground: 0.74, weight: 78 }; // the magnifier; its arrow of the weight is so long
 
 class Walker {
   constructor(host, film) {
@@ -39,6 +40,66 @@ class Walker {
     this.legs = this.film.legs.map(() => svg(this.world, "line", { class: "leg" }));
     this.discs = this.film.discs.map(([, share]) => svg(this.world, "circle", { class: "disc", r: this.height * (0.012 + 0.035 * Math.sqrt(share)) }));
     this.forces = this.film.contacts.map(() => svg(this.world, "path", { class: "force" }));
+    if (this.film.magnification) this.buildMagnifier(picture, degrees);
+  }
+
+  // The foot that slips, much larger: its trace on the ground, and the force in its cone.
+  buildMagnifier(picture, degrees) {
+    const { left, top, width, height, ground } = LENS;
+    this.lens = svg(picture, "g", { class: "lens", transform: `translate(${left} ${top})` });
+    svg(this.lens, "rect", { class: "glass", width, height, rx: 8 });
+    const inside = svg(this.lens, "svg", { width, height });
+    const turned = svg(inside, "g", { transform: `translate(${width / 2} ${ground * height}) rotate(${degrees})` });
+    this.close = svg(turned, "g");
+    const [scale, reach] = [this.scale * this.film.magnification, 2 * width];
+    this.lensScale = scale;
+    const gap = width / 8;
+    svg(turned, "path", { class: "ground", d: `M${-reach} 0H${reach}` });
+    this.hatch = svg(turned, "path", { class: "ground" });
+    this.hatchGap = gap / scale;
+    this.traces = this.marks.map(({ mode }) => svg(this.close, "line", { class: `mark ${mode}` }));
+    this.closeLegs = this.film.legs.map(() => svg(this.close, "line", { class: "leg" }));
+    this.lensCone = svg(turned, "path", { class: "cone" });
+    this.foot = svg(turned, "circle", { class: "foot", r: 8 });
+    this.lensForce = svg(turned, "path", { class: "force" });
+    this.rim = svg(this.lens, "rect", { class: "rim", width, height, rx: 8 });
+    const step = [0.5, 1, 2, 5, 10, 20, 50, 100, 200].find((mm) => mm * 1e-3 * scale > 18) ?? 500;
+    const bar = step * 1e-3 * scale;
+    svg(this.lens, "path", { class: "bar", d: `M${width - 10 - bar} 14v4h${bar}v-4` });
+    svg(this.lens, "text", { x: width - 16 - bar, y: 18, "text-anchor": "end" }).textContent = `${step} mm`;
+    svg(this.lens, "text", { x: 8, y: 18 }).textContent = `×${this.film.magnification}`;
+  }
+
+  drawMagnifier(phase, points, offset, frame, step) {
+    this.lens.classList.toggle("away", !phase.closeup);
+    this.rim.setAttribute("class", "rim");
+    if (!phase.closeup) return;
+    const [n, place] = phase.closeup;
+    const [mode, middle, { mark, friction }] = [phase.contacts[n], place + offset, this.film.contacts[n]];
+    if (mode in MARK_DEPTH) this.rim.classList.add("glows", mode);
+    this.close.setAttribute("transform", `scale(${this.lensScale} ${-this.lensScale}) translate(${-middle} 0)`);
+    this.marks.forEach(({ line, mode: kind, point }, k) => {
+      const trace = this.traces[k];
+      trace.style.display = point === mark ? line.style.display : "none";
+      const y = (kind === "slip_forward" ? -9 : -17) / this.lensScale;
+      set(trace, { x1: line.getAttribute("x1"), x2: line.getAttribute("x2"), y1: y, y2: y });
+    });
+    this.join(this.closeLegs, this.film.legs, points, this.film.sides, step);
+    const first = Math.ceil((middle - LENS.width / this.lensScale) / this.hatchGap);
+    let path = "";
+    for (let k = first; k < first + 17; k += 1) path += `M${(k * this.hatchGap - middle) * this.lensScale} 0l-7 7`;
+    this.hatch.setAttribute("d", path);
+    const x = (points[mark][0] - middle) * this.lensScale;
+    const y = -points[mark][1] * this.lensScale;
+    set(this.foot, { cx: x, cy: y, class: `foot ${mode}` });
+    const carries = !phase.undetermined[n];
+    for (const part of [this.lensCone, this.lensForce]) part.style.display = carries ? "" : "none";
+    if (!carries) return;
+    const unit = LENS.weight / this.film.weight;
+    const tip = [x + unit * this.at(`f_t${n}`, frame), y - unit * this.at(`f_n${n}`, frame)];
+    const tall = Math.min(1, 0.5 / friction) * 0.9 * LENS.weight;
+    this.lensCone.setAttribute("d", `M${x + friction * tall} ${y - tall}L${x} ${y}L${x - friction * tall} ${y - tall}`);
+    this.lensForce.setAttribute("d", arrow([x, y], tip, 9));
   }
 
   // Largest distance of a point from the middle of the picture, which follows the walker.
@@ -93,6 +154,7 @@ class Walker {
       for (const part of [this.cones[n], this.forces[n]]) part.style.display = carries ? "" : "none";
       if (carries) this.drawForce(n, points[point], frame);
     });
+    if (this.lens) this.drawMagnifier(phase, points, offset, frame, step);
     const slipped = 1000 * (this.at("x0", frame) - phase.origin);
     const known = this.film.contacts.length === 1 && phase.mode !== "flight" && Math.abs(slipped) >= 0.05;
     this.words.textContent = `step ${step + 1}, ${t.toFixed(2)} s: ${phase.words}${known ? `, slid by ${slipped.toFixed(1)} mm` : ""}`;
@@ -144,9 +206,13 @@ class Walker {
     this.cones[n].setAttribute("d", `M${x + mu * cone} ${cone}L${x} ${y}L${x - mu * cone} ${cone}`);
     const unit = (FORCE_PER_WEIGHT * this.height) / this.film.weight;
     const tip = [x + unit * this.at(`f_t${n}`, frame), y + unit * this.at(`f_n${n}`, frame)];
-    const length = Math.max(Math.hypot(tip[0] - x, tip[1] - y), 1e-9);
-    const [a, b] = [(tip[0] - x) / length, (tip[1] - y) / length].map((part) => 0.05 * this.height * part);
-    const head = `M${tip[0] - a - b / 2} ${tip[1] - b + a / 2}L${tip[0]} ${tip[1]}L${tip[0] - a + b / 2} ${tip[1] - b - a / 2}`;
-    this.forces[n].setAttribute("d", `M${x} ${y}L${tip[0]} ${tip[1]}${head}`);
+    this.forces[n].setAttribute("d", arrow([x, y], tip, 0.05 * this.height));
   }
+}
+
+// The path of an arrow from one point to another, with a head of a given length.
+function arrow([x, y], [u, v], size) {
+  const length = Math.max(Math.hypot(u - x, v - y), 1e-9);
+  const [a, b] = [(u - x) / length, (v - y) / length].map((part) => size * part);
+  return `M${x} ${y}L${u} ${v}M${u - a - b / 2} ${v - b + a / 2}L${u} ${v}L${u - a + b / 2} ${v - b - a / 2}`;
 }
