@@ -372,7 +372,7 @@ def test_text_over_text_over_a_curve_and_beyond_the_edge_is_found():
     axes.text(0.12, 0.82, "other")
     axes.text(0.99, 0.1, "too long for this place")
     found = faults(figure)
-    assert sorted(words.split("' ")[-1] for words in found) == ["is cut off", "lies over a curve", "lies over 'other'"]
+    assert sorted(words.split("' ")[-1] for words in found) == ["is cut off", "lies over 'other'", "lies over a curve"]
 
 
 def test_sweep_without_any_gait_is_drawn():
