@@ -14,12 +14,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from docutils.nodes import Element, SkipNode, image, literal_block
 from latex2mathml.converter import convert
 
 import gaitopt as go
 from gaitopt import __version__
 from gaitopt.cli.main import main
+from gaitopt.show.pages import walks_page
 
 project = "gaitopt"
 author = "The gaitopt developers"
@@ -150,18 +152,45 @@ def run_tutorial(app: Any, doctree: Any) -> None:
                 os.environ["COLUMNS"] = columns
 
 
-BRIEF = """<style>header, .scroll, .specials, #gait .charts, main > section:last-of-type { display: none; }</style>
+BRIEF = """<style>header, .scroll, .specials, .overview > .scroll, main > section:last-of-type { display: none; }
+#gait .charts > :not(.portrait, .forceRatio, .multiplierPlane) { display: none; }</style>
 </head>"""
-"""Of the page of a branch the start page shows the diagram, the slider and the walker."""
+"""Of the page of a branch the start page shows the diagram, the slider, the walker and three figures."""
+PUSHES = {"dtheta1": (-0.1, -0.05, -0.02, 0.02, 0.05), "dtheta2": (-0.2, 0.2)}
+"""Relative changes of the rates of stance and swing leg just after an impact."""
+LEGS = {"dtheta1": "stance leg", "dtheta2": "swing leg"}
+PLANE = {"dtheta1": (0.55, 0.8, 15), "dtheta2": (-0.9, 0.3, 15)}
+"""Starts of the walks on the page of the basin."""
 
 
 def draw_start_page(app: Any, failed: Exception | None) -> None:
-    """Compute the branch of the start page and write its page, whole and in brief."""
-    if failed is None and app.builder.format == "html":
-        gait = go.solve(go.load_problem("compass-passive-stick"))
-        page = Path(app.outdir) / "friction.html"
-        go.report(go.continuation(gait, "friction", 0.1, progress=False)).save(page)
-        page.with_name("friction-brief.html").write_text(page.read_text().replace("</head>", BRIEF, 1))
+    """Compute the branch of the start page and write its page, whole and in brief; and the pages of pushed walks."""
+    if failed is not None or app.builder.format != "html":
+        return
+    folder = Path(app.outdir)
+    gait = go.solve(go.load_problem("compass-passive-stick"))
+    page = folder / "friction.html"
+    go.report(go.continuation(gait, "friction", 0.1, progress=False)).save(page)
+    brief(page)
+    gait = go.solve(go.load_problem("compass-passive-a"))
+    pushed = {"no push": go.simulate(gait, steps=6)}
+    for name, changes in PUSHES.items():
+        rate = gait.state[gait.system.state_names.index(name)]
+        for change in changes:
+            words = f"{LEGS[name]} {abs(change):.0%} {'faster' if change > 0 else 'slower'}"
+            pushed[words] = go.simulate(gait, {name: (1 + change) * rate}, steps=6)
+    (folder / "push.html").write_text(walks_page(gait, pushed, "Push it just after an impact."))
+    brief(folder / "push.html")
+    (x, xs), (y, ys) = ((name, np.linspace(*ends)) for name, ends in PLANE.items())
+    starts = {f"start at {u:.3g} and {v:.3g} rad/s": {x: u, y: v} for u in xs for v in ys}
+    walks = {words: go.simulate(gait, state, steps=6) for words, state in starts.items()}
+    (folder / "basin.html").write_text(walks_page(gait, walks, "The basin of attraction of gait A.", (x, y)))
+    brief(folder / "basin.html")
+
+
+def brief(page: Path) -> None:
+    """Write the short form of a page beside it."""
+    page.with_name(f"{page.stem}-brief.html").write_text(page.read_text().replace("</head>", BRIEF, 1))
 
 
 def setup(app: Any) -> None:

@@ -1,4 +1,4 @@
-"""Pages as single HTML files: the moving walker; reports of one gait or several, of a branch, of a simulated walk.
+"""Pages as single HTML files: the moving walker; reports of gaits, of a branch, of a walk; walks to choose from.
 
 A page has templates, scripts, style sheets and data in one file and needs no network. The report of a branch has a
 diagram over the continued parameter, in which each gait can be selected; that of a walk has its states step by step.
@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
 from gaitopt.model.section import cycle_start
+from gaitopt.model.transitions import Ending
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, relevant_scalars, scalar_values, state_unit
 from gaitopt.show.branches import OF_EACH_STEP
@@ -191,7 +192,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
     moved = [dynamics.at({**point["parameters"], parameter: point["value"]}) for point in points]
     motions = (motion_from_record(*pair, name=problem.name, points=POINTS) for pair in zip(moved, points, strict=True))
     films: list[Record] = [film(motion, FRAMES) for motion in motions]
-    common = {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
+    common = _common(films)
     gaits = [
         {
             "film": {key: value for key, value in moving.items() if key not in common},
@@ -218,6 +219,60 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
         checks=[],
         origins=[provenance(problem, {})],
     )
+
+
+def _common(films: Sequence[Record]) -> Record:
+    """What is the same in all films."""
+    return {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
+
+
+def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[str, str] | None = None) -> str:
+    """HTML of walks that start beside a gait, of which the reader chooses one to be played.
+
+    Parameters
+    ----------
+    gait : from which the walks start.
+    walks : by the words of their button; those that end before anything moves are left out.
+    over : two states of the section, in whose plane the reader chooses the start instead of a button.
+    """
+    moving = {words: walk for words, walk in walks.items() if walk.trajectory.steps}
+    films: list[Record] = [film(motion_of_walk(walk)) for walk in moving.values()]
+    common, columns = _common(films), [gait.system.state_names.index(name) for name in over or ()]
+    shown = [
+        {
+            "film": {key: value for key, value in moved.items() if key not in common},
+            "words": words,
+            "ending": walk.trajectory.ending,
+            "message": walk.trajectory.message or f"walks on, {len(walk.complete_steps)} steps are shown",
+            "start": [_rounded(walk.trajectory.start[column]) for column in columns],
+        }
+        for moved, (words, walk) in zip(films, moving.items(), strict=True)
+    ]
+    plane = None
+    if over:
+        places = np.array([one["start"] for one in shown])
+        plane = {
+            "title": "Click a start to see its walk",
+            **{
+                axis: f"{symbol(name)} {cycle_start(gait.system)} [{state_unit(name)}]"
+                for axis, name in zip("xy", over, strict=True)
+            },
+            "size": [_rounded(np.diff(np.unique(column)).min()) for column in places.T],
+            "gait": [_rounded(gait.state[column]) for column in columns],
+        }
+    goes_on = (k for k, one in enumerate(shown) if one["ending"] == Ending.COMPLETED)
+    return render(
+        "walks.html",
+        title=gait.problem.name,
+        about=about,
+        data={"walks": shown, "common": common, "plane": plane, "first": next(goes_on, 0)},
+        checks=[],
+        origins=[provenance(gait.problem, {})],
+    )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.7g}")
 
 
 def _without(parameter: str, point: Record) -> Record:

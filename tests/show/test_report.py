@@ -13,7 +13,7 @@ from pictured import branch, gait
 
 import gaitopt as go
 from gaitopt import Status
-from gaitopt.show.pages import branch_report, comparison_report, words
+from gaitopt.show.pages import branch_report, comparison_report, walks_page, words
 
 
 def data_of(page):
@@ -139,3 +139,18 @@ def test_a_name_cannot_smuggle_markup_into_a_page():
 def test_the_height_of_a_foot_that_flies_has_its_unit():
     labels = words([{"shape": ["shortening"]}], [], go.load_problem("slip-run"))
     assert [labels["units"][name] for name in ("shortening", "y", "dy", "x")] == ["m", "m", "m/s", "m"]
+
+
+def test_walks_to_choose_from_start_where_they_say_and_end_as_they_do():
+    shown = gait("compass-passive-a")
+    starts = {f"{a}, {b}": {"dtheta1": a, "dtheta2": b} for a in (0.7, 0.71, 0.9) for b in (-0.52, -0.5)}
+    walks = {label: go.simulate(shown, state, steps=3) for label, state in starts.items()}
+    page = walks_page(shown, walks, "about", ("dtheta1", "dtheta2"))
+    data = data_of(page)
+    assert [walk["words"] for walk in data["walks"]] == [*starts]
+    assert [walk["start"][0] for walk in data["walks"]] == [0.7, 0.7, 0.71, 0.71, 0.9, 0.9]
+    assert [walk["ending"] for walk in data["walks"]] == [str(walk.trajectory.ending) for walk in walks.values()]
+    assert data["plane"]["gait"] == pytest.approx(shown.state[[3, 4]], rel=1e-6)
+    assert data["walks"][data["first"]]["ending"] == "completed"
+    assert not {"frames", "phases"} & data["common"].keys()
+    assert data_of(walks_page(shown, walks, "about"))["plane"] is None

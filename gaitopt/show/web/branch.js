@@ -57,7 +57,18 @@ class BranchDiagram {
     const slide = html("div", { class: "slide" }, html("label", { for: "point" }, "Gait "), this.slider);
     host.append(html("p", {}, ...labels), this.diagram, slide, this.sequences(), this.specialList());
     this.draw();
-    this.select(0);
+    const wanted = Number.parseFloat(location.hash.slice(1)); // #0.13 selects the gait nearest to this value
+    const away = this.gaits.map((gait) => Math.abs(gait.value - wanted));
+    this.select(Number.isFinite(wanted) ? away.indexOf(Math.min(...away)) : 0);
+  }
+
+  // The mode sequence of a branch, that of its middle gait.
+  sequenceOf(number) {
+    const gaits = this.gaits.filter((gait) => gait.branch === number);
+    const words = sequence(gaits[Math.floor(gaits.length / 2)].film);
+    const same = this.numbers.filter((other) => other < number && this.named?.get(other)?.startsWith(words)).length;
+    this.named = (this.named ?? new Map()).set(number, words);
+    return same ? `${words} (branch ${number})` : words;
   }
 
   value(gait) {
@@ -87,7 +98,7 @@ class BranchDiagram {
     if (this.log) options.yTick = (power) => shown(10 ** power);
     this.diagram.replaceChildren();
     this.chart = new Chart(this.diagram, options, (chart) => this.paint(chart, level));
-    const entries = this.numbers.map((number, n) => [COLOURS[n % COLOURS.length], `branch ${number}`]);
+    const entries = this.numbers.map((number, n) => [COLOURS[n % COLOURS.length], this.sequenceOf(number)]);
     legend(this.diagram, entries, "Thick: stable. Thin, dotted: unstable.");
     this.diagram.lastElementChild.append(specialKey(this.specials));
     this.chart.box.append(this.tip);

@@ -33,7 +33,7 @@ class GaitPanel {
     const moving = motion(film);
     const fellows = gaits.map((other) => (other === gait ? moving : motion(other.film.columns ? other.film : unrolled(other.film))));
     const draw = (paint, ...what) => {
-      const cell = html("div");
+      const cell = html("div", { class: paint.name });
       paint(cell, ...what);
       if (cell.childElementCount) charts.append(cell);
     };
