@@ -20,11 +20,13 @@ from gaitopt.api.verbs import nlp as nlp
 from gaitopt.api.verbs import prove as prove
 from gaitopt.api.verbs import replay as replay
 from gaitopt.api.verbs import run_parallel as run_parallel
+from gaitopt.api.verbs import sensitivity as sensitivity
 from gaitopt.api.verbs import simulate as simulate
 from gaitopt.api.verbs import solve as solve
 from gaitopt.api.verbs import stabilise as stabilise
 from gaitopt.api.verbs import sweep as sweep
 from gaitopt.api.verbs import verify as verify
+from gaitopt.design.derivatives import Derivatives as Derivatives
 from gaitopt.display import Page as Page
 from gaitopt.engines.replay import Replay as Replay
 from gaitopt.errors import GaitoptError as GaitoptError

@@ -68,6 +68,7 @@ from gaitopt.workers.jobs import Job, ResumableJobs, make_workers, run_jobs
 
 if TYPE_CHECKING:
     from gaitopt.branches.request import Request
+    from gaitopt.design.derivatives import Derivatives
     from gaitopt.design.neighbourhood import Neighbourhood
     from gaitopt.engines.outcome import Simulator
     from gaitopt.engines.replay import Replay
@@ -322,6 +323,32 @@ def neighbourhood(gait: Gait, *, progress: CountProgress = True) -> "Neighbourho
     require_gait(gait, "neighbourhood")
     with shown(progress, job_progress, "directions") as show:
         return search_neighbourhood(gait, progress=show)
+
+
+def sensitivity(gait: Gait) -> "Derivatives":
+    """Differentiate a gait by its parameters: state, scalars, multipliers and spectral radius.
+
+    Parameters
+    ----------
+    gait : a converged gait.
+
+    Returns
+    -------
+    derivatives : exact derivatives in every continuous parameter of walker, friction and control. It prints as a table
+        and turns into a data frame; ``of(quantity, parameter)`` is one derivative, NaN where there is none, and
+        ``reasons`` says why.
+
+    Raises
+    ------
+    ProblemError
+        If a problem is given.
+    SolveError
+        If the gait is a failed solve, or is not a function of its parameters, as at a fold.
+    """
+    from gaitopt.design.derivatives import derivatives
+
+    require_gait(gait, "sensitivity")
+    return derivatives(gait)
 
 
 def stabilise(

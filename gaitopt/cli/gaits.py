@@ -246,6 +246,22 @@ def verify(
     return code if searched.optimal else NOT_VERIFIED
 
 
+def sensitivity(terminal: Terminal, run: RunArgument, changes: SetOption = None) -> int:
+    """Differentiate a gait by every continuous parameter.
+
+    The derivatives of state, period, step length, speed, costs, required friction, multipliers and spectral radius are
+    exact. Where there is none, as at multiple multipliers, the table says why.
+    """
+    from gaitopt.api import verbs
+    from gaitopt.show.tables import print_derivatives
+
+    gait, _, _ = gait_of(run, changes, None, terminal)
+    if not gait.converged:
+        return report(gait, None, terminal)
+    terminal.show(verbs.sensitivity(gait).to_record(), print_derivatives)
+    return 0
+
+
 def stabilise(
     terminal: Terminal,
     run: RunArgument,

@@ -10,22 +10,19 @@ The gait at given freed parameters is solved by Newton's method from a nearby on
 the control, the step is cut into arcs again.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.building import built_once
 from gaitopt.design.sensitivity import Sensitivity
-from gaitopt.design.spectral_radius import SMALLEST_RADIUS, ReturnMapGradient, circle_inequalities, modulus_gradient
+from gaitopt.design.spectral_radius import SMALLEST_RADIUS, circle_inequalities, modulus_gradient
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
 from gaitopt.problem.statement import Range
-from gaitopt.solver.newton import Solution, polish, section_sensitivity
+from gaitopt.solver.newton import Solution, polish
 from gaitopt.solver.rollout import rolled_again
-from gaitopt.solver.shooting import MultipleShooting
-from gaitopt.threads import cached_property
 
 RADIUS = "spectral_radius"
 EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum and scalar.of_designs}
@@ -197,11 +194,6 @@ class ExactProblem:
         )
 
 
-@built_once(maxsize=8)
-def _return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
-    return ReturnMapGradient(equations)
-
-
 class _ExactScalars:
     """Scalars of one gait, and constraints on them, with derivatives in u = (freed parameters, levels)."""
 
@@ -209,15 +201,10 @@ class _ExactScalars:
         self.gait = sensitivity
         self._no_levels, self._zero = np.zeros(n_levels), np.zeros(sensitivity.freed.size + n_levels)
 
-    @cached_property
-    def _return_map(self) -> tuple[Array, Array, Callable[[Array], Array]]:
-        """Response V of the step, derivative M of the return map, and adjoint of V."""
-        return section_sensitivity(self.gait.solution)
-
     def scalar(self, name: str) -> tuple[float, Array]:
         """A scalar and its derivatives; those of an extremum belong to the value that is the extremum here."""
         if name == RADIUS:
-            value, weights = modulus_gradient(self._return_map[1])
+            value, weights = modulus_gradient(self.gait.return_map[1])
             return value, self._by_return_map(weights)
         if name not in EXTREMA:
             value, gradient = self.gait.smooth(name)
@@ -228,14 +215,14 @@ class _ExactScalars:
     def extreme(self, name: str) -> float:
         """The value of an extremum."""
         if name == RADIUS:
-            return max(float(np.abs(np.linalg.eigvals(self._return_map[1])).max()), SMALLEST_RADIUS)
+            return max(float(np.abs(np.linalg.eigvals(self.gait.return_map[1])).max()), SMALLEST_RADIUS)
         return self.scalar(name)[0]
 
     def escaped(self, radius: float) -> bool:
         """Whether multipliers have left the circle of a radius two at a time."""
         if not np.isfinite(radius) or self.extreme(RADIUS) <= radius + OUTSIDE:
             return False
-        return all(row.value > 0 for row in circle_inequalities(self._return_map[1], radius))
+        return all(row.value > 0 for row in circle_inequalities(self.gait.return_map[1], radius))
 
     def margins(self) -> Iterator[Constraint]:
         """The margins of the modes and of the impact."""
@@ -246,7 +233,7 @@ class _ExactScalars:
     def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
         """All values of an extremum lie below a bound with derivative ``slope``; above it where ``sense`` is -1."""
         if name == RADIUS:
-            for row in circle_inequalities(self._return_map[1], bound):
+            for row in circle_inequalities(self.gait.return_map[1], bound):
                 if row.value <= INACTIVE:
                     gradient = self._by_return_map(row.by_matrix) + row.by_radius * slope
                     yield Constraint(name=name, key=f"{name} {row.name}", value=row.value, gradient=gradient)
@@ -281,9 +268,7 @@ class _ExactScalars:
 
     def _by_return_map(self, weights: Array) -> Array:
         """Derivatives of <weights, M> in u."""
-        at, (V, _, adjoint) = self.gait.solution, self._return_map
-        gradient = _return_map_gradient(at.equations)(at.w, at.p, V, adjoint(weights), weights)
-        return self._in_u(gradient @ self.gait.slopes)
+        return self._in_u(self.gait.by_return_map(weights))
 
     def _in_u(self, gradient: Array) -> Array:
         return np.append(gradient, self._no_levels)

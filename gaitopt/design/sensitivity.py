@@ -9,32 +9,49 @@ curve are taken at a fixed fraction of its arc, whose ends move too.
 
 Extrema are located on the curves, also between the nodes. The derivative of an extremum is that of the curve at its
 place, because its place has no effect to first order. |power| is integrated between its zeros.
+
+The multipliers are the eigenvalues of M = DPi, and those of M + dM are, with left and right eigenvectors l' r = 1,
+
+    d lambda = l' dM r,      d |lambda| = Re(conj(lambda) d lambda) / |lambda|
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
-from casadi import MX, SX, Function, cse, jacobian, vertcat
+from casadi import MX, SX, Function, cse, densify, jacobian, vertcat
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
+from gaitopt.design.spectral_radius import eigenvalue_gradients, return_map_gradient
 from gaitopt.gait import curves
+from gaitopt.gait.measures import ON_THE_SPOT, WITHOUT_FORCE, sharing_contacts, swings
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.scalars import SCALARS, Instant
 from gaitopt.solver.assembly import assemble_steps
 from gaitopt.solver.interval import step_derivatives
-from gaitopt.solver.newton import Solution
+from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import MultipleShooting
+from gaitopt.threads import cached_property
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points, tried in turn until an arc is resolved; every point takes an integration step."""
 EVENT_MARGINS = ("touchdown", "upright")
 """Margins that are not constraints of a design: the touchdown ends the step, and a gait is always upright."""
+
+TIED = 1e-9
+"""Relative difference of two values below which both are the extremum."""
+DIFFERENT = 1e-6
+"""Relative difference of two gradients that is no rounding."""
+UNIT = 1e-6
+"""Smallest size to which a difference is relative."""
 
 
 class Differentiated(NamedTuple):
@@ -94,24 +111,47 @@ class DifferentiatedCurve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ContactCurves:
+    """A contact that touches the ground along an arc, or contacts that share their forces.
+
+    Attributes
+    ----------
+    direction : sign of the slip velocity, 0 if they stick.
+    force_t, force_n : sum of their forces [N].
+    slip : tangential velocity [m/s].
+    """
+
+    direction: int
+    force_t: DifferentiatedCurve
+    force_n: DifferentiatedCurve
+    slip: DifferentiatedCurve
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArcCurves:
-    """All curves of one arc; ``ahead`` is the distance of the swing foot in front of the stance foot."""
+    """All curves of one arc.
+
+    ``height`` and ``ahead`` are those of the swing foot over the ground and in front of the stance foot, ``centre`` is
+    the height of the centre of mass, ``loss`` the power that the dampers dissipate.
+    """
 
     arc: Arc
-    force: tuple[DifferentiatedCurve, ...]
+    contacts: tuple[ContactCurves, ...]
     torque: tuple[DifferentiatedCurve, ...]
     rate: tuple[DifferentiatedCurve, ...]
     power: tuple[DifferentiatedCurve, ...]
     height: DifferentiatedCurve
     ahead: DifferentiatedCurve
+    centre: DifferentiatedCurve
+    loss: DifferentiatedCurve
     margins: dict[str, DifferentiatedCurve]
 
 
 def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcCurves:
     t, n_z = solution.equations, solution.equations.system.n_z
     mesh_arc, system = t.mesh.arcs[index], t.system
-    nodes, durations, freed = t.unpack(solution.w)
-    p, data = t.dynamics(solution.p, freed).p, system.data(mesh_arc.segment)
+    nodes, durations, _ = t.unpack(solution.w)
+    p, data, free = arc.dynamics.p, system.data(mesh_arc.segment), t.free_in_phases[mesh_arc.phase]
 
     # ends of the arc; the times are affine in the durations
     first = n_z * t.n_nodes
@@ -128,14 +168,14 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     times = begin + k * (end - begin) / mesh_arc.intervals
     d_times = starts + np.multiply.outer(k / mesh_arc.intervals, stretch)
     node = t.mesh.arc_nodes[index].start + k
-    by = step_derivatives(system, mesh_arc.mode, t.free, nodes[:, node], times, arc.times - times, p, data)
+    by = step_derivatives(system, mesh_arc.mode, free, nodes[:, node], times, arc.times - times, p, data)
     d_nodes = slopes[:first].reshape(t.n_nodes, n_z, -1)[node]
     dz = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
     dz += by[:, :, n_z, None] * d_times[:, None, :] + by[:, :, n_z + 1, None] * (dt - d_times)[:, None, :]
     dz += by[:, :, n_z + 2 :]
 
     # quantities there
-    quantities = buffered_map(_quantities(system.shared, arc.mode, t.free), arc.times.size)
+    quantities = buffered_map(_quantities(system.shared, arc.mode, free), arc.times.size)
     rows, jacobians = quantities(arc.times[:, None], arc.states, p, data)
     values, by = rows.T.copy(), jacobians.transpose(2, 0, 1)
     total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + n_z], dz) + by[:, :, 1 + n_z :]
@@ -148,9 +188,16 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     names, motors = system.transitions.margin_names(arc.mode), range(len(system.walker.actuators))
     return ArcCurves(
         arc=arc,
-        force=(next(every), next(every)),
+        contacts=tuple(
+            ContactCurves(
+                direction=arc.mode.directions[group[0]], force_t=next(every), force_n=next(every), slip=next(every)
+            )
+            for group in sharing_contacts(system.walker, arc.mode)
+        ),
         height=next(every),
         ahead=next(every),
+        centre=next(every),
+        loss=next(every),
         torque=tuple(next(every) for _ in motors),
         rate=tuple(next(every) for _ in motors),
         power=tuple(next(every) for _ in motors),
@@ -160,14 +207,26 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
 
 @built_once(maxsize=64)
 def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
-    """(t, z, p, r) -> force, height and lead of the swing foot, torques, motor rates, powers, margins; Jacobian."""
+    """(t, z, p, r) -> the curves of ``ArcCurves``, in the order of its fields; their Jacobian by t, z and ``free``."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
-    force, torque, power, foot, _, rate, *_ = system.observation(mode)(t, z, p, r)
+    force, torque, power, foot, _, rate, loss, slip = system.observation(mode)(t, z, p, r)
+    place, contacts = {name: k for k, name in enumerate(system.walker.contact_names())}, list[SX]()
+    for group in sharing_contacts(system.walker, mode):
+        columns = [place[name] for name in group]
+        contacts += [sum((force[2 * k + row] for k in columns), SX(0)) for row in (0, 1)] + [slip[columns[0]]]
+    ahead, centre = foot[0] - z[system.n_shape], system.centre_height(z, p)
     margins = system.margins(mode)(t, z, p, r)
-    values = vertcat(force, foot[1], foot[0] - z[system.n_shape], torque, rate, power, margins)
+    values = vertcat(*contacts, foot[1], ahead, centre, loss, torque, rate, power, margins)
     by = vertcat(t, z, *(p[system.parameters.index(name)] for name in free))
-    return Function(f"quantities_{mode.key}", [t, z, p, r], cse([values, jacobian(values, by)]))
+    return Function(f"quantities_{mode.key}", [t, z, p, r], cse([densify(values), densify(jacobian(values, by))]))
+
+
+class Multiplier(NamedTuple):
+    """A multiplier and its gradient, complex, shape (n_free,); the gradient has no meaning where it is not simple."""
+
+    value: complex
+    gradient: NDArray[np.complex128]
 
 
 class Candidate(NamedTuple):
@@ -178,8 +237,8 @@ class Candidate(NamedTuple):
     gradient: Array
 
 
-IMPACT_SCALARS = ("step_length", "weight", "incline", "impulse_t", "impulse_n", "push_work")
-"""Scalars at the end of the step or of all its time; the impulse is that of a sticking impact."""
+OF_WALKER, OF_STEP = ("weight", "incline"), ("step_length", "impulse_t", "impulse_n", "push_work")
+"""Scalars of the walker, and of the end of each step; the impulse is that of a sticking impact."""
 
 
 class Sensitivity:
@@ -209,13 +268,13 @@ class Sensitivity:
         self.slopes = np.vstack([response, np.eye(response.shape[1])])
         self.freed = self.equations.unpack(solution.w).freed
         self.dynamics = self.equations.dynamics(solution.p, self.freed)
-        (step,) = assemble_steps(solution, COUNTS)
-        self.arcs = tuple(_arc_curves(solution, self.slopes, k, arc) for k, arc in enumerate(step.arcs))
-        values, by = buffered(_at_impact(self.equations))(solution.w, solution.p)
-        at_impact = list(map(Differentiated, values.tolist(), by.reshape(-1, values.size).T @ self.slopes))
-        n = len(IMPACT_SCALARS)
-        self._impact: dict[str, Differentiated] = dict(zip(IMPACT_SCALARS, at_impact[:n], strict=True))
-        self._impact_margins = at_impact[n:]
+        self.steps = assemble_steps(solution, COUNTS)
+        arcs = (arc for step in self.steps for arc in step.arcs)
+        self.arcs = tuple(_arc_curves(solution, self.slopes, k, arc) for k, arc in enumerate(arcs))
+        at_impacts = iter(self._evaluated(_at_impacts(self.equations)))
+        self._of_walker = {name: next(at_impacts) for name in OF_WALKER}
+        self._of_steps = [{name: next(at_impacts) for name in OF_STEP} for _ in self.steps]
+        self._of_landings = [*at_impacts]
         self._smooth: dict[str, Differentiated] = {}
 
     def smooth(self, name: str) -> Differentiated:
@@ -239,41 +298,42 @@ class Sensitivity:
 
     @property
     def distance(self) -> Differentiated:
-        """Length of the step [m]."""
-        return self._impact["step_length"]
+        """Length of the cycle [m]."""
+        return self._total(step["step_length"] for step in self._of_steps)
 
     @property
     def weight(self) -> Differentiated:
         """m g [N]."""
-        return self._impact["weight"]
+        return self._of_walker["weight"]
 
     @property
     def transport(self) -> Differentiated:
-        """Weight times step length [J]."""
-        return self.distance * self.weight
+        """Weight times distance [J]; NaN on the spot, where no cost is defined."""
+        distance = self.distance
+        if abs(distance.value) <= ON_THE_SPOT * self.dynamics.scales.length:
+            distance = Differentiated(np.nan, distance.gradient)
+        return distance * self.weight
 
     @property
     def incline(self) -> Differentiated:
         """sin(slope)."""
-        return self._impact["incline"]
+        return self._of_walker["incline"]
 
     @property
     def push_work(self) -> Differentiated:
-        """Work of the push before the impact [J]."""
-        return self._impact["push_work"]
+        """Work of the pushes before landings [J]."""
+        return self._total([*(step["push_work"] for step in self._of_steps), *self._of_landings])
 
     @property
     def slip(self) -> Differentiated:
         """Path of the sliding foot [m]."""
-        total, mesh, system = self._total(()), self.equations.mesh, self.equations.system
-        for arc, nodes in zip(mesh.arcs, mesh.arc_nodes, strict=True):
-            start, end = (self._unknown(system.n_z * k + system.n_shape) for k in (nodes[0], nodes[-1]))
-            direction = arc.mode.direction
-            total += direction * (end.value - start.value), direction * (end.gradient - start.gradient)
-        return total
+        contacts = (contact for arc in self.arcs for contact in arc.contacts if contact.direction)
+        return self._total(abs(contact.slip.integral()) for contact in contacts)
 
     def integral(self, rate: str) -> Differentiated:
-        """Integral over time of ``power`` of all motors, ``absolute_power`` or ``squared_torque``."""
+        """Integral over time of ``power`` of all motors, ``absolute_power``, ``loss`` or ``squared_torque``."""
+        if rate == "loss":
+            return self._total(arc.loss.integral() for arc in self.arcs)
         if rate == "squared_torque":
             return self._total(_squared(curve).integral() for arc in self.arcs for curve in arc.torque)
         power = (curve for arc in self.arcs for curve in arc.power)
@@ -289,27 +349,77 @@ class Sensitivity:
         """Derivative of a scalar in the absolute work of the motors [1/J]."""
         return 1 / self.transport.value if name == "absolute_cost_of_transport" else 0.0
 
+    def extremum(self, name: str) -> Candidate | None:
+        """The value that is an extremum, None if there is none.
+
+        The gradient is NaN in the parameters with which several values that are the extremum change differently.
+        """
+        sense = SCALARS[name].extremum
+        if name == "foot_clearance":  # the least of the largest heights of every swing
+            highest = [_extreme(heights, 1) for heights in self._clearances()]
+            return _extreme([each for each in highest if each is not None], -1)
+        if name == "apex_height":
+            flights = (_extremes(arc.centre, str(k)) for k, arc in enumerate(self.arcs) if not arc.arc.mode.touching)
+            return _extreme([*chain.from_iterable(flights)], sense)
+        return _extreme(self.candidates(name), sense)
+
+    def _clearances(self) -> Iterator[list[Candidate]]:
+        """Of every swing, the heights of the foot in flight or in front of the stance foot; without one, zero."""
+        numbered = iter(enumerate(self.arcs))
+        for swing in swings([[(arc, next(numbered)) for arc in step.arcs] for step in self.steps]):
+            heights = list[Candidate]()
+            for _, (k, arc) in swing:
+                if not arc.arc.mode.touching:
+                    heights += _extremes(arc.height, f"foot_clearance {k}")
+                elif arc.ahead.values[-1] > 0:  # from where the legs pass each other for the last time
+                    passing = curves.roots(arc.ahead.values)[-1:]
+                    after = float(passing[0]) if passing.size else -1.0
+                    heights += _extremes(arc.height, f"foot_clearance {k}", [1.0], after=after)
+                    heights.append(Candidate(f"foot_clearance {k} passing", *_at_root(arc.height, arc.ahead, after)))
+            yield heights
+
+    @cached_property
+    def return_map(self) -> tuple[Array, Array, Callable[[Array], Array]]:
+        """Response V of the cycle, derivative M of the return map, and adjoint of V; see ``section_sensitivity``."""
+        return section_sensitivity(self.solution)
+
+    def by_return_map(self, weights: Array) -> Array:
+        """Gradient of <weights, M>, shape (n_free,)."""
+        at, (V, _, adjoint) = self.solution, self.return_map
+        gradient = return_map_gradient(at.equations)(at.w, at.p, V, adjoint(weights), weights)
+        return np.asarray(gradient @ self.slopes)
+
+    def multipliers(self) -> list[Multiplier]:
+        """The multipliers, largest modulus first."""
+        values, slopes = eigenvalue_gradients(self.return_map[1])
+        return [
+            Multiplier(complex(value), self.by_return_map(slope.real) + 1j * self.by_return_map(slope.imag))
+            for value, slope in zip(values, slopes, strict=True)
+        ]
+
     def candidates(self, name: str) -> list[Candidate]:
         """The values whose extremum a scalar is."""
         scalar, found = SCALARS[name], list[Candidate]()
         if scalar.quotient is None:
             raise KeyError(name)
         if name == "impulse_ratio":
-            above, below = scalar.quotient(Instant(self._impact["impulse_t"], self._impact["impulse_n"], None, None))
-            found.append(Candidate(name, *(above / below)))
+            for k, step in enumerate(self._of_steps):
+                above, below = scalar.quotient(Instant(step["impulse_t"], step["impulse_n"], None, None))
+                if below.value:
+                    found.append(Candidate(f"{name} {k}", *(above / below)))
         elif name == "foot_clearance":
+            found += chain.from_iterable(self._clearances())
+        elif name == "peak_torque":
             for k, arc in enumerate(self.arcs):
-                if arc.ahead.values[-1] > 0:  # from where the legs pass each other for the last time
-                    passing = curves.roots(arc.ahead.values)
-                    after = float(passing[-1]) if passing.size else -1.0
-                    found += _extremes(arc.height, f"{name} {k}", [1.0], after=after)
+                for j, curve in enumerate(arc.torque):
+                    found += _extremes(curve, f"{name} {j} {k}")
         else:
             for k, arc in enumerate(self.arcs):
-                if scalar.sticking and not arc.arc.mode.sticks:
-                    continue
-                above, below = scalar.quotient(Instant(arc.force[0], arc.force[1], arc.torque, arc.height))
-                for j, curve in enumerate(above if isinstance(above, tuple) else (above,)):
-                    found += _extremes(curve if below is None else _quotient(curve, below), f"{name} {j} {k}")
+                for j, contact in enumerate(arc.contacts):
+                    if scalar.sticking and contact.direction:
+                        continue
+                    above, below = scalar.quotient(Instant(contact.force_t, contact.force_n, None, None))
+                    found += _extremes(above if below is None else _quotient(above, below), f"{name} {j} {k}")
         return _both_signs(found) if scalar.both_signs else found
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
@@ -331,21 +441,56 @@ class Sensitivity:
                     ends = [s for s in ends if s < 0 or name != table.between(mode, cycle.after(phase)).guard]
                 for candidate in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), candidate
-        for (value, slope), (_, label) in zip(self._impact_margins, t.impact_margins, strict=True):
+        margins = self._evaluated(_impact_margins(t))
+        for (value, slope), (_, label) in zip(margins, t.impact_margins, strict=True):
             yield label.name, label.size(scales), Candidate(f"impact {label.name}", value, slope)
+
+    def _evaluated(self, function: Function) -> list[Differentiated]:
+        """The values of a function (w, p) -> values and Jacobian by w."""
+        values, by = buffered(function)(self.solution.w, self.solution.p)
+        gradients = by.reshape(-1, values.size).T @ self.slopes
+        return list(map(Differentiated, values.tolist(), gradients))
 
 
 @built_once(maxsize=8)
-def _at_impact(t: MultipleShooting) -> Function:
-    """(w, p) -> ``IMPACT_SCALARS`` and the margins of the impact; and their Jacobian in w."""
-    swapped, last = t.system.walker.swapped, t.mesh.cycle.phases[-1]
-    landed = t.system.impact(swapped(t.mesh.cycle.impact), last)(z=t.Z[:, -1], p=t.p)["z_plus"]
-    impulse = t.system.impact(swapped(Mode.STICK), last)(z=t.Z[:, -1], p=t.p)["impulse"]
-    margins = [expression for expression, _ in t.impact_margins]
-    work = t.system.push(t.mesh.cycle.phases[-1])(z=t.Z[:, -1], p=t.p)["work"]
-    of_gravity = MX(t.system.weight(t.p)), MX(t.system.incline(t.p))
-    values = vertcat(landed[t.system.n_shape], *of_gravity, impulse, work, *margins)
-    return Function("at_impact", [t.w, t.parameters], [values, jacobian(values, t.w)])
+def _at_impacts(t: MultipleShooting) -> Function:
+    """(w, p) -> ``OF_WALKER``, ``OF_STEP`` of each step, work of the pushes at landings within; and their Jacobian."""
+    system, mesh, cycle = t.system, t.mesh, t.mesh.cycle
+    walker, lands = system.walker, system.cycle_end == TOUCHDOWN
+
+    def push_work(z: MX, before: Mode, p: MX) -> MX:
+        return system.push(before)(z=z, p=p)["work"] if walker.pushes else MX(0)
+
+    rows: list[MX] = [MX(system.weight(t.p)), MX(system.incline(t.p))]
+    for impact, node, following in zip(cycle.impacts, mesh.impact_nodes, (*cycle.first_phases[1:], 0), strict=True):
+        z, before, p = t.Z[:, node], cycle.phases[following - 1], t.phase_parameters[following - 1]
+        if not lands:
+            rows += [z[system.n_shape], MX.zeros(3)]
+            continue
+        struck = walker.swapped(impact)
+        held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
+        landing = [name for name in struck.touching if name not in before.touching]
+        impulse, places = (
+            system.impact(held, before)(z=z, p=p)["impulse"],
+            [*map((walker.contacts or landing).index, landing)],
+        )
+        rows.append(system.impact(struck, before)(z=z, p=p)["z_plus"][system.n_shape])
+        rows += [sum((impulse[2 * k + row] for k in places), MX(0)) for row in (0, 1)]
+        rows.append(push_work(z, before, p))
+    for first, step in zip(cycle.first_phases, cycle.steps, strict=True):
+        for phase, landed in ((first + k - 1, landed) for k, landed in step.landings if k):
+            before = cycle.phases[phase]
+            if {*landed.touching} - {*before.touching}:
+                rows.append(push_work(t.Z[:, mesh.last_nodes[phase]], before, t.phase_parameters[phase]))
+    values = vertcat(*rows)
+    return Function("at_impacts", [t.w, t.parameters], [values, jacobian(values, t.w)])
+
+
+@built_once(maxsize=8)
+def _impact_margins(t: MultipleShooting) -> Function:
+    """(w, p) -> the margins of the impacts; and their Jacobian by w."""
+    margins = vertcat(MX(0, 1), *(expression for expression, _ in t.impact_margins))
+    return Function("impact_margins", [t.w, t.parameters], [margins, jacobian(margins, t.w)])
 
 
 def _extremes(
@@ -358,6 +503,25 @@ def _extremes(
         yield Candidate(name, float(value), slope)
 
 
+def _at_root(curve: DifferentiatedCurve, of: DifferentiatedCurve, root: float) -> tuple[float, Array]:
+    """A curve at a root of another one, which moves along the arc; or at its start, which does not."""
+    (value,), (slope,) = curve.at(np.array([root]))
+    if root > -1:
+        rates = [float(curves.slopes(each.values, np.array([root]))[0]) for each in (curve, of)]
+        slope = slope - of.at(np.array([root]))[1][0] * rates[0] / rates[1]
+    return float(value), slope
+
+
+def _extreme(candidates: Sequence[Candidate], sense: int) -> Candidate | None:
+    """The largest candidate, or the smallest where ``sense`` is -1, see ``Sensitivity.extremum``; None without any."""
+    if not candidates:
+        return None
+    best = max(candidates, key=lambda candidate: sense * candidate.value)
+    tied = [c.gradient for c in candidates if abs(c.value - best.value) <= TIED * max(abs(best.value), UNIT)]
+    differ = np.ptp(tied, axis=0) > DIFFERENT * np.maximum(np.abs(tied).max(axis=0), UNIT)
+    return best._replace(gradient=np.where(differ, np.nan, best.gradient))
+
+
 def _both_signs(candidates: Iterable[Candidate]) -> list[Candidate]:
     return [c for key, value, by in candidates for c in (Candidate(key, value, by), Candidate(f"-{key}", -value, -by))]
 
@@ -367,6 +531,16 @@ def _squared(curve: DifferentiatedCurve) -> DifferentiatedCurve:
 
 
 def _quotient(above: DifferentiatedCurve, below: DifferentiatedCurve) -> DifferentiatedCurve:
-    values = above.values / below.values
-    slopes = (above.slopes - values[:, None] * below.slopes) / below.values[:, None]
+    """The quotient of two curves; where both are zero at an end, as a spring's force at take-off, its limit there."""
+    both = [np.column_stack([curve.values, curve.slopes]) for curve in (above, below)]
+    ends = curves.points(above.values.size)[[0, -1]]
+    limits = [curves.evaluate(curves.derivative(curves.coefficients(columns)), ends) for columns in both]
+    vanishing = np.abs(below.values) <= WITHOUT_FORCE * np.abs(below.values).max()
+    for end in (0, -1):
+        if vanishing[end]:
+            for columns, limit in zip(both, limits, strict=True):
+                columns[end] = limit[end]
+    top, bottom = both
+    values = top[:, 0] / bottom[:, 0]
+    slopes = (top[:, 1:] - values[:, None] * bottom[:, 1:]) / bottom[:, :1]
     return replace(above, values=values, slopes=slopes)

@@ -35,12 +35,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from casadi import DM, MX, Callback, Function, Sparsity, dot, gradient, jtimes, vertcat
+from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, overflow_allowed
-from gaitopt.building import BUILT, building
+from gaitopt.building import BUILT, building, built_once
 from gaitopt.integration import bracketed_root
 from gaitopt.model.buffered import BufferedFunction
-from gaitopt.model.modes import Mode
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import MultipleShooting
 
@@ -60,19 +60,17 @@ class ReturnMapGradient:
 
     @building
     def __init__(self, t: MultipleShooting) -> None:
-        system, n_z = t.system, t.system.n_z
-        section = [int(i) for i in system.section(t.mesh.cycle).indices]
-        n = t.equalities.numel()
-        V, adjoint = MX.sym("V", n, len(section)), MX.sym("Lambda", n, len(section))
-        G = MX.sym("G", len(section), len(section))
-        by_freed = MX.zeros(len(t.free), len(section))
+        n_z, n, section = t.system.n_z, t.equalities.numel(), t.system.section(t.mesh.cycle)
+        indices = section.indices.tolist()
+        V, adjoint = MX.sym("V", n, len(indices)), MX.sym("Lambda", n, len(indices))
+        G = MX.sym("G", len(indices), len(indices))
+        by_freed, nodes = MX.zeros(len(t.free), len(indices)), n_z * t.n_nodes
         changed = jtimes(t.equalities[:-n_z], t.w, vertcat(V, by_freed))
-        xi = t.Z[system.section(Mode.SLIP_FORWARD).indices, 0]
-        start = system.lift_jacobian(xi, t.p)[:, : len(section)]
-        struck = system.walker.swapped(t.mesh.cycle.impact)
-        reset = system.reset_jacobian(struck, t.mesh.cycle.phases[-1])(t.Z[:, -1], t.p)[section, :]
-        last = V[(t.n_nodes - 1) * n_z : t.n_nodes * n_z, :]
-        product = dot(G, reset @ last) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], changed)
+        start = section.tangents(t.Z[:, 0], t.p[: len(t.system.walker.model_fields)])
+        before, after = MX.zeros(nodes - n_z, len(indices)), MX.zeros(n - nodes, len(indices))
+        last = vertcat(before, V[nodes - n_z : nodes, :], after, by_freed)
+        returned = -jtimes(t.equalities[-n_z:], t.w, last)[indices, :]  # the last rows are z_0 less the reset
+        product = dot(G, returned) + dot(adjoint[-n_z:, :], start) - dot(adjoint[:-n_z, :], changed)
         function = Function("product", [t.w, t.parameters, V, adjoint, G], [gradient(product, t.w)])
         self._gradient = BufferedFunction(BUILT.watch(function))
 
@@ -80,6 +78,12 @@ class ReturnMapGradient:
         """The gradient, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
         matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
         return self._gradient(w, p, *matrices)[0].copy()
+
+
+@built_once(maxsize=8)
+def return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
+    """The gradient of the return map of these equations, kept because searches and tables evaluate it repeatedly."""
+    return ReturnMapGradient(equations)
 
 
 def certified_radius(equations: MultipleShooting) -> Function:
@@ -268,8 +272,13 @@ def _adjugate(A: Array) -> Array:
 
 def modulus_gradient(M: Array) -> tuple[float, Array]:
     """Spectral radius of a matrix and its gradient, shape (n, n), where the dominant eigenvalue is simple."""
+    (value, *_), (slope, *_) = eigenvalue_gradients(M)
+    return float(np.abs(value)), np.real(np.conj(value) * slope / np.abs(value))
+
+
+def eigenvalue_gradients(M: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Eigenvalues of a matrix (n, n), largest modulus first, and the gradient of each one that is simple, (n, n, n)."""
     values, right = np.linalg.eig(M)
-    k = int(np.argmax(np.abs(values)))
-    left = np.linalg.inv(right)[k]
-    slope = np.multiply.outer(left, right[:, k])
-    return float(np.abs(values[k])), np.real(np.conj(values[k]) * slope / np.abs(values[k]))
+    order = np.argsort(-np.abs(values), kind="stable")
+    left = np.linalg.inv(right)
+    return values[order].astype(complex), np.einsum("ki,jk->kij", left, right)[order].astype(complex)

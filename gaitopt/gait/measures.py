@@ -6,7 +6,7 @@ Solver and simulator both provide arcs at Chebyshev points, so the same function
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,12 +18,15 @@ from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.contacts import undetermined
 from gaitopt.model.control import ConstantTorque, NoControl
 from gaitopt.model.declaration import joint_limits
+from gaitopt.model.modes import Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.tracking import ProportionalDerivative
 from gaitopt.model.units import Scales
 from gaitopt.model.virtual_constraints import VirtualConstraints
+from gaitopt.model.walker import Walker
 from gaitopt.problem.scalars import MEASURES, SCALARS
 
+Along = TypeVar("Along")
 ENDS = np.array([-1.0, 1.0])
 ON_THE_SPOT = 1e-9
 """A walker whose cycle is shorter than this has not moved, in leg lengths."""
@@ -87,12 +90,17 @@ class ContactObservation:
     slip: Array
 
 
+def sharing_contacts(walker: type[Walker], mode: Mode) -> tuple[tuple[str, ...], ...]:
+    """The contacts on the ground, each alone but for those that share undetermined forces, which come first."""
+    group = undetermined(walker, mode)
+    return (*([group] if group else []), *((name,) for name in mode.touching if name not in group))
+
+
 def touching_contacts(arc: Arc, observed: Observation) -> Iterator[ContactObservation]:
     """The contacts on the ground; those with undetermined forces are combined to one observation."""
     walker, mode = arc.dynamics.system.walker, arc.mode
     index = {name: k for k, name in enumerate(walker.contact_names())}
-    group = undetermined(walker, mode)
-    for names in (*([group] if group else []), *((name,) for name in mode.touching if name not in group)):
+    for names in sharing_contacts(walker, mode):
         columns = [2 * index[name] for name in names]
         yield ContactObservation(
             names=names,
@@ -117,7 +125,7 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     impulse_ratios = (step.final_impact.impulse_ratio for step in steps)
     extrema: dict[str, float | None] = {
         "peak_torque": max((_peak(column) for _, o in cycle.driven for column in o.torque.T), default=0.0),
-        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in _swings(cycle.steps)),
+        "foot_clearance": min(max(_clearances(pairs), default=0.0) for pairs in swings(cycle.steps)),
         "required_friction": max(map(_peak, friction_ratios), default=None),
         "impulse_ratio": max((ratio for ratio in impulse_ratios if ratio is not None), default=None),
         "min_normal_force": min((-curves.maximum(-contact.force[:, 1])[1] for contact in contacts), default=None),
@@ -305,14 +313,19 @@ def _peak(values: Array) -> float:
     return max(curves.maximum(values)[1], curves.maximum(-values)[1])
 
 
-def _swings(steps: Sequence[list[tuple[Arc, Observation]]]) -> list[list[tuple[Arc, Observation]]]:
-    """The arcs between two swaps of the feet. If the feet swap within a step, its last swing continues in its first."""
-    swings = list[list[tuple[Arc, Observation]]]()
+def swings(steps: Sequence[list[tuple[Arc, Along]]]) -> list[list[tuple[Arc, Along]]]:
+    """The arcs between two swaps of the feet. If the feet swap within a step, its last swing continues in its first.
+
+    Parameters
+    ----------
+    steps : for each step its arcs, each with something along it.
+    """
+    found = list[list[tuple[Arc, Along]]]()
     for pairs in steps:
         starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and not arc.struck.is_named]
         groups = [pairs[i:k] for i, k in pairwise([0, *starts, len(pairs)])]
-        swings += groups if len(groups) == 1 else [groups[-1] + groups[0], *groups[1:-1]]
-    return swings
+        found += groups if len(groups) == 1 else [groups[-1] + groups[0], *groups[1:-1]]
+    return found
 
 
 def _clearances(observed: list[tuple[Arc, Observation]]) -> Iterator[float]:

@@ -148,14 +148,23 @@ class Section:
 
     def tangent(self, z: Array, p: Array) -> Array:
         """Derivative of ``lift`` at a state of the section, shape (n_z, n_xi)."""
+        (flat,) = buffered(self.tangents)(z, p[: self._n_p])
+        return flat.reshape(z.size, -1, order="F").copy()
+
+    @cached_property
+    @building
+    def tangents(self) -> Function:
+        """(z, p) -> ``tangent`` with the walker's parameters."""
+        n = self.indices.size
         if self.stated:
-            (flat,) = buffered(_stated_tangent(self._walker))(z[self.every_step.indices], p[: self._n_p])
-            return flat.reshape(z.size, -1, order="F")[:, : self.indices.size]
-        matrix = np.zeros((z.size, self.indices.size))
-        matrix[self.indices, np.arange(self.indices.size)] = 1.0
-        (slopes,) = buffered(self._slopes)(z, p[: self._n_p])
-        matrix[self._solved] = slopes.reshape(len(self._solved), -1, order="F")
-        return matrix
+            z, p = SX.sym("z", len(self._walker.state_names())), SX.sym("p", self._n_p)
+            matrix = _stated_tangent(self._walker)(z[self.every_step.indices.tolist()], p)[:, :n]
+        else:
+            z, p, J = self._z, self._p, jacobian(self._c[self._rows], self._z)
+            matrix = SX.zeros(z.numel(), n)
+            matrix[self.indices.tolist(), :] = SX.eye(n)
+            matrix[self._solved, :] = -solve(J[:, self._solved], densify(J[:, self.indices.tolist()]))
+        return BUILT.watch(Function("section_tangents", [z, p], [densify(matrix)]))
 
     def by_parameters(self, z: Array, p: Array) -> Array:
         """Derivative of ``lift`` by the walker's parameters at fixed section coordinates, shape (n_z, n_p)."""
@@ -195,13 +204,6 @@ class Section:
     @building
     def _step(self) -> Function:
         return BUILT.watch(Function("section_step", [self._z, self._p], [densify(self._change)]))
-
-    @cached_property
-    @building
-    def _slopes(self) -> Function:
-        J = jacobian(self._c[self._rows], self._z)
-        slopes = -solve(J[:, self._solved], densify(J[:, self.indices.tolist()]))
-        return BUILT.watch(Function("section_slopes", [self._z, self._p], [densify(slopes)]))
 
     @cached_property
     @building

@@ -9,12 +9,15 @@ import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from html import escape
 from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from gaitopt.design.derivatives import derivatives
+from gaitopt.errors import SolveError
 from gaitopt.gait.branch import cascades, ends_by_request
 from gaitopt.gait.gait import Gait
 from gaitopt.model.section import cycle_start
@@ -38,6 +41,7 @@ from gaitopt.show.motion import (
 )
 from gaitopt.show.replays import replayed_motion
 from gaitopt.show.style import FLIGHT_DOTS, MODE_WORDS, SLIP_DASHES, dashes, encoded, label, parameter_of, symbol
+from gaitopt.show.tables import printed
 from gaitopt.store.run import Manifest
 from gaitopt.systems import problem_dynamics
 from gaitopt.verification.walk import Walk
@@ -149,9 +153,18 @@ def comparison_report(gaits: Sequence[Gait], replays: Sequence[Record] = ()) -> 
         about=gaits[0].problem.about if len(gaits) == 1 else "Side by side",
         replayed=svg(replayed_motion(motions[0], replays)) if any(replay["motion"] for replay in replays) else "",
         data={"gaits": shown, **words([gait["film"] for gait in shown], records, gaits[0].problem)},
+        derivatives=[(name, _differentiated(gait)) for name, gait in zip(names, gaits, strict=True)],
         checks=[(gait["film"]["name"], record["verification"]) for gait, record in zip(shown, records, strict=True)],
         origins=[provenance(gait.problem, gait.solver) for gait in gaits],
     )
+
+
+def _differentiated(gait: Gait) -> str:
+    """The table of derivatives as HTML, or why there is none."""
+    try:
+        return printed(derivatives(gait))
+    except SolveError as reason:
+        return f"<p>{escape(str(reason))}</p>"
 
 
 def _comparison(motion: Motion, gait: Gait) -> dict[str, Any]:

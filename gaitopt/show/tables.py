@@ -16,6 +16,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from gaitopt.design.derivatives import Derivatives
 from gaitopt.display import counted
 from gaitopt.gait.branch import TERMINAL, Branch, cascades
 from gaitopt.gait.gait import Gait
@@ -238,6 +239,30 @@ def print_gait(console: Console, record: Record, problem: Problem) -> None:
         section(console, "values found", ("key", "value", "unit"), freed, numbers=(1,))
     for remark in record["message"].split("; ")[1:]:
         console.print(remark, soft_wrap=True)
+
+
+def print_derivatives(console: Console, record: Record) -> None:
+    """Derivatives of a gait from their JSON object: what changes its stability most, and the whole table."""
+    at, units, by = record["parameters"], record["units"], record["derivatives"]
+    radius, slopes = record["values"].get("spectral_radius"), by.get("spectral_radius", {})
+    console.print(f"{record['problem']}: derivatives in {counted(len(at), 'parameter')}", style="bold")
+    effects = {key: slope * at[key] / 100 for key, slope in slopes.items() if slope is not None}
+    rows = [
+        (key, number(at[key]), units.get(key, ""), number(slopes[key]), number(radius + effect))
+        for key, effect in sorted(effects.items(), key=lambda pair: -abs(pair[1]))
+    ]
+    if rows:
+        title = f"stability: spectral radius {number(radius)}"
+        columns = ("parameter", "value", "unit", "derivative", "radius at +1 %")
+        section(console, title, columns, rows, numbers=(1, 3, 4))
+    headings = ("quantity", "value", "unit", *(f"{key} [{units[key]}]" if key in units else key for key in at))
+    cells = [
+        (key, number(record["values"][key]), units.get(key, ""), *(number(slope) for slope in by[key].values()))
+        for key in by
+    ]
+    section(console, "derivatives, per unit of the parameter", headings, cells, numbers=(1, *range(3, len(headings))))
+    for key, reason in record["reasons"].items():
+        console.print(f"{key}: {reason}", soft_wrap=True)
 
 
 def print_stabilised(console: Console, record: Record, problem: Problem) -> None:
@@ -702,6 +727,7 @@ def _(result: Trajectory, console: Console) -> None:
 
 print_result.register(Problem, lambda problem, console: print_problem(console, problem))
 print_result.register(Walk, lambda walk, console: print_walk(console, walk.to_record(), walk.problem))
+print_result.register(Derivatives, lambda found, console: print_derivatives(console, found.to_record()))
 print_result.register(Verification, lambda checked, console: print_verification(console, checked.to_record()))
 print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.to_record()))
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))

@@ -580,14 +580,19 @@ class MultipleShooting:
         return starts, stages, lengths
 
     @cached_property
-    def _stages(self) -> list[BufferedMap]:
-        """Stage derivatives of all intervals of every arc; a free parameter may have another role in the next step."""
-        names, maps = self.system.parameters, []
+    def free_in_phases(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the free parameters in every phase: they may have other roles in the next step."""
+        names = self.system.parameters
         roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self._per_phase(np.array(names))]
-        for arc in self.mesh.arcs:
-            free = tuple(roles[arc.phase][name] for name in self.free)
-            maps.append(buffered_map(stage_derivatives(self.system.shared, arc.mode, free), arc.intervals))
-        return maps
+        return tuple(tuple(role[name] for name in self.free) for role in roles)
+
+    @cached_property
+    def _stages(self) -> list[BufferedMap]:
+        """Stage derivatives of all intervals of every arc."""
+        functions = (
+            stage_derivatives(self.system.shared, arc.mode, self.free_in_phases[arc.phase]) for arc in self.mesh.arcs
+        )
+        return [buffered_map(function, arc.intervals) for function, arc in zip(functions, self.mesh.arcs, strict=True)]
 
     @cached_property
     def _joined_derivatives(self) -> BufferedFunction:

@@ -65,6 +65,11 @@ def test_every_claim_of_the_verification_is_in_the_table(written):
     assert "passed</span>" in written["gait"]
 
 
+def test_the_report_of_a_gait_has_its_derivatives(written):
+    assert "Derivatives in the parameters" in written["gait"]
+    assert "radius at +1 %" in written["gait"]
+
+
 def test_a_failed_verification_is_said_plainly():
     ours = gait("compass-passive-a")
     record = dict(ours.verification)
