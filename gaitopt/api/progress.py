@@ -46,8 +46,8 @@ def shown(
     if callable(progress):
         yield progress
         return
-    console = Console(stderr=True)
-    if not (progress and _is_live(console)):
+    console = Console(stderr=True) if progress else None
+    if console is None or not _is_live(console):
         yield lambda *_: None
         return
     with bar(console, *labels) as show:

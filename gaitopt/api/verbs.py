@@ -170,7 +170,7 @@ def solve(
         if known is not None and wanted in (Method.AUTO, known.solver.get("method")) and stated == limits.stated:
             return known
     guessed, begin = (question, start) if start is None or isinstance(start, Gait) else (start.problem, None)
-    if isinstance(guessed, Problem) and not _same_but_for_guess(guessed, loaded):
+    if isinstance(guessed, Problem) and guessed is not loaded and not _same_but_for_guess(guessed, loaded):
         raise ProblemError(f"start: is a solution of another problem, or of other values than those of {loaded.name}")
     with nullcontext() if folder is None else Run(folder).writing(loaded):
         with shown(progress, solver_progress, f"solving {loaded.name}") as show:

@@ -197,11 +197,19 @@ class Cycle:
 
     def reset_after(self, phase: int) -> Mode | None:
         """The impact that ends a phase, of the foot or of a stop that locks; None where the state is continuous."""
-        after, step = self.after(phase), self.step_of(phase)
-        if after is None:
-            return self.steps[step].impact
-        landed = dict(self.steps[step].landings).get(phase + 1 - self.first_phases[step])
-        return after if landed is None and after.locked != self.phases[phase].locked else landed
+        return self._resets_after[phase]
+
+    @cached_property
+    def _resets_after(self) -> tuple[Mode | None, ...]:
+        resets = list[Mode | None]()
+        for phase, mode in enumerate(self.phases):
+            after, step = self.after(phase), self.step_of(phase)
+            landed = dict(self.steps[step].landings).get(phase + 1 - self.first_phases[step])
+            if after is None:
+                resets.append(self.steps[step].impact)
+            else:
+                resets.append(after if landed is None and after.locked != mode.locked else landed)
+        return tuple(resets)
 
     def impact_before(self, phase: int) -> Mode | None:
         """The impact before a phase, that of the last step before the first; None where the state is continuous."""

@@ -453,6 +453,14 @@ class HybridSystem:
         values = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
         return np.array([float(values[name]) for name in self.parameters])
 
+    @cached_property
+    def _swapped_parameters(self) -> list[int] | None:
+        """Indices of the parameters after the contacts have swapped their friction; None if that changes nothing."""
+        friction, indices = self._friction_entries, [*range(len(self.parameters))]
+        order = [friction.start + k for k in self.friction.exchanged(self.walker.partners())]
+        swapped = [*indices[: friction.start], *order, *indices[friction.stop :]]
+        return None if swapped == indices else swapped
+
     def step_parameters(self, p: Any) -> tuple[Any, ...]:
         """Parameters in each of the first steps, after which they repeat: one set if the legs are alike, else two.
 
@@ -464,11 +472,10 @@ class HybridSystem:
         """
         if self.cycle_end != TOUCHDOWN:
             return (p,)
-        of_walker, first = self.walker.step_parameters(p), self._friction_entries.start
-        order = [first + k for k in self.friction.exchanged(self.walker.partners())]
-        if order == [*range(first, self._friction_entries.stop)]:
+        of_walker, order = self.walker.step_parameters(p), self._swapped_parameters
+        if order is None:
             return of_walker
-        other = of_walker[-1][[*range(first), *order, *range(self._friction_entries.stop, len(self.parameters))]]
+        other = of_walker[-1][order]
         if len(of_walker) == 1 and isinstance(p, np.ndarray) and np.array_equal(p, other):
             return (p,)
         return p, other

@@ -399,6 +399,7 @@ class Transitions:
         self._impacts: dict[tuple[Mode, Mode], Mapping[str, Transition]] = {}
         self._landings: dict[tuple[str, Mode], Mapping[Mode, Mode]] = {}
         self._breakpoints: dict[Mode, Transition] = {}
+        self._between: dict[tuple[Mode, Mode | None, Mode | None], Transition] = {}
         self._checked: set[Cycle] = set()
 
     def of(self, mode: Mode) -> Mapping[str, Transition]:
@@ -471,11 +472,15 @@ class Transitions:
         ValueError
             If no event leads from one to the other.
         """
-        rows = self.of(mode)
+        if (mode, after, struck) not in self._between:
+            self._between[mode, after, struck] = self._best(mode, after, struck)
+        return self._between[mode, after, struck]
+
+    def _best(self, mode: Mode, after: Mode | None, struck: Mode | None) -> Transition:
         if after is None and self.cycle_end == CLOCK:
             return self._row(CLOCK, reset=Reset(of=CLOCK, ends_step=True), candidates=(mode,))
         if after is None and (struck is None or self.cycle_end != TOUCHDOWN):
-            found = [row for row in rows.values() if row.ends_step]
+            found = [row for row in self.of(mode).values() if row.ends_step]
         else:
             found = self._leading(mode, after, struck)
         if not found:

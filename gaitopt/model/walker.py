@@ -282,9 +282,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     @classmethod
     def swapped(cls, mode: Mode) -> Mode:
         """A mode with the contacts as they are called after the feet have swapped roles, or before they do."""
-        partner = cls.partners()
-        contacts = {name: mode.contacts[partner.get(name, name)] for name in cls.landing_points()}
-        return mode.with_contact(Mode.of_contacts(contacts) if cls.contacts else Mode.of_feet(contacts))
+        return _swapped(cls, mode)
 
     @classmethod
     def held_in_impact(cls, contacts: Mode, before: Mode) -> Mode:
@@ -379,6 +377,13 @@ def _pickled(plugin: PluginClass) -> tuple[Any, ...]:
             "define the class at the top level of a module, under its own name"
         )
     return _imported, (module, name, words)
+
+
+@lru_cache(maxsize=256)
+def _swapped(walker: type[Walker], mode: Mode) -> Mode:
+    partner = walker.partners()
+    contacts = {name: mode.contacts[partner.get(name, name)] for name in walker.landing_points()}
+    return mode.with_contact(Mode.of_contacts(contacts) if walker.contacts else Mode.of_feet(contacts))
 
 
 def _imported(module: str, name: str, words: str) -> Any:

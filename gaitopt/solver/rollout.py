@@ -19,7 +19,7 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import built_once
 from gaitopt.gait.gait import Gait
 from gaitopt.integration import CompiledStep, Integration, StepSizeError, bracketed_root
-from gaitopt.model.buffered import Buffers, buffered, buffered_map
+from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -173,8 +173,8 @@ class Rollout:
         """
         equations, mesh, n_z = at.equations, at.equations.mesh, at.equations.system.n_z
         (starts, lengths), nodes = mesh.interval_times(at.durations), equations.unpack(at.w).nodes.T
-        stiffness = equations.fastest_modes(at.w, at.p) * lengths / STABLE_STEP
         stepped = nodes[mesh.start_nodes + 1] - at.residual[: mesh.intervals * n_z].reshape(-1, n_z)
+        stiffness = equations.fastest_modes(at.w, at.p) * lengths / STABLE_STEP  # of the derivatives of the residual
         errors = (np.abs(stepped - moved) / self.dynamics.state_units).max(axis=1)
         counts = [arc.intervals for arc in mesh.arcs]
         if stiffness.max() <= 1 and errors.max() <= allowed:
@@ -348,7 +348,7 @@ class _ModeFlow:
         self._within, self._margins = shooting_step(system.shared, mode), buffered(system.margins(mode))
         self._many_margins = buffered_map(system.margins(mode), WIDTH)
         point = _rate_and_margins(system.shared, mode)
-        self._point = Buffers(point)
+        self._point = buffered(point)
         self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
 
     def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> PhaseMotion:
