@@ -143,7 +143,7 @@ class MultipleShooting:
         self.p = self.parameters
         if free:
             self.p = substituted(system.parameters, self.parameters, {key: self.freed[i] for i, key in enumerate(free)})
-        self.phase_parameters: tuple[MX, ...] = self._per_phase(self.p)
+        self.phase_parameters: tuple[MX, ...] = self.per_phase(self.p)
         BUILT.watch(vars(self))
         self._units: tuple[bytes, NaturalUnits] | None = None
         self._flow_derivatives: tuple[tuple[bytes, bytes], Array] = (b"", b""), np.empty(0)
@@ -170,7 +170,7 @@ class MultipleShooting:
         """The system at these parameters."""
         return _dynamics(self.system, self.values(p, freed).tobytes())
 
-    def _per_phase(self, p: Any) -> tuple[Any, ...]:
+    def per_phase(self, p: Any) -> tuple[Any, ...]:
         """The parameters of each phase, numbers or symbols, from those of the first step."""
         return self.mesh.cycle.per_phase(self.system.step_parameters(p))
 
@@ -264,11 +264,11 @@ class MultipleShooting:
         ends = self.map_arcs(lambda mode: shooting_step(self.system.shared, mode), columns)
         nodes = horzcat(*(self.arc(i)[1][:, 1:] for i in range(len(self.mesh.arcs))))
         phase_ends, phase_starts = (self.Z[:, at] for at in self.mesh.joints)
-        joined = conditions(*self._cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
+        joined = conditions(*self.cycle_key)(phase_ends, phase_starts, self.durations, self.freed, self.parameters)
         return vertcat(vec(nodes - horzcat(*ends)), joined)
 
     @property
-    def _cycle_key(self) -> tuple[HybridSystem, Cycle, tuple[int, ...], tuple[str, ...]]:
+    def cycle_key(self) -> tuple[HybridSystem, Cycle, tuple[int, ...], tuple[str, ...]]:
         """Arguments of ``conditions``."""
         segments = {arc.phase: arc.segment for arc in self.mesh.arcs}
         return self.system, self.mesh.cycle, tuple(segments.values()), self.free
@@ -433,7 +433,7 @@ class MultipleShooting:
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities; those along the arcs without their expressions, which take longer to build."""
         nodes, durations, freed = self.unpack(w)
-        per_phase, values = self._per_phase(self.values(p, freed)), list[Array]()
+        per_phase, values = self.per_phase(self.values(p, freed)), list[Array]()
         for i, (start, end) in enumerate(self.mesh.arc_times(durations.tolist())):
             arc, at = self.mesh.arcs[i], self.mesh.arc_nodes[i]
             times = start + (end - start) / arc.intervals * np.arange(len(at))
@@ -486,14 +486,14 @@ class MultipleShooting:
         h, places = (end - start) / arc.intervals, fractions * arc.intervals
         k = np.minimum(places.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system.shared, arc.mode), fractions.size)
-        values, data = self._per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
+        values, data = self.per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
         (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
         return states.copy()
 
     @cached_property
     def _joined(self) -> BufferedFunction:
         """Events and resets."""
-        return buffered(conditions(*self._cycle_key))
+        return buffered(conditions(*self.cycle_key))
 
     @cached_property
     @building
@@ -523,7 +523,7 @@ class MultipleShooting:
     def _step_starts(self, w: Array, p: Array) -> Iterator[tuple[Array, Array, float, Array, Array]]:
         """Per arc the inputs of its m steps: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
         nodes, durations, freed = self.unpack(w)
-        mesh, per_phase = self.mesh, self._per_phase(self.values(p, freed))
+        mesh, per_phase = self.mesh, self.per_phase(self.values(p, freed))
         arc_times = mesh.arc_times(durations.tolist())
         for arc, at, (start, end) in zip(mesh.arcs, mesh.arc_nodes, arc_times, strict=True):
             length = (end - start) / arc.intervals
@@ -545,7 +545,7 @@ class MultipleShooting:
             if arc.mode.fixes_x:
                 ends[at, -1], step[at, -1] = 0.0, 0.0
         step = -step  # a defect is the node minus the end of the step
-        times_by, lengths_by = self._duration_derivatives
+        times_by, lengths_by = self.duration_derivatives
         by_durations = step[:, :, n_z, None] * times_by[:, None, :] + step[:, :, n_z + 1, None] * lengths_by[:, None, :]
         by_tail = np.concatenate([by_durations, step[:, :, n_z + 2 :]], axis=2)
         joined, joined_by = self._joined_derivatives(*self._joints(w), p)
@@ -583,7 +583,7 @@ class MultipleShooting:
     def free_in_phases(self) -> tuple[tuple[str, ...], ...]:
         """Names of the free parameters in every phase: they may have other roles in the next step."""
         names = self.system.parameters
-        roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self._per_phase(np.array(names))]
+        roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self.per_phase(np.array(names))]
         return tuple(tuple(role[name] for name in self.free) for role in roles)
 
     @cached_property
@@ -597,10 +597,10 @@ class MultipleShooting:
     @cached_property
     def _joined_derivatives(self) -> BufferedFunction:
         """Events and resets with the entries of their Jacobian."""
-        return BufferedFunction(condition_derivatives(*self._cycle_key), nonzeros=True)
+        return BufferedFunction(condition_derivatives(*self.cycle_key), nonzeros=True)
 
     @cached_property
-    def _duration_derivatives(self) -> tuple[Array, Array]:
+    def duration_derivatives(self) -> tuple[Array, Array]:
         """Derivatives of start and length of every interval by the durations, in which both are affine."""
         durations = np.vstack([np.zeros(self.n_phases), np.eye(self.n_phases)])
         origin, *units = map(self.mesh.interval_times, durations)
@@ -619,7 +619,7 @@ class MultipleShooting:
         n_w, n_tail = self.w.numel(), self.n_phases + len(self.free)
         tail, row = np.arange(n_w - n_tail, n_w), np.arange(n * n_z)
         starts = n_z * mesh.start_nodes[:, None] + np.arange(n_z)  # columns of the nodes where intervals start
-        joined = condition_derivatives(*self._cycle_key).sparsity_out(1)
+        joined = condition_derivatives(*self.cycle_key).sparsity_out(1)
         joint_nodes = n_z * np.concatenate(mesh.joints)[:, None] + np.arange(n_z)
         blocks = [
             (row, (starts + n_z).ravel()),
