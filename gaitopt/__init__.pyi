@@ -25,6 +25,7 @@ from gaitopt.api.verbs import simulate as simulate
 from gaitopt.api.verbs import solve as solve
 from gaitopt.api.verbs import stabilise as stabilise
 from gaitopt.api.verbs import sweep as sweep
+from gaitopt.api.verbs import trace as trace
 from gaitopt.api.verbs import verify as verify
 from gaitopt.design.derivatives import Derivatives as Derivatives
 from gaitopt.display import Page as Page
@@ -33,6 +34,7 @@ from gaitopt.errors import GaitoptError as GaitoptError
 from gaitopt.gait.branch import Branch as Branch
 from gaitopt.gait.gait import Gait as Gait
 from gaitopt.gait.gait import Status as Status
+from gaitopt.gait.trace import Trace as Trace
 from gaitopt.gait.trajectory import Trajectory as Trajectory
 from gaitopt.model.checks import check_walker as check_walker
 from gaitopt.model.control import Control as Control

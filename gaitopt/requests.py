@@ -404,6 +404,19 @@ class ContinueRequest(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TraceRequest(Request):
+    """See ``gaitopt.trace``."""
+
+    key: Annotated[str, About("Second parameter: walker.slope, walker.hip_mass, ...")]
+    to: Annotated[tuple[float, ...], About("Target of the second parameter; give two to trace in both directions.")]
+    lower: Annotated[float | None, About("Lower bound of the parameter of the branch.")] = None
+    upper: Annotated[float | None, About("Upper bound of the parameter of the branch.")] = None
+    max_points: Annotated[int, About("Maximum number of points per target.", least=1, effort=True)] = 2000
+    max_seconds: Annotated[float | None, About("Time limit per target [s].", least=0.0, unit="s", effort=True)] = None
+    verify_every: Annotated[int, About("Verify every N-th point by simulation; 0: none.", least=0)] = 10
+
+
+@dataclass(frozen=True, kw_only=True)
 class SweepRequest(Request):
     """See ``gaitopt.sweep``."""
 

@@ -33,6 +33,7 @@ from gaitopt.callbacks import Stop, TimeLimit
 from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait, require_gait
+from gaitopt.gait.trace import CurveStart, Trace, TracePoint, TraceSpecial, collected_trace
 from gaitopt.model.control import Control
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.walker import Walker
@@ -54,6 +55,7 @@ from gaitopt.requests import (
     SearchLimits,
     SimulateRequest,
     StabiliseRequest,
+    TraceRequest,
     choice,
 )
 from gaitopt.search import solve as single
@@ -689,6 +691,72 @@ def _stored_records(
             yield from map(dict, new)
 
     return records()
+
+
+def trace(
+    special: SpecialPoint | CurveStart,
+    key: str,
+    to: float | Sequence[float],
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    max_points: int = 2000,
+    max_seconds: float | None = None,
+    verify_every: int = 10,
+    progress: ValueProgress = True,
+    should_stop: Stop = None,
+) -> Trace:
+    """Follow a special point of a branch in two parameters: that of the branch and a second one.
+
+    A fold, a period doubling, a Neimark-Sacker point or a margin of the mode sequence draws a curve. Codimension-two
+    points are located on it. The curve passes changes of the mode sequence where the special point does.
+
+    Parameters
+    ----------
+    special : a special point of a branch; or one of the curves in ``next`` of a special point of another trace.
+    key : dotted key of the second parameter, any scalar of walker, friction or control.
+    to : target value of the second parameter; two values to trace in both directions.
+    lower, upper : bounds of the parameter of the branch.
+    max_points, max_seconds : limits per target; a curve that ends at a limit is ``open``.
+    verify_every : verify every N-th point by simulation; 0 for none.
+    progress : whether to show it, or a function of the number of points and the second parameter.
+    should_stop : polled before every point; True ends the trace there.
+
+    Returns
+    -------
+    trace : points and special points, each with its gait and the values of both parameters.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such parameter; the message lists similar names.
+    ProblemError
+        If a special point of this type has no curve, it does not depend on the second parameter, or a target cannot be
+        reached.
+    SolveError
+        If there is no gait at the special point, or Newton's method fails there.
+
+    References
+    ----------
+    Yu. A. Kuznetsov, Elements of Applied Bifurcation Theory, ch. 9 and 10.
+    """
+    from gaitopt.branches.trace import follow_curve
+
+    request = TraceRequest(
+        key=key,
+        to=(to,) if isinstance(to, int | float) else tuple(to),
+        lower=lower,
+        upper=upper,
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+    )
+    with shown(progress, value_progress, "tracing", key) as show:
+        records = list[TracePoint | TraceSpecial]()
+        for record in follow_curve(special, request, should_stop=should_stop):
+            records.append(record)
+            show(len(records), record.values[key])
+        return collected_trace(special, key, records)
 
 
 def prove(

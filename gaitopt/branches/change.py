@@ -246,7 +246,7 @@ def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]
     shows in its second cycle. With each cycle are the states at the starts of its steps, shape (k, n_z).
     """
     dynamics = Dynamics(point.gait.system, point.curve.p).at({point.curve.parameter: point.value + offset})
-    state, n = _start_states(point, point.curve.cycle, offset, dynamics)[0], len(point.curve.cycle.steps)
+    state, n = start_states(point, point.curve.cycle, _ahead(point, offset), dynamics)[0], len(point.curve.cycle.steps)
     walk = Simulator(dynamics).run(state, 2 * n)
     steps, cycles = [step for step in walk.steps if step.impact is not None], list[tuple[Cycle, Array]]()
     for walked in (steps[n : 2 * n], steps[:n]):
@@ -342,7 +342,10 @@ def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
     except ProblemError:  # beyond the range that the problem allows
         return None
     dynamics = Dynamics(gait.system, curve.p).at({curve.parameter: point.value + offset})
-    state, section = _start_states(point, curve.cycle, offset, dynamics)[0], gait.system.section(curve.cycle)
+    state, section = (
+        start_states(point, curve.cycle, _ahead(point, offset), dynamics)[0],
+        gait.system.section(curve.cycle),
+    )
     return_map = ReturnMap(Simulator(dynamics), section, len(curve.cycle.steps), state)
     steps = return_map.damped_fixed_point(state[section.indices], curve.metric.state[section.indices])
     if steps is None:
@@ -450,7 +453,7 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None
     """
     curve, system = point.curve, point.gait.system
     dynamics = Dynamics(system, curve.p).at({curve.parameter: point.value + offset})
-    states = _start_states(point, cycle, offset, dynamics) if known is None else known
+    states = start_states(point, cycle, _ahead(point, offset), dynamics) if known is None else known
     try:
         problem = curve.problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
     except ProblemError:  # the state contradicts the impact
@@ -473,15 +476,20 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None
     return first if near and first is not None and holds(first) else None
 
 
-def _start_states(point: CurvePoint, cycle: Cycle, offset: float, dynamics: Dynamics) -> Array:
-    """States at the starts of the successor's steps: predicted along the old branch, through the successor's impacts.
+def _ahead(point: CurvePoint, offset: float) -> Array:
+    """The unknowns where the parameter is ``offset`` further, predicted along the branch."""
+    slope = point.tangent[-1]
+    return np.asarray(point.at.w + point.tangent * (offset / slope if slope else 0.0))
+
+
+def start_states(point: CurvePoint, cycle: Cycle, w: Array, dynamics: Dynamics) -> Array:
+    """The state at the start of the successor's steps: from predicted unknowns, through the successor's impacts.
 
     Returns
     -------
     states : ndarray, shape (k, n_z); only the first one if the cycle has another number of steps.
     """
-    curve, slope = point.curve, point.tangent[-1]
-    w = point.at.w + point.tangent * (offset / slope if slope else 0.0)
+    curve = point.curve
     nodes, ends = curve.equations.unpack(w).nodes, curve.equations.mesh.impact_nodes
     count = len(cycle.steps) if len(cycle.steps) == len(curve.cycle.steps) else 1
     states = []

@@ -423,6 +423,7 @@ class Continuation:
             reason=reason,
             gait=point.gait,
             tangent=point.curve.solutions.entries(point.tangent),
+            parameter=self.request.parameter,
         )
 
 

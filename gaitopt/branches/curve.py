@@ -4,16 +4,21 @@
 
 F are the equations of multiple shooting with the parameter as one more unknown. Arclength does not depend on the mesh.
 The durations belong to y because they alone move along the curve where a slip velocity or a cone margin grazes zero.
+
+With two parameters the gaits are a surface, on which a ``condition`` g(w) = 0 draws a curve: that of a special point.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
 from gaitopt.arrays import Array
+from gaitopt.branches.codimension_two import curve_tests
+from gaitopt.branches.conditions import Condition, Conditioned, ConditionedEquations
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
+from gaitopt.branches.normal_forms import LocalMap, local_map
 from gaitopt.errors import SolveError
 from gaitopt.gait.branch import ContinuationState
 from gaitopt.gait.gait import Gait
@@ -24,7 +29,7 @@ from gaitopt.requests import Method
 from gaitopt.solver import arclength
 from gaitopt.solver.arclength import Point, SolutionCurve, located
 from gaitopt.solver.assembly import assemble_gait
-from gaitopt.solver.newton import GaitEquations, Solution, halved, refine
+from gaitopt.solver.newton import LARGEST_ERROR, GaitEquations, Solution, halved, refine
 from gaitopt.solver.rollout import FIRST_ERROR, Rollout, retraced, rolled_again
 from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.solver.solve import free_parameters
@@ -41,27 +46,31 @@ class Metric:
         largest coordinate of the first gait in natural units.
     period : of the first gait [s].
     span : of the parameter.
+    others : spans of the parameters before it, which a curve on a surface has.
     """
 
     state: Array
     period: float
     span: float
+    others: tuple[float, ...] = ()
 
     @staticmethod
-    def of(gait: Gait, span: float) -> "Metric":
+    def of(gait: Gait, span: float, others: tuple[float, ...] = ()) -> "Metric":
         """The metric of the family that begins with ``gait``."""
         unit = gait.dynamics.state_units
-        return Metric(state=unit * float(np.abs(gait.state / unit).max()), period=gait.scalar("period"), span=span)
+        size = unit * float(np.abs(gait.state / unit).max())
+        return Metric(state=size, period=gait.scalar("period"), span=span, others=others)
 
     @staticmethod
-    def from_array(values: Array) -> "Metric":
-        """The metric that ``to_array`` has written."""
-        *state, period, span = values.tolist()
-        return Metric(state=np.array(state), period=period, span=span)
+    def from_array(values: Array, others: int = 0) -> "Metric":
+        """The metric that ``to_array`` has written, with this number of other parameters."""
+        *head, span = values.tolist()
+        state, period, spans = head[: -1 - others], head[-1 - others], head[len(head) - others :]
+        return Metric(state=np.array(state), period=period, span=span, others=tuple(spans))
 
     def to_array(self) -> Array:
-        """Scales of the state, period and span; shape (n_z + 2,)."""
-        return np.array([*self.state, self.period, self.span])
+        """Scales of the state, period and spans, that of the last parameter at the end; shape (n_z + 1 + n_free,)."""
+        return np.array([*self.state, self.period, *self.others, self.span])
 
     def distance(self, first: Array, second: Array) -> float:
         """Largest scaled difference of two states after impact."""
@@ -75,18 +84,19 @@ class CurvePoint:
     Attributes
     ----------
     curve : the curve.
-    problem : with the value of the parameter at this point.
+    problem : with the values of the parameters at this point.
     point : its unknowns and tangent.
     """
 
     curve: "Curve"
     problem: Problem
-    point: Point[Solution]
+    point: Point[Any]
 
     @property
     def at(self) -> Solution:
         """Unknowns, equalities and Jacobian."""
-        return self.point.at
+        at: Solution | Conditioned = self.point.at
+        return at.solution if isinstance(at, Conditioned) else at
 
     @property
     def tangent(self) -> Array:
@@ -100,8 +110,14 @@ class CurvePoint:
 
     @property
     def value(self) -> float:
-        """The parameter."""
+        """The parameter, the last one if there are two."""
         return float(self.at.w[-1])
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The free parameters by dotted key."""
+        free = self.curve.equations.free
+        return dict(zip(free, self.at.w[-len(free) :].tolist(), strict=True))
 
     @cached_property
     def gait(self) -> Gait:
@@ -132,6 +148,25 @@ class CurvePoint:
     def tests(self) -> dict[str, float]:
         """Test functions of bifurcations by name."""
         return test_functions(self.gait.multipliers, float(self.tangent[-1]))
+
+    @cached_property
+    def local(self) -> LocalMap:
+        """Derivatives of the return map, to third order."""
+        return local_map(self.at)
+
+    @cached_property
+    def curve_tests(self) -> dict[str, float]:
+        """Test functions of codimension-two points on a curve with a condition, by their types."""
+        condition = self.curve.condition
+        return {} if condition is None else curve_tests(self.local, condition.kind, condition.kappa)
+
+    def curve_test(self, name: str, reference: "CurvePoint") -> float:
+        """Value of one of them; that of a cusp with the critical eigenvector along that at another point."""
+        value = self.curve_tests.get(name, np.nan)
+        if name != "cusp":
+            return value
+        here, there = (point.local.critical("fold")[1] for point in (self, reference))
+        return -value if here @ there < 0 else value
 
     def monitor(self, key: MonitorKey) -> float:
         """Value of one monitor; infinite where this gait does not have it."""
@@ -194,12 +229,31 @@ class CurvePoint:
 
     def remeshed(self) -> "CurvePoint | None":
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
+        if self.curve.condition is not None:
+            return self._traced_again() if self.integration_error > LARGEST_ERROR else self
         refined = refine(self.at)
         return self if refined.equations is self.at.equations else self._resampled(refined)
 
     def bisected(self) -> "CurvePoint | None":
         """The same gait down to rounding with every interval cut in two; None if that fails."""
-        return self._resampled(halved(self.at))
+        return self._resampled(halved(self.at)) if self.curve.condition is None else self._traced_again()
+
+    @property
+    def integration_error(self) -> float:
+        """Change of the unknowns, in natural units, that a finer integration would cause across the curve."""
+        right = np.zeros(self.at.w.size)
+        right[: self.at.halving.size] = self.at.halving
+        try:
+            change = self.point.bordered.solve(right)
+        except RuntimeError:  # singular
+            return np.inf
+        return float(np.abs(change / self.curve.solutions.equations.unknown_units).max())
+
+    def _traced_again(self) -> "CurvePoint | None":
+        """The next point of the curve with every interval cut in two; the parameters may move, as both are free."""
+        finer = halved(self.at)
+        curve = replace(self.curve, equations=finer.equations)
+        return curve.with_gait(curve.solutions.across(finer.w, self.direction))
 
     def reordered(self) -> "CurvePoint | None":
         """The same gait with arcs in the order that its durations demand; its modes do not change."""
@@ -212,7 +266,7 @@ class CurvePoint:
 
     def _resampled(self, at: Solution) -> "CurvePoint | None":
         """The point on the curve of another mesh, where ``at`` is its solution."""
-        curve = Curve(self.curve.problem, self.curve.parameter, at.equations, self.curve.p, self.curve.metric)
+        curve = replace(self.curve, equations=at.equations)
         plain = Solution(at.equations, at.w, at.p)  # with its own Jacobian, without a chord
         return curve.with_gait(curve.solutions.through(plain, self.direction))
 
@@ -220,30 +274,38 @@ class CurvePoint:
 Location = arclength.Location[CurvePoint]
 
 
+@dataclass(frozen=True, eq=False)
 class Curve:
-    """The gaits that solve the equations of one mode sequence in their one freed parameter.
-
-    Parameters
-    ----------
-    problem : with the modes of the curve.
-    parameter : dotted key of the parameter.
-    equations : with this parameter freed.
-    p : ndarray - values of all parameters; the one of ``parameter`` only decides the units of the equations.
-    metric : scales of arclength.
+    """The gaits that solve the equations of one mode sequence in their free parameter, or in two with a condition.
 
     Attributes
     ----------
-    solutions : the curve of their unknowns.
+    problem : with the modes of the curve.
+    parameter : dotted key of the parameter; that of the last one if there are two.
+    equations : with the parameters freed.
+    p : ndarray - values of all parameters; those of the free ones only decide the units of the equations.
+    metric : scales of arclength.
+    condition : what holds along a curve in two parameters.
     """
 
-    def __init__(self, problem: Problem, parameter: str, equations: MultipleShooting, p: Array, metric: Metric) -> None:
-        self.problem, self.parameter, self.equations = problem, parameter, equations
-        self.p, self.metric = p, metric
-        section = equations.system.section(equations.mesh.cycle).indices
-        n_w, n_phases = equations.w.numel(), equations.n_phases
-        indices = np.concatenate([section, np.arange(n_w - 1 - n_phases, n_w)])
-        scales = np.concatenate([metric.state[section], np.full(n_phases, metric.period), [metric.span]])
-        self.solutions = SolutionCurve(GaitEquations(equations, p, metric.span), indices, scales)
+    problem: Problem
+    parameter: str
+    equations: MultipleShooting
+    p: Array
+    metric: Metric
+    condition: Condition | None = None
+
+    @cached_property
+    def solutions(self) -> SolutionCurve[Any]:
+        """The curve of the unknowns."""
+        section, metric = self.equations.system.section(self.cycle).indices, self.metric
+        n_w, n_phases, spans = self.equations.w.numel(), self.equations.n_phases, [*metric.others, metric.span]
+        indices = np.concatenate([section, np.arange(n_w - len(spans) - n_phases, n_w)])
+        scales = np.concatenate([metric.state[section], np.full(n_phases, metric.period), spans])
+        gaits = GaitEquations(self.equations, self.p, (*metric.others, metric.span))
+        if self.condition is None:
+            return SolutionCurve(gaits, indices, scales)
+        return SolutionCurve(ConditionedEquations(gaits, self.condition, indices, scales), indices, scales)
 
     @property
     def cycle(self) -> Cycle:
@@ -266,12 +328,12 @@ class Curve:
         return None if point is None else point.remeshed()
 
     @overload
-    def with_gait(self, point: Point[Solution]) -> CurvePoint: ...
+    def with_gait(self, point: Point[Any]) -> CurvePoint: ...
 
     @overload
-    def with_gait(self, point: Point[Solution] | None) -> CurvePoint | None: ...
+    def with_gait(self, point: Point[Any] | None) -> CurvePoint | None: ...
 
-    def with_gait(self, point: Point[Solution] | None) -> CurvePoint | None:
+    def with_gait(self, point: Point[Any] | None) -> CurvePoint | None:
         """A point of the curve of unknowns as a gait.
 
         Raises
@@ -281,7 +343,8 @@ class Curve:
         """
         if point is None:
             return None
-        problem = self.problem.replace({self.parameter: float(point.at.w[-1])})
+        free = self.equations.free
+        problem = self.problem.replace(dict(zip(free, point.at.w[-len(free) :].tolist(), strict=True)))
         return CurvePoint(curve=self, problem=problem, point=point)
 
 
@@ -293,16 +356,19 @@ def curve_through(
     intervals: Sequence[int] = (),
     *,
     error: float = FIRST_ERROR,
+    others: tuple[str, ...] = (),
+    condition: Condition | None = None,
 ) -> tuple[Curve, Array]:
     """A curve on a mesh for a rolled out motion, and the unknowns w of that motion.
 
     Parameters
     ----------
+    others, condition : further free parameters, before the first one, and what holds along the curve.
     intervals : of every arc, used if there are as many arcs.
     error : largest error of one interval in natural units.
     """
-    start = rolled.on_mesh((parameter,), intervals, error=error)
-    return Curve(problem, parameter, start.equations, start.p, metric), start.w
+    start = rolled.on_mesh((*others, parameter), intervals, error=error)
+    return Curve(problem, parameter, start.equations, start.p, metric, condition), start.w
 
 
 def first_point(gait: Gait, parameter: str, metric: Metric, sign: float) -> CurvePoint:

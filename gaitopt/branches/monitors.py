@@ -48,10 +48,10 @@ from gaitopt.gait import curves
 from gaitopt.gait.curves import SHORT_ARC, lowest_after_rise
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.cycle import BREAKPOINT
+from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import contact_of, kind, margin_unit, named
+from gaitopt.model.transitions import Transitions, contact_of, kind, margin_unit, named
 from gaitopt.solver.rollout import JUMP
 
 OPEN = 1.0
@@ -108,14 +108,13 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
         if not long:  # a short phase, or one that a breakpoint cuts into short arcs
             continue
         after = cycle.after(phase)
-        zeros = () if after is None else table.ending(cycle, phase).zeros
-        landed = table.zeros_after(cycle, (phase - 1) % len(cycle.phases))
         for row, (name, transition) in enumerate(table.of(cycle.phases[phase]).items()):
             if name != "upright" and not transition.margin.rises:
-                slips = kind(name) == "slip_velocity"
-                start = cycle.onset_order(phase, contact_of(name), jump=drops) if slips else int(name in landed)
-                along = [margins[id(arc)][row] for arc in long]
-                values[MonitorKey(name, phase)] = _lowest(along, (start, int(name in zeros)), long, arcs)
+                along, orders = (
+                    [margins[id(arc)][row] for arc in long],
+                    zero_orders(table, cycle, phase, name, drops=drops),
+                )
+                values[MonitorKey(name, phase)] = _lowest(along, orders, long, arcs)
         if phase - 1 in cycle.timed:
             before = phases[phase - 1][-1]
             guard = table.between(before.mode, cycle.phases[phase]).guard
@@ -240,10 +239,29 @@ def _lowest(along: list[Array], zeros: tuple[int, int], long: list[Arc], arcs: l
     minima = []
     for arc, margin in zip(long, along, strict=True):
         start, end = zeros[0] * (arc is arcs[0]), zeros[1] * (arc is arcs[-1])
-        at, height = curves.maximum(-(_deflation(margin.size, start, end) @ margin if start or end else margin))
+        at, height = curves.maximum(-deflated(margin, start, end))
         time = arc.start + arc.duration * (at + 1) / 2
         minima.append((-height, (time - arcs[0].start) / (arcs[-1].end - arcs[0].start)))
     return MonitorValue(*min(minima))
+
+
+def zero_orders(table: Transitions, cycle: Cycle, phase: int, name: str, *, drops: bool) -> tuple[int, int]:
+    """Orders of the zeros that events cause in a margin at the start and at the end of a phase.
+
+    Parameters
+    ----------
+    drops : whether friction drops where a slip begins.
+    """
+    if kind(name) == "slip_velocity":
+        start = cycle.onset_order(phase, contact_of(name), jump=drops)
+    else:
+        start = int(name in table.zeros_after(cycle, (phase - 1) % len(cycle.phases)))
+    return start, int(cycle.after(phase) is not None and name in table.ending(cycle, phase).zeros)
+
+
+def deflated(values: Array, start: int, end: int) -> Array:
+    """Values of g / ((1 + s)^start (1 - s)^end) at Chebyshev points, from those of g along the last axis."""
+    return values @ _deflation(values.shape[-1], start, end).T if start or end else values
 
 
 @lru_cache(maxsize=64)

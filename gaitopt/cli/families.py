@@ -31,7 +31,7 @@ from gaitopt.cli.options import (
 from gaitopt.cli.runs import gait_of, load, report
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.requests import AttractorsRequest, BasinRequest, ContinueRequest, Engine, SweepRequest
+from gaitopt.requests import AttractorsRequest, BasinRequest, ContinueRequest, Engine, SweepRequest, TraceRequest
 
 if TYPE_CHECKING:
     from gaitopt.gait.branch import SpecialPoint
@@ -156,6 +156,45 @@ def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], Non
 
     with console.status("continuing") as status:
         yield show
+
+
+def trace(
+    terminal: Terminal,
+    run: Annotated[str, typer.Argument(metavar="RUN@special.K", help="The K-th special point of a branch.")],
+    param: Annotated[str, option(TraceRequest, "key", "--param", metavar="KEY")],
+    to: Annotated[list[str], option(TraceRequest, "to", metavar="VALUE")],
+    lower: Annotated[str | None, option(TraceRequest, "lower", metavar="VALUE")] = None,
+    upper: Annotated[str | None, option(TraceRequest, "upper", metavar="VALUE")] = None,
+    max_points: Annotated[int, option(TraceRequest, "max_points")] = 2000,
+    max_seconds: Annotated[float | None, option(TraceRequest, "max_seconds")] = None,
+    verify_every: Annotated[int, option(TraceRequest, "verify_every")] = 10,
+) -> int:
+    """Follow a special point of a branch in two parameters.
+
+    Folds, period doublings, Neimark-Sacker points and changes of the mode sequence are followed. Codimension-two points
+    are located on the curve, with the normal form of its bifurcation and the curves that begin there.
+    """
+    from gaitopt.api import stored, verbs
+    from gaitopt.show.tables import print_trace
+
+    if stored.SPECIAL not in run:
+        raise typer.BadParameter(f"{run} is no special point: write RUN@special.K, from 0 in the order of the table")
+    special, _ = stored.load_special_point(run)
+    with interruptible() as interrupted, terminal.narration.status("tracing") as status:
+        traced = verbs.trace(
+            special, param, [number(value, "--to") for value in to],
+            lower=None if lower is None else number(lower, "--lower"),
+            upper=None if upper is None else number(upper, "--upper"),
+            max_points=max_points, max_seconds=max_seconds, verify_every=verify_every,
+            progress=lambda points, value: status.update(f"{points} points, {param} = {value:.6g}"),
+            should_stop=interrupted,
+        )  # fmt: skip
+    if terminal.json:
+        for record in traced.to_records():
+            terminal.print_json(record)
+    else:
+        print_trace(terminal.results, traced.to_records(), traced.parameters)
+    return 0
 
 
 def front(

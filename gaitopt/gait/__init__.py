@@ -8,6 +8,7 @@
 - ``zero_dynamics``: the motion on the surface of virtual constraints: delta^2 and the potential
 - ``gait``: ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
 - ``branch``: ``Branch``: points, special points, cascades of period doublings
+- ``trace``: ``Trace``: a special point in two parameters, its curve and codimension-two points
 - ``records``: types of all records, and the identities that their numbers satisfy
 - ``frames``: tables as pandas data frames and xarray datasets
 """

@@ -164,6 +164,7 @@ class SpecialPoint(ReadOnlyArrays):
     gait : the gait at this point; None if there is no gait.
     tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None if
         unknown.
+    parameter : dotted key of the parameter.
     """
 
     branch: int
@@ -179,6 +180,7 @@ class SpecialPoint(ReadOnlyArrays):
     open: bool = False
     gait: Gait | None = None
     tangent: Array | None = None
+    parameter: str = ""
 
     def __repr__(self) -> str:
         reason = f": {self.reason}" if self.reason else ""

@@ -481,6 +481,24 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str, pr
         console.print(f"cascade: {cascade}")
 
 
+def print_trace(console: Console, records: Sequence[Record], parameters: tuple[str, str]) -> None:
+    """The curves of a special point over two parameters, and their special points."""
+    rows, specials = list[tuple[str, ...]](), [record for record in records if record["record"] == "special"]
+    points = [record for record in records if record["record"] == "point"]
+    for curve in sorted({record["curve"] for record in points}):
+        own = [record for record in points if record["curve"] == curve]
+        ends = (number(own[k]["values"][key]) for key in parameters for k in (0, -1))
+        rows.append((str(curve), sequence(own[0]), *ends, str(len(own))))
+    columns = [f"{key} {end}" for key in parameters for end in ("from", "to")]
+    section(console, "curves", ("curve", "mode sequence", *columns, "points"), rows, numbers=(2, 3, 4, 5, 6))
+    for k, special in enumerate(specials):
+        place = ", ".join(f"{key} = {value:.12g}" for key, value in special["values"].items())
+        guess = "" if special["status"] == "converged" else " (only bracketed)"
+        console.print(f"{k}: curve {special['curve']}, {place}{guess}: {event(special)}")
+        for start in special["next"]:
+            console.print(f"   next: {_words(start['type'])}", markup=False)
+
+
 def event(special: Record) -> str:
     """Type and reason of a special point."""
     return ": ".join(filter(None, (_words(special["type"]), special["reason"])))

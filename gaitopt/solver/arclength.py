@@ -345,6 +345,10 @@ class SolutionCurve(Generic[At]):
         end = corrected(Fixed(self.equations), w)
         return None if end is None else self.through(end.at, forward, end.iterations)
 
+    def across(self, w: Array, normal: Array) -> Point[At] | None:
+        """The point next to ``w`` perpendicular to ``normal`` (shape of y), along which its tangent points."""
+        return self._corrected(w, normal)
+
     def beside(self, w: Array, direction: Array, length: float) -> Point[At] | None:
         """The point of another branch through ``w`` whose projection on ``direction`` (shape of w) is ``length``."""
         return self._corrected(w + length * direction, np.sign(length) * self.coordinates(direction))

@@ -22,7 +22,7 @@ from gaitopt.solver.shooting import MultipleShooting, conditions
 
 
 @built_once(maxsize=256)
-def jet_of(function: Function, order: int, plain: tuple[int, ...], moved: tuple[int, ...] = ()) -> Function:
+def jet_of(function: Function, order: int, plain: tuple[int, ...], moved: tuple[int, ...] | None = None) -> Function:
     """The Taylor coefficients of a function, in columns, from those of its inputs, likewise in columns.
 
     Parameters
@@ -31,17 +31,17 @@ def jet_of(function: Function, order: int, plain: tuple[int, ...], moved: tuple[
     plain : inputs that are constant.
     moved : entries of the first of these that do move; a last input has their coefficients from the first order on.
     """
-    e, v = SX.sym("e"), SX.sym("v", len(moved), order)
+    e = SX.sym("e")
     inputs, values = list[SX](), list[SX]()
     for k in range(function.n_in()):
         size = function.numel_in(k)
         inputs.append(SX.sym(f"x{k}", size, 1 if k in plain else order + 1))
         values.append(reshape(_series(inputs[-1], e), *function.size_in(k)))
-    if moved:
-        change, first = e * _series(v, e), plain[0]
+    if moved is not None:
+        inputs.append(SX.sym("v", len(moved), order))
+        change = e * _series(inputs[-1], e)
         for i, entry in enumerate(moved):
-            values[first][entry] += change[i]
-        inputs.append(v)
+            values[plain[0]][entry] += change[i]
     columns = [vec(function(*values))]
     for j in range(1, order + 1):
         columns.append(jtimes(columns[-1], e, SX(1)) / j)

@@ -148,6 +148,11 @@ class Solution:
         return Solution(self.equations, w, self.p, iterations=self.iterations + 1, chord=chord)
 
     @cached_property
+    def full_sensitivity(self) -> tuple[Array, Array, Callable[[Array], Array]]:
+        """``cycle_sensitivity`` to a deviation of every coordinate of the first state."""
+        return cycle_sensitivity(self, np.eye(self.equations.system.n_z))
+
+    @cached_property
     def errors(self) -> Array:
         """Largest estimated error of each phase's states and duration, in natural units; shape (n_phases,).
 
@@ -196,18 +201,18 @@ class GaitEquations:
     ----------
     equations : of the gait.
     p : ndarray - values of all parameters.
-    span : unit of the freed parameter, if there is one.
+    spans : units of the freed parameters.
     """
 
     equations: MultipleShooting
     p: Array
-    span: float = 1.0
+    spans: tuple[float, ...] = ()
 
     @cached_property
     def unknown_units(self) -> Array:
         """Natural units of the unknowns."""
         units = self.equations.units(self.p).unknowns
-        return np.append(units[:-1], self.span) if self.equations.free else units
+        return np.concatenate([units[: units.size - len(self.spans)], self.spans])
 
     @cached_property
     def equality_units(self) -> Array:
@@ -324,19 +329,35 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
     -------
     response : ndarray, shape (n, n_xi) - of nodes and durations.
     returned : ndarray, shape (n_xi, n_xi) - derivative of the return map: the deviation after the cycle.
-    adjoint : maps weights (n_xi, n_xi) of ``returned`` to weights (n, n_xi) of the equations of ``response``.
+    adjoint : maps weights (n_xi, k) of ``returned`` to weights (n, k) of the equations of ``response``.
+    """
+    section = at.equations.system.section(at.equations.mesh.cycle)
+    full = at.equations.dynamics(at.p, at.equations.unpack(at.w).freed).p
+    tangent = section.tangent(at.w[: at.equations.system.n_z], full)
+    response, returned, adjoint = cycle_sensitivity(at, tangent)
+
+    def of_section(weights: Array) -> Array:
+        every = np.zeros((len(tangent), weights.shape[1]))
+        every[section.indices] = weights
+        return adjoint(every)
+
+    return response, returned[section.indices], of_section
+
+
+def cycle_sensitivity(at: Solution, deviations: Array) -> tuple[Array, Array, Callable[[Array], Array]]:
+    """As ``section_sensitivity``, for deviations (n_z, k) of the first state, which may leave the section.
+
+    The last reset leads back to the section, so that deviations across it have multipliers of zero.
     """
     equations, n_z = at.equations, at.equations.system.n_z
     opened, reset = opened_cycle(at)
     n, last = at.residual.size, slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z)
-    section = equations.system.section(equations.mesh.cycle)
-    full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
-    right = np.zeros((n, section.indices.size))
-    right[n - n_z :] = section.tangent(at.w[:n_z], full)
+    right = np.zeros((n, deviations.shape[1]))
+    right[n - n_z :] = deviations
     response = opened.solve(right)
 
     def adjoint(weights: Array) -> Array:
-        end = np.zeros((n, section.indices.size))
+        end = np.zeros((n, weights.shape[1]))
         end[last] = reset.T @ weights
         return opened.solve_transposed(end)
 
@@ -363,7 +384,7 @@ def parameter_sensitivity(at: Solution) -> Array:
         if places[name] < by_lift.shape[1]:
             right[n - n_z :, column] = by_lift[:, places[name]]
     response = opened.solve(right)
-    return np.asarray(reset @ response[last] - by_free[n - n_z :][section.indices])
+    return np.asarray((reset @ response[last] - by_free[n - n_z :])[section.indices])
 
 
 def opened_cycle(at: Solution) -> tuple[ScaledMatrix, Array]:
@@ -372,13 +393,12 @@ def opened_cycle(at: Solution) -> tuple[ScaledMatrix, Array]:
     Returns
     -------
     opened : ``square`` in which the last rows do not depend on the last node.
-    reset : ndarray, shape (n_xi, n_z) - derivative of the section coordinates after the last reset by the last node.
+    reset : ndarray, shape (n_z, n_z) - derivative of the state after the last reset by the last node.
     """
     equations = at.equations
-    system, n_z, n = equations.system, equations.system.n_z, at.residual.size
+    n_z, n = equations.system.n_z, at.residual.size
     last, pattern = slice((equations.n_nodes - 1) * n_z, equations.n_nodes * n_z), at.square.pattern
-    indices = system.section(equations.mesh.cycle).indices
-    reset = -at.square.dense(last.start, last.stop)[n - n_z :][indices]
+    reset = -at.square.dense(last.start, last.stop)[n - n_z :]
     columns, data = slice(*pattern.pointers[[last.start, last.stop]]), at.square.data.copy()
     data[columns][pattern.rows[columns] >= n - n_z] = 0.0
     return at.scaled_as_square(SparseMatrix(pattern=pattern, data=data)), reset

@@ -132,6 +132,7 @@ def special_point(family: Gait, parameter: str, record: SpecialRecord) -> Specia
         open=record.get("open", False),
         gait=None if gait is None else branch_gait(family, parameter, record["value"], gait),
         tangent=None if tangent is None else np.array(tangent),
+        parameter=parameter,
     )
 
 

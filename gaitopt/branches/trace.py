@@ -1,0 +1,565 @@
+"""The curve of a special point in two parameters: its points, its codimension-two points, its ends.
+
+    F(w) = 0,      g(w) = 0,      w = (nodes, durations, both parameters)
+
+g is the condition of the special point, see ``conditions``. Every step along the curve is predicted and corrected as
+along a family of gaits. Monitors of the mode sequence and the test functions of ``codimension_two`` are compared at
+both ends of a step; where one changes its sign, its zero is located.
+
+Where a monitor vanishes the mode sequence ends. The curve goes on with the next sequence if the condition holds there
+too: that of a margin does, that of a bifurcation only if the multipliers are continuous across the change.
+"""
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from gaitopt.arrays import overflow_allowed
+from gaitopt.branches.change import ACTIVE, DISTANCES, NEARBY, start_states, successors, transition_at
+from gaitopt.branches.codimension_two import (
+    CURVES,
+    is_zero,
+    other_kappa,
+    others_are_complex,
+)
+from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
+from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH
+from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through
+from gaitopt.branches.monitors import MonitorKey, monitor_values
+from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
+from gaitopt.branches.request import Request
+from gaitopt.callbacks import Stop
+from gaitopt.errors import ProblemError, SolveError, UnknownNameError
+from gaitopt.gait.branch import SpecialPoint
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
+from gaitopt.model.cycle import Cycle
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.transitions import Ending, margin
+from gaitopt.requests import TraceRequest
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.solver.arclength import next_length
+from gaitopt.solver.rollout import retraced, roll_out
+from gaitopt.verification.verify import confirm
+
+LARGEST_LENGTH = 0.05
+"""At least twenty points for the range of the second parameter."""
+AT_MARGIN = 1e-6
+"""Largest difference of the simulated cycle on a margin, in natural units: the simulator may take either sequence."""
+CONSTANT = 1e-9
+"""Part of the tangent below which an entry does not change along the curve."""
+STRAY = 10.0
+"""Largest distance of the first point with another mode sequence from the one before, in lengths of the step to it."""
+SILENT = 1e-8
+"""A monitor below this vanishes along the whole curve, or at its first point."""
+AT_BOUND = 1e-9
+"""Relative distance from a bound below which a point is at it."""
+MARGINS = ("mode_change", "impact_change", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))
+"""Types of special points at which a margin vanishes."""
+
+
+def curve_start(special: SpecialPoint) -> CurveStart:
+    """The curve that goes through a special point of a family.
+
+    Raises
+    ------
+    ProblemError
+        If a special point of this type has no curve.
+    SolveError
+        If there is no gait.
+    """
+    gait = special.gait
+    if gait is None:
+        raise SolveError(f"there is no gait at the special point {special!r}")
+    if special.type in KINDS:
+        pair = min((m for m in gait.multipliers if m.imag > 0), key=lambda m: abs(abs(m) - 1), default=0.0)
+        return CurveStart(type=special.type, parameter=special.parameter, gait=gait, kappa=float(np.real(pair)))
+    if special.type == "branch_point":
+        if len(gait.steps) % 2 == 0 and gait.repeats_after == len(gait.steps) // 2:
+            words = "trace the period doubling of the gait with half as many steps instead, at the same place"
+            raise ProblemError(f"this branch point is a period doubling of a shorter cycle: {words}")
+        raise ProblemError(
+            "a branch point has no curve over two parameters unless a symmetry protects it: in a second parameter it "
+            "falls apart into folds; continue the gait in the second parameter a little way, and trace the fold that "
+            "takes its place"
+        )
+    if special.type not in MARGINS:
+        known = ", ".join((*KINDS, *MARGINS))
+        raise ProblemError(f"a special point of type {special.type} has no curve; trace one of the types {known}")
+    fewest = min((c for c in (gait.cycle, special.before, special.after) if c is not None), key=lambda c: len(c.phases))
+    if len(fewest.phases) < len(gait.cycle.phases):  # a phase of no duration has half the digits
+        gait = _without_phase(gait, fewest)
+    key = vanishing_monitor(gait)
+    return CurveStart(type="margin", parameter=special.parameter, gait=gait, margin=(key.kind, key.phase, key.step))
+
+
+def condition_of(start: CurveStart) -> Condition:
+    """The condition that holds along a curve."""
+    if start.margin is not None:
+        return MarginZero(MonitorKey(*start.margin))
+    critical = KINDS[start.type]
+    return Pair(start.kappa) if critical is None else Eigenvalue(critical)
+
+
+def vanishing_monitor(gait: Gait) -> MonitorKey:
+    """The monitor that vanishes at a gait: the smallest one, those of impacts first.
+
+    Raises
+    ------
+    ProblemError
+        If none does.
+    """
+    small = {key: abs(m.value) for key, m in monitor_values(gait).items() if abs(m.value) < ACTIVE}
+    if not small:
+        raise ProblemError(
+            "no margin of the mode sequence vanishes at this gait, so that it is not on the curve of one"
+        )
+    return min(small, key=lambda key: (key.kind == "duration", small[key]))
+
+
+def _without_phase(gait: Gait, cycle: Cycle) -> Gait:
+    """The same gait with a mode sequence that lacks its phases of no duration.
+
+    Raises
+    ------
+    SolveError
+        If Newton's method fails.
+    """
+    states = np.array([step.arcs[0].states[0] for step in gait.steps])
+    for step, (before, after) in enumerate(zip(gait.cycle.steps, cycle.steps, strict=True)):
+        if before.phases[0] != after.phases[0] and after.phases[0].fixes_x:
+            states[step, -1] = 0.0
+    problem = gait.problem.with_modes(cycle, dict(zip(gait.system.state_names, states[0], strict=True)))
+    key = next(iter(gait.system.parameters))
+    curve, w = curve_through(problem, key, Metric.of(gait, 1.0), roll_out(gait.dynamics, cycle, states))
+    point = curve.start(w, curve.solutions.ahead(1.0))
+    if point is None:
+        raise SolveError(f"{gait.problem.name}: Newton's method fails at the gait with the phases {cycle}")
+    return point.gait
+
+
+def follow_curve(
+    start: CurveStart | SpecialPoint,
+    request: TraceRequest,
+    *,
+    should_stop: Stop = None,
+) -> Iterator[TracePoint | TraceSpecial]:
+    """The points and special points of a curve, one by one, towards each target in turn; see ``gaitopt.trace``.
+
+    Parameters
+    ----------
+    start : where it begins.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError
+        If there is no such curve, parameter or target.
+    """
+    first = start.parameter
+    if isinstance(start, SpecialPoint):
+        curve_start(start)  # what has no curve is refused first
+    towards = Request(
+        parameter=request.key,
+        to=request.to,
+        max_points=request.max_points,
+        max_seconds=request.max_seconds,
+        verify_every=request.verify_every,
+    )
+    gait = towards.first_gait(start if isinstance(start, SpecialPoint) else start.gait)
+    if first not in gait.system.parameters or first == request.key:
+        words = "its friction law no longer has it" if first != request.key else "choose another second one"
+        raise UnknownNameError(f"{first} is the parameter of the branch: {words}").concerning("parameter")
+    origin = curve_start(replace(start, gait=gait)) if isinstance(start, SpecialPoint) else replace(start, gait=gait)
+    second, other = (gait.dynamics.parameter(key) for key in (request.key, first))
+    lower = -np.inf if request.lower is None else request.lower
+    upper = np.inf if request.upper is None else request.upper
+    span, numbers = upper - lower if np.isfinite(upper - lower) else abs(other) or 1.0, count()
+    for to in request.to:
+        yield from CurveWalk(
+            start=origin,
+            request=towards.towards((to,), gait),
+            first=first,
+            bounds=(lower, upper),
+            metric=Metric.of(origin.gait, abs(to - second), (span,)),
+            sign=float(np.sign(to - second)),
+            numbers=numbers,
+            should_stop=should_stop,
+        )
+        if should_stop is not None and should_stop():
+            return
+
+
+@dataclass(kw_only=True, eq=False)
+class CurveWalk:
+    """One walk along a curve: iterating yields its points and special points in order.
+
+    Attributes
+    ----------
+    start : where it begins.
+    request : with one target, and both bounds of the second parameter.
+    first, bounds : the parameter of the branch, and its bounds.
+    metric : scales of arclength.
+    sign : of the first step in the second parameter.
+    numbers : of the curves to come.
+    should_stop : polled before every step.
+    """
+
+    start: CurveStart
+    request: Request
+    first: str
+    bounds: tuple[float, float]
+    metric: Metric
+    sign: float
+    numbers: Iterator[int]
+    should_stop: Stop = None
+    point: CurvePoint = field(init=False)
+    number: int = field(init=False)
+    index: int = field(init=False, default=0)
+    length: float = field(init=False, default=FIRST_LENGTH)
+    count: int = field(init=False, default=0)
+
+    def __iter__(self) -> Iterator[TracePoint | TraceSpecial]:
+        self._begin()
+        began, records = time.monotonic(), self._point_records()
+        while True:
+            for record in records:
+                yield record
+                if isinstance(record, TraceSpecial) and record.type == "end":
+                    return
+            if self.should_stop is not None and self.should_stop():
+                return
+            reached = self._reached() if self.index else None
+            reason = reached or self.request.exhausted(self.count, time.monotonic() - began)
+            if reason is not None:
+                end = self._special("end", self.point, reason=reason)
+                yield replace(end, bound=reached is not None, open=reached is None)
+                return
+            records = self._advance()
+
+    def _begin(self) -> None:
+        """The first point, on the curve exactly.
+
+        Raises
+        ------
+        SolveError
+            If Newton's method fails there.
+        ProblemError
+            If the curve does not depend on the second parameter.
+        """
+        gait = self.start.gait
+        intervals = () if gait.shooting is None else gait.shooting.intervals
+        curve, w = curve_through(
+            gait.problem, self.request.parameter, self.metric, retraced(gait), intervals,
+            others=(self.first,), condition=condition_of(self.start),
+        )  # fmt: skip
+        point = curve.start(w, curve.solutions.ahead(self.sign))
+        name = "margin" if self.start.margin is not None else self.start.type
+        if point is None:
+            raise SolveError(f"{gait.problem.name}: the {name} cannot be traced: Newton's method fails at its gait")
+        if abs(point.direction[-2]) < CONSTANT:
+            words = f"lies at {self.first} = {point.values[self.first]:.10g} whatever {self.request.parameter} is"
+            raise ProblemError(f"the {name} {words}; choose another second parameter").concerning("parameter")
+        self.number = next(self.numbers)
+        self._move(point, moved=False)
+
+    @property
+    def own(self) -> MonitorKey | None:
+        """The monitor that vanishes along the curve, if it is that of a margin."""
+        return self._condition.key if isinstance(self._condition, MarginZero) else None
+
+    @property
+    def kind(self) -> str:
+        """What the curve consists of: a bifurcation, or ``margin``."""
+        return self._condition.kind
+
+    @property
+    def _condition(self) -> Condition:
+        condition = self.point.curve.condition
+        assert condition is not None
+        return condition
+
+    def _advance(self) -> Iterator[TracePoint | TraceSpecial]:
+        """One step along the curve: its special points, and the point at its end."""
+        here, step = self.point, self._step()
+        if step is None and (finer := here.bisected()) is not None:
+            self._move(finer, moved=False)
+            self.length = FIRST_LENGTH
+            here, step = self.point, self._step()
+        if step is None:
+            words = "Newton's method finds no next gait, also on a finer mesh"
+            yield replace(self._special("end", here, "guess", words), codimension=1)
+            return
+        length, point, event = step
+        if event is not None:
+            point, length = event[0].point, event[0].length
+        bounded = self._at_bound(here, point, length)
+        if bounded is not None:
+            (point, length), event = bounded, None
+        for special in self._codimension_two(here, point, length):
+            yield special
+            if special.type == "end":
+                return
+        if event is not None:
+            yield from self._change(*event)
+            return
+        self._move(point)
+        yield from self._point_records()
+
+    def _step(self) -> tuple[float, CurvePoint, tuple[Location, MonitorKey] | None] | None:
+        """Arclength and gait of the next step, and the first zero of a monitor on the way; None if no step succeeds."""
+        here = self.point
+        while self.length > SMALLEST_LENGTH:
+            length = self.length
+            try:
+                point = here.step(length)
+            except ProblemError:  # a parameter has left the range that the problem allows
+                point = None
+            straight = point is not None and here.curve.solutions.is_straight(here.point, point.point, length)
+            if point is not None and straight and point.is_regular and point.in_order:
+                lost = self._lost(here, point)
+                zeros = [(here.locate(point, length, partial(CurvePoint.monitor, key=key)), key) for key in lost]
+                event = min(zeros, key=lambda zero: zero[0].length, default=None)
+                if event is None or event[0].status == "converged":
+                    self.length = min(next_length(length, point.point.iterations), LARGEST_LENGTH)
+                    return length, point, event
+            self.length /= 2
+        return None
+
+    def _lost(self, before: CurvePoint, after: CurvePoint) -> list[MonitorKey]:
+        """Monitors that vanish on a step; not those that are zero along the whole curve."""
+        silent = {key for key, monitor in before.monitors.items() if abs(monitor.value) < SILENT}
+        return [key for key in after.lost(before) if key not in silent and key != self.own]
+
+    def _at_bound(self, here: CurvePoint, point: CurvePoint, length: float) -> tuple[CurvePoint, float] | None:
+        """The point at the first bound that a step passes, and the arclength there; None if it passes none."""
+        reached = list[tuple[float, CurvePoint]]()
+        for key, limits in ((self.first, self.bounds), (self.request.parameter, self.request.bounds)):
+            for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
+                before, after = (sign * (at.values[key] - limit) for at in (here, point))
+                if before < 0 <= after:
+                    there = here.locate(point, length, partial(_excess, key=key, limit=limit))
+                    reached.append((there.length, there.point))
+        if not reached:
+            return None
+        at, nearest = min(reached, key=lambda pair: pair[0])
+        return nearest, at
+
+    def _reached(self) -> str | None:
+        """Why the curve ends at the present point; None if that is within all bounds."""
+        values = self.point.values
+        for key, limits in ((self.first, self.bounds), (self.request.parameter, self.request.bounds)):
+            for limit, sign in zip(limits, (-1.0, 1.0), strict=True):
+                if sign * (values[key] - limit) > -AT_BOUND * max(abs(limit), AT_BOUND):
+                    return f"reached {key} = {limit:.12g}"
+        return None
+
+    def _codimension_two(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
+        """Zeros of the test functions between two points, in order; a curve of pairs ends at kappa = 1 and -1."""
+        zeros = list[tuple[Location, str]]()
+        for name in here.curve_tests.keys() & point.curve_tests.keys():
+            test = partial(CurvePoint.curve_test, name=name, reference=here)
+            if test(here) * test(point) < 0:
+                zeros.append((here.locate(point, length, test), name))
+        for location, name in sorted(zeros, key=lambda zero: (zero[0].length, zero[1])):
+            local, kappa = location.point.local, self._condition.kappa
+            values = (at.curve_test(name, here) for at in (location.point, here, point))
+            if not is_zero(*values):
+                continue
+            if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
+                continue
+            special = self._special(name, location.point, location.status)
+            yield replace(special, next=self._beginning(name, location.point.gait, local, kappa))
+            if self.kind == "neimark_sacker" and name in ("resonance_1_1", "resonance_1_2"):
+                words = "the two multipliers meet and become real: beyond lie neutral saddles"
+                yield replace(self._special("end", location.point, reason=words), codimension=2)
+                return
+
+    def _beginning(self, name: str, gait: Gait, local: LocalMap, kappa: float) -> tuple[CurveStart, ...]:
+        """The other curves through a codimension-two point."""
+        if name.startswith("margin_"):
+            meeting = [name.removeprefix("margin_")]
+        else:
+            meeting = [*CURVES.get(name, ())]
+            if self.kind in meeting:
+                meeting.remove(self.kind)
+        return tuple(
+            CurveStart(type=kind, parameter=self.first, gait=gait, kappa=other_kappa(local, self.kind, kappa))
+            for kind in meeting
+        )
+
+    def _change(self, event: Location, key: MonitorKey) -> Iterator[TracePoint | TraceSpecial]:
+        """Another margin vanishes: a special point, and the first point with the next mode sequence, or the end."""
+        point, cycle = event.point, event.point.curve.cycle
+        name = "margin_crossing" if self.kind == "margin" else f"margin_{self.kind}"
+        words = margin(key.kind).lost if key.kind != "duration" else "vanishes"
+        words = words if key.phase is None else f"{cycle.phase_words(key.phase)}: {words}"
+        other = CurveStart(type="margin", parameter=self.first, gait=point.gait, margin=(key.kind, key.phase, key.step))
+        special = replace(self._special(name, point, event.status, words), next=(other,), before=cycle)
+        transition = transition_at(point.gait.system.transitions, cycle, key)
+        if transition is not None and (transition.ending or transition.ends_step):
+            yield special
+            yield replace(self._special("end", point, event.status, words), codimension=2)
+            return
+        successor, reason = self._successor(point, key)
+        if successor is None:
+            yield special
+            yield replace(self._special("end", point, event.status, f"{words}; {reason}"), codimension=2)
+            return
+        yield replace(special, after=successor.curve.cycle)
+        self.number, self.index = next(self.numbers), 0
+        self.length = min(FIRST_LENGTH, self.length)
+        self._move(successor, moved=False)
+        yield from self._point_records()
+
+    def _successor(self, point: CurvePoint, key: MonitorKey) -> tuple[CurvePoint | None, str]:
+        """The first point of the curve past a change of the mode sequence; or why there is none."""
+        active = [(k, m) for k, m in point.monitors.items() if k == key or (abs(m.value) < ACTIVE and k != self.own)]
+        table, spectra = point.gait.system.transitions, list[str]()
+        for cycle in successors(table, point.curve.cycle, active):
+            for distance in DISTANCES:
+                following = self._attempt(point, cycle, distance)
+                if following is not None:
+                    return following, ""
+            plain = self._attempt(point, cycle, DISTANCES[0], conditioned=False)
+            if plain is not None:
+                spectra.append(f"{_spectrum(point.gait)} before, {_spectrum(plain.gait)} after")
+        if spectra:
+            return None, f"the multipliers jump there: {spectra[0]}"
+        return None, "no other mode sequence continues the curve"
+
+    @overflow_allowed()
+    def _attempt(
+        self, point: CurvePoint, cycle: Cycle, distance: float, *, conditioned: bool = True
+    ) -> CurvePoint | None:
+        """The point with other modes at a distance past an event; None if it does not hold, or is not near.
+
+        Parameters
+        ----------
+        conditioned : whether the condition holds there; else the parameters are those predicted along the old curve.
+        """
+        curve, system = point.curve, point.gait.system
+        w = point.at.w + point.tangent * distance
+        values = dict(zip(curve.equations.free, w[-2:].tolist(), strict=True))
+        dynamics = Dynamics(system, curve.p).at(values)
+        states = start_states(point, cycle, w, dynamics)
+        try:
+            problem = point.problem.replace(values)
+            problem = problem.with_modes(cycle, dict(zip(system.state_names, states[0], strict=True)))
+        except ProblemError:  # beyond the range of a parameter, or the state contradicts the impact
+            return None
+        period = float(point.at.durations.sum())
+        rolled = roll_out(dynamics, cycle, states, longest=(1 + NEARBY) * period)
+        if min(rolled.durations) <= 0 or abs(sum(rolled.durations) - period) > NEARBY * period:
+            return None
+        try:
+            plain, w = curve_through(problem, curve.parameter, replace(curve.metric, others=()), rolled)
+            first = plain.start(w, plain.solutions.ahead(1.0))
+            if not conditioned or first is None:
+                return first if first is not None and self._is_near(point, first, distance) else None
+            condition = self._condition_on(first)
+            if condition is None:
+                return None
+            following, w = curve_through(
+                problem, curve.parameter, curve.metric, retraced(first.gait), others=(self.first,), condition=condition
+            )
+            forward = np.zeros(w.size)
+            forward[: system.n_z], forward[-2:] = first.gait.state - point.gait.state, point.tangent[-2:] * distance
+            found = following.start(w, following.solutions.coordinates(forward))
+            near = found is not None and found.is_regular and self._is_near(point, found, distance)
+        except (ProblemError, RuntimeError):  # out of range; or singular, as nothing ends a slip of no length
+            return None
+        return found if near and found is not None and self._holds(found) else None
+
+    def _condition_on(self, first: CurvePoint) -> Condition | None:
+        """The condition of the curve on another mode sequence; None if that has none."""
+        if self.own is None:
+            return self._condition
+        alike = {key: abs(m.value) for key, m in first.monitors.items() if key.kind == self.own.kind}
+        same = {key: value for key, value in alike.items() if (key.phase is None) == (self.own.phase is None)}
+        return MarginZero(min(same, key=lambda key: same[key])) if same else None
+
+    def _is_near(self, point: CurvePoint, found: CurvePoint, distance: float) -> bool:
+        """Whether a point past an event is as near to it as the distance demands."""
+        changes = [
+            abs(found.values.get(key, value) - value) / span
+            for (key, value), span in zip(point.values.items(), (*self.metric.others, self.metric.span), strict=True)
+        ]
+        near = max(changes) < STRAY * distance
+        return near and self.metric.distance(found.gait.state, point.gait.state) < max(STRAY * distance, NEARBY / 10)
+
+    def _holds(self, found: CurvePoint) -> bool:
+        """Whether all monitors are positive, but for those that vanish along the curve, and the simulator agrees."""
+        condition = found.curve.condition
+        own = condition.key if isinstance(condition, MarginZero) else None
+        others = [m.value for key, m in found.monitors.items() if key != own and abs(m.value) > SILENT]
+        return min(others, default=1.0) > 0 and self._simulated(found.gait)[0]
+
+    def _simulated(self, gait: Gait) -> tuple[bool, Any]:
+        """Whether the simulator walks the gait, and the record of that; on a margin it may take either sequence."""
+        check = confirm(gait)
+        if check.passed or self.kind != "margin":
+            return check.passed, check.to_record()
+        walk = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps))
+        if len(walk.steps) < len(gait.steps) or walk.steps[-1].impact is None:
+            return False, check.to_record()
+        left = np.abs(walk.steps[-1].final_impact.state - gait.state) / gait.dynamics.state_units
+        return bool(left.max() < AT_MARGIN), check.to_record()
+
+    def _move(self, point: CurvePoint, *, moved: bool = True) -> None:
+        """Go to a point, on a mesh that is fine enough, with the condition as it is followed from there."""
+        point = (point.remeshed() or point) if moved else point
+        condition = point.curve.condition.followed(point.at) if point.curve.condition is not None else None
+        if condition != point.curve.condition:
+            curve = replace(point.curve, condition=condition)
+            at = curve.solutions.equations.at(point.at.w)
+            around = curve.solutions.point(at, point.tangent, point.point.iterations, point.point.earlier)
+            point = curve.with_gait(around)
+        self.point = point
+        self.index += moved
+
+    def _point_records(self) -> Iterator[TracePoint | TraceSpecial]:
+        """The present point, verified by the simulator if it is its turn; the end of the curve if that fails."""
+        gait, every = self.point.gait, self.request.verify_every
+        if every and self.count % every == 0:
+            holds, record = self._simulated(gait)
+            gait = gait.verified(record)
+            if not holds:
+                end = self._special("end", self.point, "guess", "the simulator disagrees with the gait")
+                yield replace(end, gait=gait)
+                return
+        self.count += 1
+        yield TracePoint(
+            curve=self.number,
+            index=self.index,
+            values=self.point.values,
+            gait=gait,
+            tangent=self.point.direction,
+            length=self.length,
+            walk=self.point.state,
+        )
+
+    def _special(self, kind: str, point: CurvePoint, status: str = "converged", reason: str = "") -> TraceSpecial:
+        values = {} if self.kind == "margin" else coefficients(point.local, self.kind, self._condition.kappa)
+        return TraceSpecial(
+            curve=self.number,
+            type=kind,
+            values=point.values,
+            codimension=1 if kind == "end" else 2,
+            status=status,
+            reason=reason,
+            coefficients=values,
+            gait=point.gait,
+        )
+
+
+def _excess(point: CurvePoint, key: str, limit: float) -> float:
+    return point.values[key] - limit
+
+
+def _spectrum(gait: Gait) -> str:
+    return ", ".join(f"{m.real:.6g}" + (f"{m.imag:+.6g}i" if m.imag else "") for m in gait.multipliers)

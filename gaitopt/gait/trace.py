@@ -1,0 +1,194 @@
+"""A special point of a family traced in two parameters: the gaits of the curve, and its codimension-two points."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.display import counted
+from gaitopt.gait.branch import ContinuationState, SpecialPoint
+from gaitopt.gait.gait import Gait
+from gaitopt.model.cycle import Cycle
+from gaitopt.problem.statement import cycle_data
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveStart:
+    """A gait at which a curve of special points begins, or goes through.
+
+    Attributes
+    ----------
+    type : of the special points: ``fold``, ``period_doubling``, ``neimark_sacker`` or ``margin``.
+    parameter : dotted key of the first parameter.
+    gait : a gait on it.
+    margin : the margin that vanishes along the curve: its kind, the index of its phase (None for the impact that ends
+        a step) and the step; None for a bifurcation.
+    kappa : about cos theta of the pair of multipliers of a Neimark-Sacker point.
+    """
+
+    type: str
+    parameter: str
+    gait: Gait
+    margin: tuple[str, int | None, int] | None = None
+    kappa: float = 0.0
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object, without the gait."""
+        record: dict[str, Any] = {"type": self.type}
+        record |= {} if self.margin is None else {"margin": list(self.margin)}
+        return record | ({"kappa": self.kappa} if self.type == "neimark_sacker" else {})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TracePoint(ReadOnlyArrays):
+    """One gait of a curve of special points.
+
+    Attributes
+    ----------
+    curve : number of the curve; it changes with the mode sequence.
+    index : number of the point within its curve.
+    values : both parameters by dotted key.
+    gait : the gait, in full.
+    tangent : ndarray - direction of the curve in scaled section coordinates, durations and parameters, of unit length.
+    length : arclength to the next trial point.
+    walk : state of the walk along the curve here.
+    """
+
+    curve: int
+    index: int
+    values: Mapping[str, float]
+    gait: Gait
+    tangent: Array
+    length: float
+    walk: ContinuationState | None = None
+
+    def __repr__(self) -> str:
+        return f"<TracePoint {self.curve}.{self.index} at {_place(self.values)}: {self.gait!r}>"
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object: the keys of a gait, and its place on the curve."""
+        return {
+            "record": "point",
+            "curve": self.curve,
+            "index": self.index,
+            "values": dict(self.values),
+            **self.gait.to_record(),
+            "tangent": self.tangent.tolist(),
+            "length": self.length,
+            "walk": None if self.walk is None else self.walk.to_record(),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceSpecial:
+    """A codimension-two point of a curve, or its end.
+
+    Attributes
+    ----------
+    curve : number of its curve.
+    type : such as ``resonance_1_2``, ``fold_flip``, ``margin_crossing``, ``margin_fold``; or ``end``.
+    values : both parameters by dotted key.
+    codimension : 2; 1 at an end that is only that of a request.
+    status : ``converged`` when located to rounding, ``guess`` when only bracketed.
+    reason : an explanation, if any.
+    coefficients : of the normal form of the curve's bifurcation; None where a resonance leaves none.
+    next : the curves that begin here, or pass through, each with the gait from which ``gaitopt.trace`` follows it.
+    before, after : cycles of modes on both sides of a margin.
+    bound : whether the curve itself continues beyond this end, which is a bound of the request.
+    open : whether the walk would go on with more points or more time.
+    gait : the gait at this point.
+    """
+
+    curve: int
+    type: str
+    values: Mapping[str, float]
+    codimension: int
+    status: str
+    reason: str = ""
+    coefficients: Mapping[str, float | None] = field(default_factory=dict)
+    next: tuple[CurveStart, ...] = ()
+    before: Cycle | None = None
+    after: Cycle | None = None
+    bound: bool = False
+    open: bool = False
+    gait: Gait | None = None
+
+    def __repr__(self) -> str:
+        words = f": {self.reason}" if self.reason else ""
+        return f"<TraceSpecial {self.type} at {_place(self.values)} (curve {self.curve}, {self.status}){words}>"
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object with the keys of the command line."""
+        record: dict[str, Any] = {
+            "record": "special",
+            "curve": self.curve,
+            "type": self.type,
+            "values": dict(self.values),
+            "codimension": self.codimension,
+            "status": self.status,
+            "reason": self.reason,
+            "coefficients": dict(self.coefficients),
+            "next": [start.to_record() for start in self.next],
+        }
+        record |= {name: True for name, holds in (("bound", self.bound), ("open", self.open)) if holds}
+        for key, cycle in (("from", self.before), ("to", self.after)):
+            if cycle is not None:
+                record[key] = cycle_data(cycle)
+        record["gait"] = {} if self.gait is None else self.gait.to_record()
+        return record
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """The curves of a special point over two parameters: their points, and their special points, in order.
+
+    Attributes
+    ----------
+    parameters : dotted keys, that of the branch first.
+    type : of the special point.
+    points, specials : in the order in which they were found; points of the same mode sequence have one curve number.
+    """
+
+    parameters: tuple[str, str]
+    type: str
+    points: tuple[TracePoint, ...] = ()
+    specials: tuple[TraceSpecial, ...] = ()
+
+    def __repr__(self) -> str:
+        counts = f"{counted(len(self), 'point')}, {counted(len(self.specials), 'special point')}"
+        return f"<Trace of a {self.type} over {' and '.join(self.parameters)}: {counts}>"
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __iter__(self) -> Iterator[TracePoint]:
+        return iter(self.points)
+
+    @property
+    def values(self) -> Array:
+        """Both parameters at every point; shape (n, 2)."""
+        return np.array([[point.values[key] for key in self.parameters] for point in self.points]).reshape(-1, 2)
+
+    def special(self, kind: str) -> tuple[TraceSpecial, ...]:
+        """Special points of a type."""
+        return tuple(special for special in self.specials if special.type == kind)
+
+    def to_records(self) -> list[dict[str, Any]]:
+        """The JSON objects of all points, then of all special points."""
+        return [*(point.to_record() for point in self.points), *(special.to_record() for special in self.specials)]
+
+
+def collected_trace(start: SpecialPoint | CurveStart, key: str, records: Sequence[TracePoint | TraceSpecial]) -> Trace:
+    """The trace of points and special points in the order in which they were computed."""
+    return Trace(
+        parameters=(start.parameter, key),
+        type=start.type,
+        points=tuple(record for record in records if isinstance(record, TracePoint)),
+        specials=tuple(record for record in records if isinstance(record, TraceSpecial)),
+    )
+
+
+def _place(values: Mapping[str, float]) -> str:
+    return ", ".join(f"{key} = {value:.9g}" for key, value in values.items())
