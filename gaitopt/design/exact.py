@@ -176,7 +176,7 @@ class ExactProblem:
             objective, gradient = objective + weight * value, gradient + weight * slope
             by_work += weight * s.by_work(name)
 
-        constraints = list(measured.margins())
+        constraints = [*measured.margins(), *measured.invariance()]
         for name, value, axis, (low, high) in zip(self.free, s.freed, axes, self.bounds.T, strict=False):
             constraints.append(Constraint(name=name, key=f"{name} lower", value=float(value - low), gradient=axis))
             constraints.append(Constraint(name=name, key=f"{name} upper", value=float(high - value), gradient=-axis))
@@ -229,6 +229,13 @@ class _ExactScalars:
         for name, unit, candidate in self.gait.margins():
             value = candidate.value / unit - (CLEARANCE if "cone" in name else 0.0)
             yield Constraint(name=name, key=candidate.key, value=value, gradient=self._in_u(candidate.gradient) / unit)
+
+    def invariance(self) -> Iterator[Constraint]:
+        """Outputs of invariant curves and their rates just after the impact."""
+        for name, unit, (key, value, gradient) in self.gait.invariance():
+            yield Constraint(
+                name=name, key=key, value=value / unit, gradient=self._in_u(gradient) / unit, equality=True
+            )
 
     def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
         """All values of an extremum lie below a bound with derivative ``slope``; above it where ``sense`` is -1."""

@@ -34,11 +34,12 @@ from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.scalars import SCALARS, Instant
 from gaitopt.solver.assembly import assemble_steps
 from gaitopt.solver.interval import step_derivatives
 from gaitopt.solver.newton import Solution, section_sensitivity
-from gaitopt.solver.shooting import MultipleShooting
+from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
 COUNTS = (17, 25, 33, 65, 129, 257)
@@ -445,11 +446,48 @@ class Sensitivity:
         for (value, slope), (_, label) in zip(margins, t.impact_margins, strict=True):
             yield label.name, label.size(scales), Candidate(f"impact {label.name}", value, slope)
 
+    def invariance(self) -> Iterator[tuple[str, float, Candidate]]:
+        """Name, natural unit and value of everything that is zero at an invariant curve, see ``invariance``."""
+        labels = invariance(self.equations)[1]
+        if not labels:
+            return
+        for (value, slope), label in zip(self._evaluated(_at_start(self.equations)), labels, strict=True):
+            unit = 1 / self.dynamics.scales.time if label.name == RATE else 1.0
+            yield label.name, unit, Candidate(f"{label.name} {label.coordinate}", value, slope)
+
     def _evaluated(self, function: Function) -> list[Differentiated]:
         """The values of a function (w, p) -> values and Jacobian by w."""
         values, by = buffered(function)(self.solution.w, self.solution.p)
         gradients = by.reshape(-1, values.size).T @ self.slopes
         return list(map(Differentiated, values.tolist(), gradients))
+
+
+OUTPUT, RATE = "output after the impact", "rate of the output after the impact"
+
+
+def invariance(equations: MultipleShooting) -> tuple[MX, tuple[Label, ...]]:
+    """What is zero where virtual constraints are invariant under the impact: outputs and rates just after it.
+
+    The outputs then stay zero up to the next impact, which leads back to a posture and rates on the curves. None where
+    the curves need not be invariant.
+    """
+    t, law = equations, equations.system.control
+    if not isinstance(law, VirtualConstraints) or not law.is_invariant:
+        return MX(0, 1), ()
+    arc, nodes, start, _ = t.arc(0)
+    known = t.system.quantities(arc.mode)(
+        t=start, z=nodes[:, 0], r=MX(t.system.data(arc.segment)), p=t.phase_parameters[0]
+    )
+    outputs = tuple(Label(name=OUTPUT, coordinate=name, unit="rad") for name in law.outputs)
+    rates = tuple(Label(name=RATE, coordinate=name, unit="rad/s") for name in law.outputs)
+    return vertcat(known["outputs"], known["rates"]), (*outputs, *rates)
+
+
+@built_once(maxsize=8)
+def _at_start(t: MultipleShooting) -> Function:
+    """(w, p) -> rows of ``invariance``, and their Jacobian in w."""
+    rows, _ = invariance(t)
+    return Function("at_start", [t.w, t.parameters], [rows, densify(jacobian(rows, t.w))])
 
 
 @built_once(maxsize=8)

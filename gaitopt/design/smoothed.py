@@ -7,7 +7,8 @@
 
 Integrals are sums over the Lobatto points of every shooting interval, extrema bound the values at those points. What
 is not smooth is replaced: |power| by sqrt(power^2 + width^2), the spectral radius by the certified radius of
-``spectral_radius``. The solution is where sequential quadratic programming of the exact problem (``sqp``) starts.
+``spectral_radius``, or under invariant virtual constraints by the multiplier of the zero dynamics. The solution is
+where sequential quadratic programming of the exact problem (``sqp``) starts.
 
 The search has a trust region around its start: angles, rates and slip velocity at a node change by no more than their
 largest value in the step, so that the motion remains a walk. The same values are the typical sizes of the unknowns.
@@ -30,7 +31,8 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
-from gaitopt.design.spectral_radius import certified_radius
+from gaitopt.design.sensitivity import invariance
+from gaitopt.design.spectral_radius import certified_radius, zero_dynamics_radius
 from gaitopt.gait.gait import Cause, Status
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -247,7 +249,9 @@ class SmoothedProblem:
         self.equations = equations
         self.names = tuple(dict.fromkeys((*problem.objective, *problem.constraints)))
         self._scalars = SmoothedScalars(equations, SMOOTHING * equations.system.weight(equations.p))
-        self._radius = certified_radius(equations) if RADIUS in self.names else None
+        self._radius = None
+        if RADIUS in self.names:
+            self._radius = zero_dynamics_radius(equations, w, p) or certified_radius(equations)
         slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
 
         # the gait, and margins that leave room for the rounding of a cone
@@ -265,6 +269,9 @@ class SmoothedProblem:
             ),
             Block(name="margins", expression=margins, lower=least, labels=labels),
         ]
+
+        on_curves, labels = invariance(equations)
+        blocks.append(Block(name="invariance", expression=on_curves, lower=0.0, upper=0.0, labels=labels))
 
         # extrema, each on its side of the samples of a curve
         self._extrema, extrema = dict[str, MX](), list[float]()

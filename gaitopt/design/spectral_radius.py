@@ -39,8 +39,11 @@ from numpy.typing import NDArray
 
 from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.building import BUILT, building, built_once
+from gaitopt.gait.zero_dynamics import has_zero_dynamics, unactuated_direction
 from gaitopt.integration import bracketed_root
 from gaitopt.model.buffered import BufferedFunction
+from gaitopt.model.modes import Mode
+from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import MultipleShooting
 
@@ -92,6 +95,29 @@ def certified_radius(equations: MultipleShooting) -> Function:
     Keep it as long as an NLP uses it.
     """
     return _CertifiedRadius(equations)
+
+
+@building
+def zero_dynamics_radius(equations: MultipleShooting, w: Array, p: Array) -> Function | None:
+    """(w, p) -> delta_zero^2, the multiplier of an invariant gait that sticks; None for any other gait.
+
+    The other multipliers are those of the outputs, which decay as fast as the gains say. A certified radius takes ten
+    times longer.
+
+    Parameters
+    ----------
+    w, p : a motion, at which the direction without a motor is taken.
+    """
+    t, system, cycle = equations, equations.system, equations.mesh.cycle
+    sticks = len(t.mesh.arcs) == 1 and {*cycle.phases, cycle.impact} == {Mode.STICK}
+    law = system.control
+    if not (sticks and has_zero_dynamics(system) and isinstance(law, VirtualConstraints) and law.is_invariant):
+        return None
+    momentum, data = system.momentum(Mode.STICK), system.data(0)
+    E = np.asarray(momentum(t=0.0, z=t.unpack(w).nodes[:, 0], p=p, r=data)["E"]).T
+    d = DM(unactuated_direction(system, E))
+    sigma = [momentum(t=0.0, z=t.Z[:, k], p=t.p, r=data)["momentum"].T @ d for k in (0, -1)]
+    return Function("zero_dynamics", [t.w, t.parameters], [(sigma[0] / sigma[1]) ** 2])
 
 
 class _CertifiedRadius(Callback):

@@ -35,6 +35,7 @@ from gaitopt.gait.records import ConstraintRecord, ZeroDynamicsRecord
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import Law, VirtualConstraints
 
 ON_SURFACE = 1e-9
@@ -94,6 +95,26 @@ def constraint_measures(steps: Sequence[Step]) -> ConstraintMeasures | None:
     )
 
 
+def has_zero_dynamics(system: HybridSystem) -> bool:
+    """Whether a law leaves one degree of freedom while its outputs are zero, which a sticking gait may follow."""
+    law = system.control
+    if not isinstance(law, VirtualConstraints) or law.law is not Law.LINEARISING or law.limits:
+        return False
+    return not system.walker.pushes and len(law.outputs) == len(system.walker.shape) - 1
+
+
+def driven_columns(system: HybridSystem, E: Array) -> Array:
+    """The rows of E' (..., n_u, n_shape) that belong to the motors of the outputs."""
+    assert isinstance(system.control, VirtualConstraints)
+    return E[..., [system.walker.actuators.index(name) for name in system.control.driven_by(system.walker)], :]
+
+
+def unactuated_direction(system: HybridSystem, E: Array) -> Array:
+    """The direction d of the shape in which no motor acts, E' d = 0, from all motors' E' (n_u, n_shape) at a state."""
+    d = np.linalg.svd(driven_columns(system, E))[2][-1]
+    return np.asarray(d / d[np.abs(d).argmax()])
+
+
 def _evaluated(arc: Arc, function: Function) -> dict[str, Array]:
     """The outputs of a function (t, z, p, r) along an arc, by name; matrices are transposed, see ``BufferedMap``."""
     dynamics = arc.dynamics
@@ -116,17 +137,12 @@ def _zero_dynamics(steps: Sequence[Step]) -> tuple[float, float] | None:
     """delta_zero^2 and the largest V_zero of a gait on the constraint surface; None where they are not defined."""
     arc, last = steps[0].arcs[0], steps[-1].final_impact
     system, scales = arc.dynamics.system, arc.dynamics.scales
-    walker, law = system.walker, system.control
     sticks = len(steps) == len(steps[0].arcs) == 1 and arc.mode is last.mode is Mode.STICK
-    if not isinstance(law, VirtualConstraints) or law.law is not Law.LINEARISING or law.limits:
-        return None
-    if not sticks or walker.pushes or len(law.outputs) != len(walker.shape) - 1:
+    if not sticks or not has_zero_dynamics(system):
         return None
     terms = _evaluated(arc, system.momentum(arc.mode))
-    columns = [walker.actuators.index(name) for name in law.driven_by(walker)]
-    E = terms["E"].reshape(arc.times.size, len(walker.actuators), len(walker.shape))[:, columns]
-    d = np.linalg.svd(E[0])[2][-1]
-    d = d / d[np.abs(d).argmax()]
+    E = terms["E"].reshape(arc.times.size, len(system.walker.actuators), len(system.walker.shape))
+    d, E = unactuated_direction(system, E[0]), driven_columns(system, E)
     if np.abs(E @ d).max() > NO_FORCE or np.abs(terms["rest"] @ d).max() > NO_FORCE * scales.energy:
         return None
     sigma, kappa2 = terms["momentum"] @ d, -terms["weight"] @ d

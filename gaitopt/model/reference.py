@@ -266,6 +266,19 @@ Span = Annotated[
         "of the gait"
     ),
 ]
+Invariant = Annotated[
+    Literal[True] | None,
+    BeforeValidator(lambda value: None if value is False else value),
+    WithJsonSchema({"type": "boolean"}),
+    Field(
+        description="virtual constraints: the impact leads from the curves back to the curves, so that outputs and "
+        "their rates are zero just after it; a design finds control points with which this holds"
+    ),
+]
+UNKNOWNS_OF_INVARIANCE = (
+    "needs two free control points or more of each joint: outputs and rates after the impact vanish"
+)
+NOT_INVARIANT = "applies to virtual_constraints; under PD control joints leave their curves: leave it out"
 Continuation = Annotated[
     Literal[BeyondEnd.LINEAR, BeyondEnd.HOLD, BeyondEnd.OFF] | None,
     Field(
@@ -376,6 +389,11 @@ class Reference(BaseModel):
     def free_points(self, walker: WalkerType) -> Points:
         """Control points, with unknowns for those that a design finds, by joint."""
         return self.points
+
+    @property
+    def is_invariant(self) -> bool:
+        """Whether a design keeps the curves invariant under the impact."""
+        return False
 
     @property
     def source(self) -> tuple[str, Path]:
@@ -500,11 +518,17 @@ class BezierCurves(Reference):
         dict[str, tuple[Point, ...]],
         Field(description="control points of each curve [rad]; each is a number or an unknown"),
     ]
+    invariant: Invariant = None
 
     @property
     def points(self) -> Points:
         """The control points."""
         return self.bezier
+
+    @property
+    def is_invariant(self) -> bool:
+        """As stated."""
+        return bool(self.invariant)
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Curves with fewer than two points, angles that no walker reaches, and bounds that contradict a guess."""
@@ -525,6 +549,8 @@ class BezierCurves(Reference):
             reached = _largest_value([_value(point) for point in points])
             if reached > largest:
                 yield ("bezier", name), f"reaches {reached:g} rad, which is impossible: {words}"
+        if self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
+            yield ("invariant",), UNKNOWNS_OF_INVARIANCE
 
     def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
         return _given_curve(self, span, phase)
@@ -545,6 +571,8 @@ class BezierMotion(BezierCurves):
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Faults of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
         yield from super().faults(walker)
+        if self.invariant:
+            yield ("invariant",), NOT_INVARIANT
         yield from _argument_faults(self, walker, tuple(self.bezier), "bezier")
         if not self.bezier:
             yield ("bezier",), "has no curve: give the control points of a joint, {JOINT: [0, 0.1, 0.2]}"
@@ -784,6 +812,7 @@ class CurveSpec(BaseModel):
             "closest to the gait of start"
         ),
     ] = None
+    invariant: Invariant = None
 
 
 class FreeCurves(Reference):
@@ -797,6 +826,11 @@ class FreeCurves(Reference):
     def names(self) -> tuple[str, ...]:
         """The angles that have a curve, as far as they are stated."""
         return tuple(self.joints or self.curve.points or ())
+
+    @property
+    def is_invariant(self) -> bool:
+        """As ``curve.invariant`` says."""
+        return bool(self.curve.invariant)
 
     @property
     def source(self) -> tuple[str, Path]:
@@ -846,7 +880,11 @@ class FreeCurves(Reference):
     def given(self) -> Reference:
         """Bezier curves whose points are the unknowns, where no start is needed; otherwise the same."""
         return (
-            BezierCurves.model_validate({"bezier": self._unknown(self.curve.points or {})}) if self._is_given else self
+            BezierCurves.model_validate(
+                {"bezier": self._unknown(self.curve.points or {}), "invariant": self.curve.invariant}
+            )
+            if self._is_given
+            else self
         )
 
     @property
@@ -888,6 +926,8 @@ class FreeMotion(FreeCurves):
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
         """Joints that the walker does not track, keys that do not suit the phase, and points of other joints."""
         yield from _argument_faults(self, walker, tuple(self.joints or ()), "joints")
+        if self.curve.invariant:
+            yield ("curve", "invariant"), NOT_INVARIANT
         points, joints = self.curve.points, self.followers(walker)
         if points is not None and {*points} != {*joints}:
             given, which = ", ".join(points) or "no joint", "the joints" if self.joints else "the tracked joints"

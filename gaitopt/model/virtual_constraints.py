@@ -131,6 +131,11 @@ class VirtualConstraints(Control):
         ),
     ] = None
 
+    @property
+    def is_invariant(self) -> bool:
+        """Whether a design keeps the curves invariant under the impact."""
+        return self.reference.is_invariant
+
     def unit(self, key: str) -> str:
         """From the description; the units of the gains depend on ``law``."""
         units = ("1/s^2", "1/s") if self.law is Law.LINEARISING else ("N m/rad", "N m s/rad")
@@ -200,6 +205,8 @@ class VirtualConstraints(Control):
         ):
             words = f"its first column is {first}, but must be the phase variable {self.phase}"
             yield ("reference", "table"), f"{self.reference.table.file}: {words}"
+        if self.is_invariant and self.law is not Law.LINEARISING:
+            yield ("law",), "pd does not keep the outputs at zero, so that no curves are invariant: use linearising"
         for name in sorted({*GAINS} ^ {*self.gains}):
             yield ("gains", name), "is missing" if name in GAINS else f"unknown key; allowed: {', '.join(GAINS)}"
         for k, name in enumerate(self.motors or ()):

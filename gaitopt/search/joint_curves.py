@@ -35,7 +35,7 @@ import numpy as np
 from casadi import Sparsity, conic
 
 from gaitopt.arrays import Array
-from gaitopt.building import building
+from gaitopt.building import building, built_once
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import observe
@@ -103,8 +103,7 @@ class Joints:
         phase : ``CLOCK`` or the name of an angle.
         """
         system, walker = gait.system, gait.system.walker
-        idle = ConstantTorque.model_validate(dict.fromkeys(walker.actuators, 0.0))
-        driven = HybridSystem(walker, idle, system.law, system.friction, system.cycle_end)
+        driven = _idle(system.shared)
         known = {key: value for key, value in gait.dynamics.parameters.items() if not key.startswith("control.")}
         columns = [system.angle_names.index(name) for name in names]
         used = [walker.actuators.index(name) for name in motors]
@@ -189,6 +188,13 @@ class Joints:
         s = (self.phase[:, 0] - start) / (end - start)
         values, first, second = (bernstein_matrix(degree, s, k) / (end - start) ** k for k in range(3))
         return values, first, second
+
+
+@built_once(maxsize=8)
+def _idle(system: HybridSystem) -> HybridSystem:
+    """The walker and the ground of a system, with motors that apply given torques."""
+    law = ConstantTorque.model_validate(dict.fromkeys(system.walker.actuators, 0.0))
+    return HybridSystem(system.walker, law, system.law, system.friction, system.cycle_end)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

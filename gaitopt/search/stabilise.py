@@ -11,7 +11,7 @@ The curves come from a quadratic program along the motion of the gait, see ``gai
 is the least one at which they fit, or the one that is asked for.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -23,7 +23,7 @@ from gaitopt.display import Tabulated, counted
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.measures import peak_torques
+from gaitopt.gait.measures import exceeded_limits, peak_torques
 from gaitopt.gait.records import GaitRecord
 from gaitopt.model.buffered import buffered
 from gaitopt.model.declaration import joint_limits
@@ -32,7 +32,15 @@ from gaitopt.model.virtual_constraints import FootModel, VirtualConstraints
 from gaitopt.model.walker import WalkerType
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import FeedbackLaw, StabiliseRequest
-from gaitopt.search.joint_curves import CLOCK, LEAST_DEGREE, FittedCurves, Joints, invariant_curves, tracked_curves
+from gaitopt.search.joint_curves import (
+    CLOCK,
+    LEAST_DEGREE,
+    MARGIN,
+    FittedCurves,
+    Joints,
+    invariant_curves,
+    tracked_curves,
+)
 from gaitopt.systems import solve_sequence
 from gaitopt.verification.verify import verify
 
@@ -42,8 +50,9 @@ VIOLATED = 1e-6
 """Violation of the cone by less is rounding of the quadratic program, as a part of the weight."""
 MOST_DEGREE = 12
 """Largest degree that is tried; with more control points the curves are as hard to read as a table."""
-PD_DEGREE = 14
-"""Degree of curves that a PD law tracks; their errors are multiplied by the gains."""
+PD_DEGREES = (14, 18, 10)
+"""Degrees of curves that a PD law tracks, in turn until it has a gait: their errors times the gains are torques, which
+may lead out of the friction cone."""
 NO_TORQUE = 1e-9
 """Torque, relative to the weight times the length, of a motor that does nothing."""
 MONOTONE = 0.02
@@ -56,8 +65,16 @@ MOST_FAILURES = 3
 """Laws in a row without a gait after which the search ends: higher gains, or degrees, do not help then."""
 STALLS = 0.99
 """Higher gains under which the spectral radius does not fall below this part of the last one do not help either."""
+AROUND = 0.5
+"""Distance of the control points of a design from those of the curves where it starts [rad, or m]."""
+DESIGN_DEGREE = 6
+"""Largest degree of the curves of a design, which has an unknown per control point."""
+INSIDE = 0.95
+"""Part of the bound on the spectral radius that a design keeps, so that the gait under its curves lies inside."""
 COMPARED = 101
 """Fractions of the step at which two motions are compared."""
+Candidate = tuple[dict[str, Any], FittedCurves, Joints, str, Gait]
+"""A law as in a problem file, its curves, the joints along their phase, the phase, and a gait near that of the law."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,13 +114,12 @@ class Stabilised(Tabulated):
     @property
     def objections(self) -> tuple[str, ...]:
         """Why the gait is not what was asked for; empty if it is."""
-        gait, efforts, words = self.gait, _efforts(type(self.gait.problem.walker)), list[str]()
+        gait, words = self.gait, list[str]()
         if gait.verification is None or not gait.verification["passed"]:
             words.append("the simulation does not confirm the gait")
         if gait.scalar("spectral_radius") >= self.bound:
             words.append(f"spectral radius {gait.scalar('spectral_radius'):.4g}, must be below {self.bound:g}")
-        peaks = {name: peak for name, peak in peak_torques(gait.arcs).items() if peak > efforts.get(name, np.inf)}
-        return (*words, *(f"{name} needs {peak:.4g} N m, has {efforts[name]:g}" for name, peak in peaks.items()))
+        return (*words, *exceeded_limits(gait.steps))
 
     def to_record(self) -> dict[str, Any]:
         """The JSON object of the gait with ``stabilised``, as on the command line."""
@@ -149,45 +165,122 @@ def stabilise(
         If the walker has no motors or too few of them for virtual constraints, if the gait has several steps or
         contacts, or if no phase is monotone along it.
     KeyboardInterrupt
-        If ``should_stop`` ends it before a law has a gait.
+        If ``should_stop`` ends it.
     """
     _check(gait)
     law = request.law or (FeedbackLaw.CONSTRAINTS if _driven(gait) else FeedbackLaw.PD)
-    attempts, best, failures, last = list[str](), cast(Stabilised | None, None), 0, np.inf
-    for control, fitted, joints, phase in _laws(gait, law, request):
-        words = f"degree {fitted.degree}, {_gains(control)}"
-        try:
-            problem = _problem(gait, control)
-        except ProblemError as error:  # curves with impossible angles: the gains are too small for the torques
-            attempts.append(f"{words}: {error}")
-            continue
-        solved = solve_sequence(problem, should_stop=should_stop)
-        if solved.status is Status.INTERRUPTED:
-            if best is None:
-                raise KeyboardInterrupt
-            break
-        if not solved.converged:
-            attempts.append(f"{words}: {solved.message}")
-        else:
-            solved = solved.verified(verify(solved).to_record())
-            made = Stabilised(
-                gait=solved, given=gait, law=law, phase=phase, least_rate=joints.least_rate, fitted=fitted,
-                invariance=_invariance(solved), distance=_distance(gait, solved), bound=request.radius,
-            )  # fmt: skip
-            best = made if best is None or _rank(made) < _rank(best) else best
-            if not made.objections:
+    return _Search(gait, request, law, say, should_stop).run()
+
+
+class _Search:
+    """The laws that are tried for one gait, and the best one."""
+
+    def __init__(
+        self,
+        gait: Gait,
+        request: StabiliseRequest,
+        law: FeedbackLaw,
+        say: Callable[[str], None] | None,
+        should_stop: Stop,
+    ) -> None:
+        self._gait, self._request, self._law, self._should_stop = gait, request, law, should_stop
+        self._say = say or (lambda words: None)
+        self._attempts: list[str] = []
+        self._best: Stabilised | None = None
+        self._nearest: Candidate | None = None
+
+    def run(self) -> Stabilised:
+        """The first law without objections, or the best one."""
+        failures, last = 0, np.inf
+        for candidates in _laws(self._gait, self._law, self._request):
+            for candidate in candidates:
+                control, fitted, *_ = candidate
+                radius = self._examine(candidate, f"degree {fitted.degree}, {_gains(control)}")
+                if radius < np.inf:
+                    break
+            failures = failures + 1 if radius > STALLS * last or radius == np.inf else 0
+            last = min(radius, last)
+            given_by_ends = self._law is FeedbackLaw.CONSTRAINTS and self._request.radius <= radius < np.inf
+            if self._is_done or failures == MOST_FAILURES or given_by_ends:
                 break
-            attempts.append(f"{words}: {'; '.join(made.objections)}")
-        if say is not None:
-            say(attempts[-1])
-        radius = solved.scalar("spectral_radius") if solved.converged else np.inf
-        failures = failures + 1 if radius > STALLS * last or not solved.converged else 0
-        last = min(radius, last)
-        if failures == MOST_FAILURES:
-            break
-    if best is None:
-        raise SolveError(f"{gait.problem.name}: no {law.value} law has a gait near it; tried {'; '.join(attempts)}")
-    return replace(best, attempts=tuple(attempts))
+        if not self._is_done and self._law is FeedbackLaw.CONSTRAINTS and self._nearest is not None:
+            self._say("a design of the curves with these limits as constraints")
+            designed, words = _designed(self._nearest, self._gait, self._request.radius, self._should_stop)
+            if designed is None:
+                self._failed(words)
+            else:
+                self._examine(designed, words)
+        if self._best is None:
+            words = f"{self._gait.problem.name}: no {self._law.value} law has a gait near it"
+            raise SolveError(f"{words}; tried {'; '.join(self._attempts)}")
+        return replace(self._best, attempts=tuple(self._attempts))
+
+    @property
+    def _is_done(self) -> bool:
+        return self._best is not None and not self._best.objections
+
+    def _examine(self, candidate: Candidate, words: str) -> float:
+        """Spectral radius of the gait under a law, infinite without one; the gait may become the best one."""
+        control, fitted, joints, phase, near = candidate
+        try:
+            problem = _problem(self._gait, control, near)
+        except ProblemError as error:  # curves with impossible angles: the gains are too small for the torques
+            return self._failed(f"{words}: {error}")
+        solved = solve_sequence(problem, should_stop=self._should_stop)
+        if solved.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        if not solved.converged:
+            self._nearest = self._nearest or candidate
+            return self._failed(f"{words}: {solved.message}")
+        solved = solved.verified(verify(solved).to_record())
+        made = Stabilised(
+            gait=solved, given=self._gait, law=self._law, phase=phase, least_rate=joints.least_rate, fitted=fitted,
+            invariance=_invariance(solved), distance=_distance(self._gait, solved), bound=self._request.radius,
+        )  # fmt: skip
+        if self._best is None or _rank(made) < _rank(self._best):
+            self._best, self._nearest = made, candidate
+        if made.objections:
+            self._failed(f"{words}: {'; '.join(made.objections)}")
+        return solved.scalar("spectral_radius")
+
+    def _failed(self, words: str) -> float:
+        self._attempts.append(words)
+        self._say(words)
+        return np.inf
+
+
+def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Stop) -> tuple["Candidate | None", str]:
+    """Curves that a design finds next to those of a candidate, and words about it; None if it finds none.
+
+    They are invariant and have the least squared torques at the speed of the gait, within the bound on the spectral
+    radius, the efforts and, of a gait that sticks, the friction cone.
+    """
+    control, fitted, joints, phase, _ = candidate
+    efforts = _efforts(type(gait.problem.walker))
+    fitted = invariant_curves(joints, min(fitted.degree, DESIGN_DEGREE), efforts)
+    rows = fitted.rows(joints.names)
+    free = {name: [{"free": [c - AROUND, c + AROUND], "guess": c} for c in row] for name, row in rows.items()}
+    plain = _problem(gait, {**control, "reference": {"bezier": rows}}, gait)
+    constraints: dict[str, object] = {"speed": gait.scalar("speed"), "spectral_radius": {"max": INSIDE * bound}}
+    if gait.scalar("slip_distance") == 0:
+        constraints["required_friction"] = {"max": (1 - MARGIN) * gait.dynamics.static_friction}
+    constraints |= {"peak_torque": {"max": min(efforts.values())}} if efforts else {}
+    problem = plain.replace(
+        {
+            "control": {**control, "reference": {"bezier": free, "invariant": True}},
+            "objective": {"torque_squared": 1.0},
+            "constraints": constraints,
+        }
+    ).from_guess()
+    solved = solve_sequence(problem, should_stop=should_stop)
+    words = f"a design of degree {fitted.degree} with spectral radius and efforts as constraints"
+    if not solved.converged:
+        return None, f"{words}: {solved.message}"
+    points = np.array(
+        [[solved.freed[f"control.reference.{name}.{k}"] for k in range(fitted.degree + 1)] for name in joints.names]
+    )
+    found = replace(fitted, points=points, violation=0.0)
+    return ({**control, "reference": {"bezier": found.rows(joints.names)}}, found, joints, phase, solved), words
 
 
 def _check(gait: Gait) -> None:
@@ -248,10 +341,8 @@ def _along_phase(gait: Gait, names: Sequence[str], motors: Sequence[str], stated
     raise ProblemError(f"{name}: no phase is monotone along the gait ({words}); use a PD law over the clock")
 
 
-def _laws(
-    gait: Gait, law: FeedbackLaw, request: StabiliseRequest
-) -> Iterator[tuple[dict[str, Any], FittedCurves, Joints, str]]:
-    """Laws as in a problem file with their curves, the joints along their phase, and the phase.
+def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[Iterable[Candidate]]:
+    """The laws that are tried in order; of several together, the first one that has a gait counts.
 
     The lowest degree, or the least gains, come first.
     """
@@ -280,7 +371,7 @@ def _laws(
                 "model": FootModel.ACTUAL if slips else FootModel.STICK,
                 **({} if motors == walker.actuators else {"motors": list(motors)}),
             }
-            yield control, fitted, joints, phase
+            yield [(control, fitted, joints, phase, gait)]
         return
     if len(walker.tracked) != len(walker.actuators):
         raise ProblemError(f"{name}: the {walker.model} does not define `tracked`, the joint of each motor")
@@ -288,22 +379,26 @@ def _laws(
         joints, phase = Joints.of(gait, walker.tracked, walker.actuators, CLOCK), CLOCK
     else:
         joints, phase = _along_phase(gait, walker.tracked, walker.actuators, request.phase)
+    tracked = PD_DEGREES if request.degree is None else (request.degree,)
     inertia = float(np.median(np.linalg.eigvalsh(np.linalg.inv(joints.response)).max(axis=1)))
     for multiple in MULTIPLES:
         rate = multiple / gait.dynamics.scales.time
-        kp, kd = inertia * rate**2, 2 * inertia * rate
-        fitted, (start, end) = tracked_curves(joints, request.degree or PD_DEGREE, (kp, kd), efforts), joints.span
-        argument = (
-            {"duration": end, "beyond_end": "linear"} if phase == CLOCK else {"phase": phase, "span": [start, end]}
-        )
-        reference = {"bezier": fitted.rows(joints.names), **argument}
-        control = {"type": ProportionalDerivative.type, "kp": kp, "kd": kd, "reference": reference}
-        yield control, fitted, joints, phase
+        gains = inertia * rate**2, 2 * inertia * rate
+        yield (_tracking(gait, joints, phase, degree, gains) for degree in tracked)
 
 
-def _problem(gait: Gait, control: Mapping[str, Any]) -> Problem:
-    """The problem of a gait with another law, and with the gait as its guess."""
-    given, record = gait.problem, cast(GaitRecord, gait.to_record())
+def _tracking(gait: Gait, joints: Joints, phase: str, degree: int, gains: tuple[float, float]) -> Candidate:
+    """PD control with gains (kp, kd)."""
+    fitted, (start, end) = tracked_curves(joints, degree, gains, _efforts(type(gait.problem.walker))), joints.span
+    argument = {"duration": end, "beyond_end": "linear"} if phase == CLOCK else {"phase": phase, "span": [start, end]}
+    reference = {"bezier": fitted.rows(joints.names), **argument}
+    control = {"type": ProportionalDerivative.type, "kp": gains[0], "kd": gains[1], "reference": reference}
+    return control, fitted, joints, phase, gait
+
+
+def _problem(gait: Gait, control: Mapping[str, Any], near: Gait) -> Problem:
+    """The problem of a gait with another law, and with the motion of a gait nearby as its guess."""
+    given, record = gait.problem, cast(GaitRecord, near.to_record())
     plain = replace(given, free={}, objective={}, constraints={}, origin=None, file=None)
     state = {name: record["state"][name] for name in gait.system.section(gait.cycle).names}
     durations = [phase["duration"] for phase in record["phases"]]

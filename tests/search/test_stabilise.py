@@ -131,6 +131,32 @@ def test_a_bound_of_the_radius_that_no_gains_reach_is_an_objection(slipping):
     assert "must be below 1e-09" in made.objections[0]
 
 
+@pytest.mark.slow
+def test_a_bound_that_the_postures_at_the_impact_exclude_leads_to_a_design_of_the_curves(optimal):
+    made = go.stabilise(optimal, radius=0.55, progress=False)
+    assert made.objections == ()
+    assert "spectral radius 0.6039, must be below 0.55" in made.attempts[0]
+    assert made.gait.spectral_radius < 0.55
+    assert made.invariance < 1e-10
+    assert made.gait.measures["speed"] == pytest.approx(optimal.measures["speed"], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_pd_control_over_the_phase_stabilises_what_the_clock_does_not(optimal):
+    made = go.stabilise(optimal, law="pd", phase="stance_leg", progress=False)
+    assert made.objections == ()
+    assert made.gait.verification["passed"]
+    assert made.phase == "stance_leg"
+
+
+def test_the_range_of_a_joint_is_an_objection(walked, monkeypatch):
+    limits = {"swing_knee": ((0.0, 0.5), None), "stance_hip": (None, 10.0)}
+    monkeypatch.setattr("gaitopt.gait.measures.joint_limits", lambda walker: limits)
+    turned, pulled = walked.objections
+    assert "swing_knee turns from" in turned
+    assert "stance_hip takes" in pulled
+
+
 @pytest.mark.parametrize(
     ("start", "words", "options"),
     [
