@@ -12,10 +12,10 @@ The proposals are local edits of the sequence, the most plausible first:
     (or its impulse returns to the static cone)
     switch meets a breakpoint         it stays there, because the torques jump
 
-Each proposal is rolled out from the gait at the event, a short way past it in the parameter, where its new phase is
-short. It is accepted if Newton's method converges next to the event, all its monitors are positive, and the simulator,
-which does not know the sequence, confirms it. A family may also turn back at an event, so that both sides are tried.
-If no proposal holds, the simulator's return map is solved for its own fixed point past the event.
+Each proposal is rolled out from the gait at the event, at a parameter a little past it, where the new phase is short.
+It is accepted if Newton's method converges near the event, all its monitors are positive, and the simulator, which does
+not know the sequence, confirms it. Both sides of the event are tried, because a family may turn back there. If no
+proposal holds, a fixed point of the simulator's return map is sought past the event.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,29 +42,29 @@ from gaitopt.solver.rollout import FINE_ERROR, FIRST_ERROR, roll_out
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.verify import confirm
 
-EDGE = 0.02
-"""An event within this part of a phase from one of its ends counts as at that end."""
+PHASE_END = 0.02
+"""An event counts as at the end of a phase if it is within this part of the phase from that end."""
 DISTANCES = (1e-5, 1e-4, 1e-3, 1e-2)
 """Distances past the event at which a successor is tried, relative to the span of the parameter."""
-SIMULATED = (1e-4, 1e-2)
+SIMULATED_DISTANCES = (1e-4, 1e-2)
 """Distances past the event at which a fixed point of the simulator's return map is sought if no proposal holds."""
 FIRST_STEPS = 5.0
-"""First step on a new branch, in distances from the event: its new phase is short and changes fast."""
-SHOWN, LONGEST_SEQUENCE = 3, 120
-"""Mode sequences that the reason of an end lists, and their length in it [characters]."""
+"""Length of the first step on a new branch, in distances from the event. The new phase is short and changes fast."""
+SHOWN_SEQUENCES, LONGEST_SEQUENCE = 3, 120
+"""Number of mode sequences that the reason of an end lists, and largest number of characters of each."""
 ACTIVE = 1e-5
-"""Monitors below this, in natural units, vanish with the located one."""
-CLOSER, APPROACH = 1 / 16, 1 / 2
-"""At a sixteenth of the distance past the event, a successor must be at most half as far from the gait there. One that
-begins like a square root is four times closer; one beyond a jump is not closer."""
-SAME = 1e-9
-"""Gaits this close are the same: the parameter does not act on the successor there."""
+"""Monitors below this, in natural units, vanish together with the located one."""
+CLOSER_DISTANCE, APPROACH = 1 / 16, 1 / 2
+"""At this part of the distance past the event, the distance between successor and gait at the event must have shrunk at
+least to this part. If the successor begins like a square root, it shrinks to a quarter; beyond a jump it does not."""
+SAME_DISTANCE = 1e-9
+"""Gaits that are closer than this are the same: the parameter does not act on the successor there."""
 NEARBY = 0.3
-"""Largest distance between the gaits before and after a change: of scaled section coordinates, and of periods relative
-to the period."""
+"""Largest distance between the gaits before and after a change, in scaled section coordinates; also the largest
+relative difference of their periods."""
 
 FORCES = {"cone": "normal_force", "impulse_cone": "impulse"}
-"""The force or impulse that both edges of a cone bound; where it vanishes, the edges meet."""
+"""The force or impulse that both edges of a cone bound. If it vanishes, the edges meet."""
 
 T = TypeVar("T")
 Phase = tuple[Mode, Mode | None]
@@ -84,7 +84,7 @@ def successors(table: Transitions, cycle: Cycle, active: Iterable[tuple[MonitorK
             try:
                 edited = Cycle(tuple(map(_merged, phases, impacts)))
                 table.check(edited)
-            except ValueError:  # the edit contradicts itself
+            except ValueError:  # the edit is not a valid mode sequence
                 continue
             candidates[edited] = None
     candidates.pop(cycle, None)
@@ -92,7 +92,7 @@ def successors(table: Transitions, cycle: Cycle, active: Iterable[tuple[MonitorK
 
 
 def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transition | None:
-    """The transition that a vanishing monitor triggers; None where a phase has no duration left."""
+    """The transition that a vanishing monitor triggers; None for the duration of a phase."""
     if key.kind == "duration":
         return None
     last = (cycle.first_phases[(key.step + 1) % len(cycle.steps)] - 1) % len(cycle.phases)
@@ -112,10 +112,10 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
 
 
 def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
-    """The contact, or the group of contacts, of which a monitor vanishes; empty for a foot that stands alone.
+    """The contact, or the group of contacts, to which a vanishing monitor belongs; empty for walkers on one foot.
 
-    In the impact that ends a step it has its name after the feet have swapped places, as in ``impact``. Of a phase that
-    vanishes it is the contact that does something of its own there.
+    For the impact that ends a step, it is the name after the feet have swapped roles, like in ``impact``. For a phase
+    that vanishes, it is the contact whose state differs from both neighbouring phases.
     """
     if walker.stands_on_one():
         return ""
@@ -127,16 +127,16 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
         return ""
     mode, n = cycle.phases[key.phase], len(cycle.phases)
     neighbours = [cycle.phases[(key.phase + k) % n].contacts for k in (-1, 1)]
-    differing = {name: sum(m[name] != word for m in neighbours) for name, word in mode.contacts.items()}
-    most = max(differing, key=lambda name: differing[name])
-    return most if differing[most] else ""
+    differing = {name: sum(m[name] != state for m in neighbours) for name, state in mode.contacts.items()}
+    contact = max(differing, key=lambda name: differing[name])
+    return contact if differing[contact] else ""
 
 
 def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:
-    """The monitor of the force or impulse if it vanishes with the edge of its cone at ``key``; otherwise ``key``.
+    """The monitor of a force or impulse, if it vanishes together with the edge of its cone at ``key``; or ``key``.
 
-    A force that vanishes in both directions at once meets both edges of its cone there, and rounding decides which of
-    the three monitors is located first.
+    If both components of a force vanish at once, it meets both edges of its cone, and rounding decides which of the
+    three monitors is located first.
     """
     cone, _, side = kind(key.kind).rpartition("_")
     if cone not in FORCES or side not in ("forward", "backward"):
@@ -150,7 +150,7 @@ def _edits(
 ) -> Iterator[tuple[list[Phases], list[Mode]]]:
     """Phases and impacts of all steps after each edit for a monitor that vanishes at ``where`` in its phase.
 
-    Only the contacts of the event change; walks propose changes of several at once.
+    Only the contacts of the event change. Simulated walks propose changes of several contacts at once.
     """
     transition = transition_at(table, cycle, key)
     phases = [tuple((mode, dict(step.landings).get(k)) for k, mode in enumerate(step.phases)) for step in cycle.steps]
@@ -159,28 +159,31 @@ def _edits(
         yield from _impact_edits(table, cycle, key, transition, phases)
         return
     step, impacts = cycle.step_of(key.phase), [*cycle.impacts]
-    place = key.phase - cycle.first_phases[step]
-    before, ((mode, landed), *after) = phases[step][:place], phases[step][place:]
+    index = key.phase - cycle.first_phases[step]
+    before, ((mode, landed), *after) = phases[step][:index], phases[step][index:]
 
     def ended(new: Phases) -> tuple[list[Phases], list[Mode]]:
-        """With other phases of this step; one that ends without an impact has the contacts of its last phase there."""
-        ends_so = table.cycle_end == TOUCHDOWN
-        return _replaced(phases, step, new), impacts if ends_so else _replaced(impacts, step, new[-1][0].contact)
+        """Phases and impacts with ``new`` phases in this step.
+
+        A step that ends without an impact ends with the contacts of its last phase.
+        """
+        lands = table.cycle_end == TOUCHDOWN
+        return _replaced(phases, step, new), impacts if lands else _replaced(impacts, step, new[-1][0].contact)
 
     if transition is not None and transition.reset is None and not transition.margin.rises:
         contacts = {*contact_of(key.kind).split("+")}
         for candidate in transition.candidates:
             if _changed(candidate, mode).keys() <= contacts:
                 yield from (ended((*before, *new, *after)) for new in _inserted((mode, landed), candidate, where))
-    if transition is None or transition.at_rest:  # the phase is gone, or its contact does what its neighbours do
+    if transition is None or transition.at_rest:  # the phase has vanished, or its contact joins a neighbouring phase
         without = (*before, (after[0][0], after[0][1] or landed), *after[1:]) if after else before
         if without:
             yield ended(without)
-        struck = impacts[step - 1] if place == 0 else landed
-        if after and struck is not None:  # no slip is left after the impact: it sticks
-            goes_on = after[0][0].directions
-            new = struck.with_states({n: Mode.STICK for n, d in struck.directions.items() if d and goes_on[n] != d})
-            if place == 0:
+        struck = impacts[step - 1] if index == 0 else landed
+        if after and struck is not None:  # no slip remains after the impact, so the impact sticks
+            following = after[0][0].directions
+            new = struck.with_states({n: Mode.STICK for n, d in struck.directions.items() if d and following[n] != d})
+            if index == 0:
                 yield _replaced(phases, step, (*after,)), _replaced(impacts, step - 1, new)
             else:
                 yield _replaced(phases, step, (*before, (after[0][0], new), *after[1:])), impacts
@@ -189,19 +192,19 @@ def _edits(
 def _impact_edits(
     table: Transitions, cycle: Cycle, key: MonitorKey, transition: Transition, phases: list[Phases]
 ) -> Iterator[tuple[list[Phases], list[Mode]]]:
-    """As ``_edits``, for a margin of an impact: that of the end of a step, of a landing within it, or of a stop."""
+    """The edits for a margin of an impact: at the end of a step, at a landing within it, or when a stop locks."""
     ends_step, impacts = key.phase is None, [*cycle.impacts]
     step = key.step if key.phase is None else cycle.step_of(key.phase)
     following = (step + 1) % len(phases) if ends_step else step
-    place = 0 if key.phase is None else key.phase + 1 - cycle.first_phases[step]
-    before, ((first, landed), *rest) = phases[following][:place], phases[following][place:]
+    index = 0 if key.phase is None else key.phase + 1 - cycle.first_phases[step]
+    before, ((first, landed), *rest) = phases[following][:index], phases[following][index:]
     impact = impacts[step] if ends_step else landed or first
     for candidate in transition.candidates:
         new = table.walker.swapped(candidate) if ends_step and table.cycle_end == TOUCHDOWN else candidate
         changed, struck = _changed(new, impact), new if landed is not None and not ends_step else None
         mode = first.with_states(changed)
         ways = [((mode, struck), (first, None), *rest), ((mode, struck), *rest), ((first, struck), *rest)]
-        if transition.at_rest:  # the slip after the impact fades: it is gone, goes on from rest, or turns round
+        if transition.at_rest:  # the slip after the impact fades: it vanishes, starts from rest, or reverses
             turned = {name: str(Mode.slip(-impact.directions[name])) for name in changed}
             ways = [ways[2], ((first.with_states(turned), struck), *rest), ways[1], ways[0]]
             if rest and rest[0][0].locked == first.locked:
@@ -212,24 +215,24 @@ def _impact_edits(
 
 
 def _changed(after: Mode, before: Mode) -> dict[str, str]:
-    """The states of the contacts that differ between two modes, as in the first."""
-    return {name: word for name, word in after.contacts.items() if word != before.contacts[name]}
+    """The contacts whose states differ between two modes, with their states in ``after``."""
+    return {name: state for name, state in after.contacts.items() if state != before.contacts[name]}
 
 
 def _inserted(phase: Phase, mode: Mode, where: float) -> tuple[Phases, ...]:
-    """The phase with another mode in it; the place of the event makes one of three ways the most plausible."""
-    held, struck = phase
-    at_start, inside = ((mode, struck), (held, None)), (phase, (mode, None), (held, None))
+    """Three ways to insert another mode into a phase; the time of the event decides which one comes first."""
+    known, struck = phase
+    at_start, inside = ((mode, struck), (known, None)), (phase, (mode, None), (known, None))
     at_end = (phase, (mode, None))
-    if where > 1 - EDGE:
+    if where > 1 - PHASE_END:
         return at_end, inside, at_start
-    return (at_start, inside, at_end) if where < EDGE else (inside, at_start, at_end)
+    return (at_start, inside, at_end) if where < PHASE_END else (inside, at_start, at_end)
 
 
 def _merged(phases: Phases, impact: Mode) -> ModeSequence:
-    """The step with these phases; equal neighbours are one, unless an impact is between them.
+    """The step with these phases; equal neighbours are merged, unless an impact lies between them.
 
-    Where an impact would follow another one at once, the second one counts: the phase between them is gone.
+    If two impacts follow each other without a phase between them, the second one counts.
     """
     modes, landings = list[Mode](), dict[int, Mode]()
     for mode, struck in phases:
@@ -240,10 +243,10 @@ def _merged(phases: Phases, impact: Mode) -> ModeSequence:
 
 
 def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]:
-    """Cycles that the simulator walks past an event; many contacts may change at once.
+    """Cycles that the simulator walks past an event, in which many contacts may change at once.
 
-    The walk starts from the gait as it is predicted there. A change of the impact, or of what slips across the section,
-    shows in its second cycle. With each cycle are the states at the starts of its steps, shape (k, n_z).
+    The walk starts from the predicted gait. A change of the impact, or of the contacts that slip across the section,
+    appears in its second cycle. Each cycle comes with the states at the starts of its steps, shape (k, n_z).
     """
     dynamics = Dynamics(point.gait.system, point.curve.p).at({point.curve.parameter: point.value + offset})
     state, n = start_states(point, point.curve.cycle, _ahead(point, offset), dynamics)[0], len(point.curve.cycle.steps)
@@ -254,17 +257,17 @@ def walked_cycles(point: CurvePoint, offset: float) -> list[tuple[Cycle, Array]]
             continue
         try:
             cycle = Cycle(tuple(step.sequence for step in walked))
-        except ValueError:  # the walk has left the gait: its cycle does not close
+        except ValueError:  # the modes do not form a cycle, because the walk has left the gait
             continue
         cycles.append((cycle, np.array([step.arcs[0].states[0] for step in walked])))
     return cycles
 
 
 def _proposals(point: CurvePoint, edited: Sequence[Cycle], span: float) -> Iterator[tuple[Cycle, float, Array | None]]:
-    """Cycles past an event, each with a distance in spans of the parameter, and states at its steps if they are known.
+    """Cycles past an event, each with a distance in spans of the parameter, and with states at its steps if known.
 
-    What walks find comes first, then the edits. Where a slip crosses the section, only the walk knows its velocity
-    there: its own states are tried last.
+    Cycles of walks come first, then the edits. The states of the walks are tried last: if a slip crosses the section,
+    only the walk knows its velocity there.
     """
     walked, proposed = list[tuple[Cycle, float, Array | None]](), {point.curve.cycle}
     for distance in DISTANCES[:2]:
@@ -289,9 +292,9 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
 
     Returns
     -------
-    successor : None if no mode sequence follows.
-    reason : what ended the old mode sequence.
-    length : arclength of the first step on the successor.
+    successor : the gait; None if no mode sequence follows.
+    reason : why the old mode sequence ends.
+    length : arclength of the first step on the new branch.
     """
     point, curve = event.point, event.point.curve
     ahead = np.sign(point.tangent[-1]) or 1.0
@@ -311,7 +314,7 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
                 continue
             if _is_continuous(point, successor, offset, jumps=jumps):
                 return successor, reason, FIRST_STEPS * distance
-    for distance in SIMULATED:
+    for distance in SIMULATED_DISTANCES:
         offset = ahead * distance * curve.metric.span
         successor = simulated_gait(point, offset)
         if successor is None or successor.curve.cycle == curve.cycle:
@@ -323,23 +326,23 @@ def find_change(event: Location, key: MonitorKey) -> tuple[CurvePoint | None, st
         jump = "static friction is above kinetic friction"
         jump = jump if dynamics.friction_drops else "a slipping impact has no friction"
         reason = f"{reason}, and the return map jumps: {jump}"
-    listed = " or ".join(shorten(str(cycle), LONGEST_SEQUENCE) for cycle in [*tried][:SHOWN]) or "none"
-    more = f" and {len(tried) - SHOWN} others" if len(tried) > SHOWN else ""
-    words = f"no other mode sequence continues the family (tried {listed}{more}, and the return map of the simulator)"
-    return None, f"{reason}; {words}", 0.0
+    listed = " or ".join(shorten(str(cycle), LONGEST_SEQUENCE) for cycle in [*tried][:SHOWN_SEQUENCES]) or "none"
+    more = f" and {len(tried) - SHOWN_SEQUENCES} others" if len(tried) > SHOWN_SEQUENCES else ""
+    trials = f"tried {listed}{more}, and the return map of the simulator"
+    return None, f"{reason}; no other mode sequence continues the family ({trials})", 0.0
 
 
 @overflow_allowed()
 def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
-    """The gait next to ``point``, with the parameter ``offset`` away, at a fixed point of the simulator's return map.
+    """The gait near ``point`` at a fixed point of the simulator's return map, with the parameter shifted by ``offset``.
 
-    The simulator finds the modes, also where several change at once. The gait is solved on a mesh as fine as the guess.
-    With ``offset`` zero it has the modes of ``point`` and its direction along the family.
+    The simulator finds the modes, even if several change at once. The gait is solved on a mesh as fine as the guess. If
+    ``offset`` is zero, it has the modes of ``point`` and the same direction along the family.
     """
     curve, gait = point.curve, point.gait
     try:
         curve.problem.replace({curve.parameter: point.value + offset})
-    except ProblemError:  # beyond the range that the problem allows
+    except ProblemError:  # the parameter is beyond the range that the problem allows
         return None
     dynamics = Dynamics(gait.system, curve.p).at({curve.parameter: point.value + offset})
     state, section = (
@@ -359,10 +362,10 @@ def simulated_gait(point: CurvePoint, offset: float) -> CurvePoint | None:
 
 
 def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint | None:
-    """The gait at an event as the successor meets it, where a phase vanishes there; None where it does not.
+    """The gait at an event, located on the successor, if a phase vanishes there; None otherwise.
 
-    A slip from rest ends when v / t = 0. Rounding decides this in a phase of no duration, so that only half the digits
-    of the duration are left on the old branch. The margin of the phase that replaces it has all of them.
+    A slip from rest ends when v / t = 0. In a phase of almost no duration this is dominated by rounding, so that the
+    old branch locates the event with half the digits only. The margin of the phase that replaces it has all digits.
     """
     if len(successor.curve.cycle.phases) >= len(event.point.curve.cycle.phases):
         return None
@@ -377,9 +380,10 @@ def located_on_successor(event: Location, successor: CurvePoint) -> CurvePoint |
 
 
 def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoint]:
-    """First gaits of the mode sequences, other than the ``known`` ones, that begin at an event on either side of it.
+    """First gaits of mode sequences other than the ``known`` ones that begin at an event, on either side of it.
 
-    The cycle of the two known sequences in turn is one of them: at a border collision the period may double.
+    One of the candidates is the cycle that alternates between the two known sequences, because the period may double at
+    a border collision.
     """
     proposals = successors(point.gait.system.transitions, point.curve.cycle, _active(point))
     candidates = [cycle for cycle in proposals if cycle not in known]
@@ -394,15 +398,15 @@ def alternatives(point: CurvePoint, known: Sequence[Cycle]) -> Iterator[CurvePoi
 
 
 def halved_cycle(gait: Gait) -> Cycle | None:
-    """The first half of a cycle that consists of the same steps twice; None of any other."""
+    """The first half of a cycle that consists of the same steps twice; None for other cycles."""
     half, odd = divmod(len(gait.steps), 2)
     return None if odd or half % gait.repeats_after else Cycle(gait.cycle.steps[:half])
 
 
 def exchanged_half(before: Gait, after: Gait) -> Cycle | None:
-    """The first half of a cycle whose halves exchange their places between two gaits of a family; None of any other.
+    """The first half of a cycle whose halves change roles between two gaits of a family; None if they do not.
 
-    In between the halves are equal, exactly only at one gait: where the family begins at a period doubling.
+    Between these gaits the halves are equal at exactly one gait: there the family begins at a period doubling.
     """
     half, odd = divmod(len(before.steps), 2)
     steps = before.cycle.steps
@@ -421,7 +425,7 @@ def _unlikeness(gait: Gait, half: int) -> Array:
 
 
 def in_turn(first: Cycle, second: Cycle) -> Cycle:
-    """Both cycles one after the other; the first phases of each still follow the impact that they follow alone."""
+    """A cycle that consists of both cycles; the first phases of each still follow the impact of its own last step."""
     (*before, last_of_first), (*after, last_of_second) = first.steps, second.steps
     joint, last = (
         replace(one, impact=other.impact)
@@ -436,7 +440,7 @@ def holds(point: CurvePoint) -> bool:
 
 
 def _active(point: CurvePoint, located: MonitorKey | None = None) -> list[tuple[MonitorKey, MonitorValue]]:
-    """The located monitor, and those that vanish with it; the impact's first."""
+    """The located monitor, and those that vanish with it; monitors of the impact come first."""
     active = [
         (key, monitor) for key, monitor in point.monitors.items() if key == located or abs(monitor.value) < ACTIVE
     ]
@@ -445,11 +449,11 @@ def _active(point: CurvePoint, located: MonitorKey | None = None) -> list[tuple[
 
 @overflow_allowed()
 def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None = None) -> CurvePoint | None:
-    """The gait with other modes where the parameter is ``offset`` past the event; None if it does not hold there.
+    """The gait with other modes at a parameter that is ``offset`` past the event; None if these modes do not hold.
 
     Parameters
     ----------
-    known : states at the starts of its steps, shape (k, n_z); predicted along the old branch if left out.
+    known : states at the starts of its steps, shape (k, n_z); None to predict them along the old branch.
     """
     curve, system = point.curve, point.gait.system
     dynamics = Dynamics(system, curve.p).at({curve.parameter: point.value + offset})
@@ -471,7 +475,7 @@ def _attempt(point: CurvePoint, cycle: Cycle, offset: float, known: Array | None
     first = successor.start(w, successor.solutions.coordinates(forward) if offset else point.direction)
     try:
         near = first is not None and curve.metric.distance(first.gait.state, point.gait.state) < NEARBY
-    except RuntimeError:  # singular: its slips have no length, so that nothing ends them
+    except RuntimeError:  # the equations are singular, because slips of no duration have no event
         return None
     return first if near and first is not None and holds(first) else None
 
@@ -508,15 +512,15 @@ def start_states(point: CurvePoint, cycle: Cycle, w: Array, dynamics: Dynamics) 
 
 
 def _is_continuous(point: CurvePoint, successor: CurvePoint, offset: float, *, jumps: bool) -> bool:
-    """Whether the successor tends to the gait at the event as the parameter does.
+    """Whether the successor converges to the gait at the event when the parameter approaches the event.
 
-    Where friction drops at the onset of slip or in a slipping impact, or a torque ``jumps``, the return map may jump at
-    an event. A gait beyond the jump does not belong to this family, however near it lies.
+    If friction drops at the onset of slip or in a slipping impact, or a torque ``jumps``, the return map may jump at an
+    event. A gait beyond the jump does not belong to this family, however near it is.
     """
     if not (point.gait.dynamics.stick_comes_first or jumps):
         return True
-    closer = _attempt(point, successor.curve.cycle, offset * CLOSER)
+    closer = _attempt(point, successor.curve.cycle, offset * CLOSER_DISTANCE)
     if closer is None:
         return False
     near, far = (point.curve.metric.distance(other.gait.state, point.gait.state) for other in (closer, successor))
-    return bool(near < max(APPROACH * far, SAME))
+    return bool(near < max(APPROACH * far, SAME_DISTANCE))

@@ -1,9 +1,9 @@
 """Continuation of a family of gaits in a parameter, through folds and changes of the mode sequence.
 
 Every step predicts the next gait along the curve, corrects it by Newton's method, and compares monitors and test
-functions at both ends. Where one of them changes sign, its zero is located and becomes a special point. Where a mode
-sequence ends, the continuation goes on with the next one that the physics allows. Where Newton's method fails for every
-step length, also on a finer mesh, IPOPT and then the simulator look for a gait a little further on.
+functions at both ends. If one of them changes sign, its zero is located and becomes a special point. If a mode sequence
+ends, the continuation proceeds with the next one that the physics allows. If Newton's method fails for every step
+length, even on a finer mesh, IPOPT and then the simulator search for a gait a little further on.
 """
 
 import time
@@ -42,21 +42,22 @@ from gaitopt.verification.verify import confirm
 FIRST_LENGTH = 0.005
 """Arclength of the first step; the range of the parameter has length one."""
 LARGEST_LENGTH = 0.025
-"""At least forty points for the range of the parameter."""
+"""Largest arclength of a step: at least forty points for the range of the parameter."""
 SMALLEST_LENGTH = 1e-9
-BESIDE = 1e-3
-"""Arclength from a branch point at which tangents are taken: far enough for rounding, near enough for curvature to be
-negligible."""
-RESCUES = (1e-4, 1e-3, 1e-2)
+"""A step is not halved below this arclength."""
+TANGENT_DISTANCE = 1e-3
+"""Arclength from a branch point at which tangents are taken: large compared with rounding errors, and so small that
+curvature is negligible."""
+RESCUE_DISTANCES = (1e-4, 1e-3, 1e-2)
 """Distances from the last point at which IPOPT and the simulator are tried, relative to the span of the parameter."""
-VANISHED = 1e-4
-"""A gait with a shorter stride vanishes together with its step. Where only a mode sequence ends, strides are long."""
-NEARLY_GONE = 1e-4
-"""Part of the period that a slip lasts from which the branch without it is reached."""
-FADING = 1e-2
+VANISHED_STRIDE = 1e-4
+"""A gait with a shorter stride vanishes. If only a mode sequence ends, strides are much longer."""
+SHORT_SLIP = 1e-4
+"""From a slip that is shorter than this part of the period, the branch without the slip can be reached."""
+FADING_STRIDE = 1e-2
 """A gait with a shorter stride that the simulator does not confirm may be about to vanish."""
-SENSITIVE = 1e4
-"""Largest multiplier from which the reason of an end names it."""
+SENSITIVE_RADIUS = 1e4
+"""If the spectral radius exceeds this, the reason of an end states it."""
 VANISHING = "the gait vanishes: its steps, or all its motion, become infinitely small"
 HALVED = "the two halves of the cycle become equal: this is a period doubling of a gait with half as many steps"
 
@@ -68,19 +69,19 @@ def follow_family(
     done: Sequence[StoredContinuation] = (),
     should_stop: Stop = None,
 ) -> Iterator[BranchPoint | SpecialPoint]:
-    """The points and special points of a family, one by one, as ``gaitopt.continuation`` describes them.
+    """The points and special points of a family, one by one; see ``gaitopt.continuation``.
 
     A gait is continued towards each target. From a special point all its other branches are continued, with the targets
     as bounds. Branches that begin on the way come after these.
 
     Parameters
     ----------
-    done : what is stored of an unfinished family.
+    done : the stored continuations of an unfinished family.
 
     Raises
     ------
     UnknownNameError, ProblemError, SolveError
-        As ``Request.first_gait`` and ``switching.beginnings``.
+        See ``Request.first_gait`` and ``switching.beginnings``.
     """
     gait = request.first_gait(start)
     value = gait.dynamics.parameter(request.parameter)
@@ -99,7 +100,7 @@ def follow_family(
             continuations.append(new(request=request.towards((to,), gait), metric=metric, begin=begin))
     known = {stored.number: stored for stored in done}
     unnumbered = (stored.number for stored in done if not stored.is_named)
-    for continuation in continuations:  # the list grows on the way
+    for continuation in continuations:  # the list grows during the loop
         number = next(unnumbered, -1) if continuation.number is None else continuation.number
         if number in known:
             continuations += continuation.resume(known[number])
@@ -121,15 +122,15 @@ class Continuation:
     Attributes
     ----------
     gait : the gait from which the family began; its parameters are those of the family.
-    request : with both bounds set.
+    request : the request with both bounds.
     metric : scales of arclength.
     begin : the first point, or a function that finds it.
-    numbers : of the branches to come.
-    number : of the first branch, if it has one already.
+    numbers : numbers for the branches to come.
+    number : number of the first branch, if it is known already.
     should_stop : polled before every step; True ends the continuation without a special point.
-    last : the last point before an interruption; None if there was none.
-    point : the last point.
-    branch, index : number of its branch, and of the point on it.
+    last : the stored point from which the continuation resumes; None if it starts afresh.
+    point : the current point.
+    branch, index : number of the current branch, and of the current point on it.
     length : arclength of the next step.
     count : number of points so far.
     """
@@ -149,7 +150,7 @@ class Continuation:
     count: int = field(init=False, default=0)
 
     def resume(self, stored: StoredContinuation) -> list["Continuation"]:
-        """Go on after what is stored of this continuation, as without the interruption.
+        """Resume after the stored points of this continuation, as if it had not been interrupted.
 
         Returns
         -------
@@ -185,11 +186,11 @@ class Continuation:
                     return
             if self.should_stop is not None and self.should_stop():
                 return
-            reached = self.request.reached(self.point.value) if self.index else None
-            reason = reached or self.request.exhausted(self.count, time.monotonic() - began)
+            at_bound = self.request.reached(self.point.value) if self.index else None
+            reason = at_bound or self.request.exhausted(self.count, time.monotonic() - began)
             if reason is not None:
                 end = self._special("end", self.point, reason=reason)
-                yield replace(end, bound=reached is not None, open=reached is None)
+                yield replace(end, bound=at_bound is not None, open=at_bound is None)
                 return
             records = self._advance()
 
@@ -201,7 +202,7 @@ class Continuation:
         try:
             points = self._beginnings(special)
         except (ProblemError, SolveError) as error:
-            expected = not special.next  # at a change of modes there is usually only the branch that goes on
+            expected = not special.next  # at a change of modes there is usually no branch besides the one that follows
             return (replace(special, reason=str(error)) if expected else special), []
         numbers = tuple(next(self.numbers) for _ in points)
         branches = [self._branch(kind, number, point) for number, point in zip(numbers, points, strict=True)]
@@ -213,7 +214,7 @@ class Continuation:
     def _beginnings(self, special: SpecialPoint) -> list[CurvePoint]:
         """The first gaits of the other branches through a special point that lie within the bounds.
 
-        The mesh of its gait is not used, as it is not stored: a resumed continuation finds the same.
+        The mesh of its gait is not used, because it is not stored: a resumed continuation has to find the same gaits.
         """
         parameter, (lower, upper) = self.request.parameter, self.request.bounds
         gait = None if special.gait is None else replace(special.gait, shooting=None)
@@ -238,7 +239,7 @@ class Continuation:
                 reason = (
                     "neither Newton's method, also on a finer mesh, nor IPOPT nor the simulator finds the next gait"
                 )
-                if radius > SENSITIVE:
+                if radius > SENSITIVE_RADIUS:
                     reason += f"; a cycle magnifies disturbances, also of rounding, by {radius:.1e}"
                 yield self._special("end", here, "guess", reason)
                 return
@@ -265,15 +266,15 @@ class Continuation:
     def _step(self) -> tuple[float, CurvePoint, tuple[Location, MonitorKey] | None] | None:
         """Arclength and gait of the next step, and the first zero of a monitor on the way.
 
-        The step is halved until Newton's method converges near the prediction, the curve is straight, and the zero can
-        be located. None if no step is short enough.
+        The step is halved until Newton's method converges near the prediction, the curve is nearly straight, and the
+        zero can be located. None if no step is short enough.
         """
         here, solutions = self.point, self.point.curve.solutions
         while self.length > SMALLEST_LENGTH:
             length = self.length
             try:
                 point = here.step(length)
-            except ProblemError:  # the parameter has left the range that the problem allows
+            except ProblemError:  # the parameter is beyond the range that the problem allows
                 bound = self.request.crossed(here.value, here.value + length * float(here.tangent[-1]))
                 point = None if bound is None else here.at_parameter(bound)
             if point is not None and not (solutions.is_straight(here.point, point.point, length) and point.is_regular):
@@ -288,7 +289,8 @@ class Continuation:
                 lost = point.lost(here)
                 every = any(key.kind == BREAKPOINT for key in lost)
                 for key in lost:
-                    if event is None or every or event[0].point.monitor(key) <= 0:  # or its zero comes later
+                    # a monitor that is still positive at the first event has its zero later
+                    if event is None or every or event[0].point.monitor(key) <= 0:
                         zeros.append((here.locate(point, length, partial(CurvePoint.monitor, key=key)), key))
                         event = min(zeros, key=lambda zero: zero[0].length)
                 vanishing = _vanishing_slip(zeros)
@@ -300,7 +302,7 @@ class Continuation:
         return None
 
     def _bifurcations(self, point: CurvePoint, length: float) -> Iterator[SpecialPoint]:
-        """Folds, losses of stability and the caller's events between the last point and ``point``, in order."""
+        """Folds, bifurcations and the caller's events between the current point and ``point``, in order."""
         here, events = self.point, self.request.events
         zeros = [
             (here.locate(point, length, partial(CurvePoint.test, name=test)), kind, test)
@@ -313,22 +315,22 @@ class Continuation:
         ]
         for location, kind, test in sorted(zeros, key=lambda zero: zero[0].length):
             gait = location.point.gait
-            if kind not in events and not (is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED):
+            if kind not in events and not (is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED_STRIDE):
                 continue
             special = self._special(kind, location.point, location.status)
             special = replace(special, gait=gait.verified(confirm(gait).to_record()))
-            if kind == "branch_point":  # where the tangent of its gait is undetermined: the mean of both sides
-                sides = [here.step(location.length + side * BESIDE) for side in (-1, 1)]
+            if kind == "branch_point":  # the tangent is undetermined there; take the mean of both sides
+                sides = [here.step(location.length + side * TANGENT_DISTANCE) for side in (-1, 1)]
                 tangents = [side.curve.solutions.entries(side.tangent) for side in sides if side is not None]
                 special = replace(special, tangent=np.mean(tangents, axis=0) if len(tangents) == 2 else None)
             half = exchanged_half(here.gait, point.gait) if kind == "branch_point" and test == "slope" else None
-            if half is not None:  # a doubled family turns back at its origin: its halves follow in the other order
+            if half is not None:  # a doubled family turns back at its origin, where its halves change roles
                 special = replace(special, type="end", reason=HALVED, before=gait.cycle, after=half)
             yield special
 
     def _change(self, event: Location, key: MonitorKey) -> Iterator[BranchPoint | SpecialPoint]:
-        """The end of a mode sequence: a special point, and the first point of the branch that follows, if any."""
-        if stride(event.point.gait) < VANISHED:
+        """The end of a mode sequence: a special point, and the first point of the next branch if there is one."""
+        if stride(event.point.gait) < VANISHED_STRIDE:
             yield self._special("vanishing", event.point, event.status, VANISHING)
             return
         key = vanishing_force(event.point, key)
@@ -359,7 +361,7 @@ class Continuation:
         self.point, self.index = point.remeshed() or point, self.index + 1
 
     def _point_records(self) -> Iterator[BranchPoint | SpecialPoint]:
-        """The present point, verified by the simulator if it is its turn; the end of the family if that fails."""
+        """The current point, verified by the simulator if it is due; the end of the family if that refutes it."""
         gait, every = self.point.gait, self.request.verify_every
         if every and self.count % every == 0:
             check = confirm(gait)
@@ -369,7 +371,7 @@ class Continuation:
                 check = confirm(finer.gait)
                 gait = finer.gait.verified(check.to_record())
             if not check.passed and (simulated := simulated_gait(self.point, 0.0)) is not None:
-                self.point = simulated  # rounding may have moved a sensitive gait
+                self.point = simulated  # rounding errors may have moved a sensitive gait
                 check = confirm(simulated.gait)
                 gait = simulated.gait.verified(check.to_record())
             if not check.passed:
@@ -390,16 +392,16 @@ class Continuation:
         )
 
     def _vanishing(self) -> SpecialPoint | None:
-        """Where the gait vanishes, if it does so just ahead; no simulation resolves steps as short as there."""
+        """The point where the gait vanishes, if it does so just ahead, where steps are too short to simulate."""
         before = last = self.point
-        while stride(last.gait) < FADING:
+        while stride(last.gait) < FADING_STRIDE:
             step = self._step()
             if step is None:
                 break
             _, point, event = step
             if event is not None:
                 location, _ = event
-                if stride(location.point.gait) >= VANISHED:
+                if stride(location.point.gait) >= VANISHED_STRIDE:
                     return None
                 return self._special("vanishing", location.point, location.status, VANISHING)
             if self.request.crossed(self.point.value, point.value) is not None:
@@ -407,10 +409,10 @@ class Continuation:
             before, last = last, point
             self._move(point)
         first, second = stride(before.gait), stride(last.gait)
-        if second > VANISHED:
+        if second > VANISHED_STRIDE:
             return None
-        value = last.value  # extrapolated to where the stride is zero
-        if second < first:
+        value = last.value
+        if second < first:  # extrapolate to a stride of zero
             value += (last.value - before.value) * second / (first - second)
         return replace(self._special("vanishing", last, "guess", VANISHING), value=value)
 
@@ -428,14 +430,14 @@ class Continuation:
 
 
 def _vanishing_slip(zeros: Sequence[tuple[Location, MonitorKey]]) -> tuple[Location, MonitorKey] | None:
-    """The zero of the duration of a slip that vanishes at a breakpoint, before which it begins; None if none does.
+    """The zero of the duration of a slip that begins before a breakpoint and vanishes there; None if there is none.
 
-    The torques jump there, so that this slip ends after a time quadratic in that for which it has begun earlier.
-    Newton's method fails next to the event, which is located on the branch without the slip instead.
+    The torques jump at the breakpoint. The slip therefore ends after a time that is quadratic in the time by which it
+    begins earlier. Newton's method fails close to the event, which is located on the branch without the slip instead.
     """
     met = [key.phase for _, key in zeros if key.kind == BREAKPOINT and key.phase is not None]
     for location, key in zeros:
-        near = location.status == "converged" or location.point.monitor(key) < NEARLY_GONE
+        near = location.status == "converged" or location.point.monitor(key) < SHORT_SLIP
         if near and key.kind == "duration" and key.phase is not None and key.phase - 1 in met:
             return location, key
     return None
@@ -445,13 +447,13 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
     """A gait with the same modes past a point at which Newton's method fails, if IPOPT or the simulator finds one."""
     curve, system = point.curve, point.gait.system
     ahead = float(np.sign(point.tangent[-1])) or 1.0
-    for distance in RESCUES:
+    for distance in RESCUE_DISTANCES:
         value = point.value + ahead * distance * curve.metric.span
         try:
             state = dict(zip(system.state_names, point.gait.state, strict=True))
             problem = curve.problem.with_modes(curve.cycle, state)
             gait = solve_gait(problem.replace({curve.parameter: value}), system)
-        except ProblemError:  # beyond the range that the problem allows
+        except ProblemError:  # the parameter is beyond the range that the problem allows
             return None
         if not gait.steps or curve.metric.distance(gait.state, point.gait.state) > NEARBY:
             continue
@@ -459,7 +461,7 @@ def _rescued(point: CurvePoint) -> CurvePoint | None:
         rescued = further.start(w, further.solutions.ahead(ahead))
         if rescued is not None and all(monitor.value > 0 for monitor in rescued.monitors.values()):
             return rescued
-    simulated = (simulated_gait(point, ahead * distance * curve.metric.span) for distance in RESCUES)
+    simulated = (simulated_gait(point, ahead * distance * curve.metric.span) for distance in RESCUE_DISTANCES)
     return next((found for found in simulated if found is not None and found.curve.cycle == curve.cycle), None)
 
 
@@ -469,7 +471,7 @@ def _restored(last: StoredPoint, parameter: str, metric: Metric) -> CurvePoint:
     Raises
     ------
     SolveError
-        If an earlier version has written it without its solution, and Newton's method fails at its gait.
+        If an earlier version wrote the point without its solution, and Newton's method fails at its gait.
     """
     at = last.solution
     curve = Curve(last.problem, parameter, at.equations, at.p, metric)

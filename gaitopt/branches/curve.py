@@ -105,7 +105,7 @@ class CurvePoint:
 
     @property
     def direction(self) -> Array:
-        """The tangent as y."""
+        """The tangent in the coordinates y."""
         return self.curve.solutions.coordinates(self.tangent)
 
     @property
@@ -121,22 +121,22 @@ class CurvePoint:
 
     @cached_property
     def gait(self) -> Gait:
-        """The gait; the values that a design has found, which stay along the curve, are among its freed parameters."""
+        """The gait. Its freed parameters include the values of a design, which are constant along the curve."""
         solver: dict[str, float | str] = {"method": Method.NEWTON.value, "iterations": float(self.point.iterations)}
         errors, system, law = np.zeros(self.at.equations.n_phases), self.at.equations.system, self.problem.control
-        found = [*free_parameters(self.problem, system)]
+        designed = [*free_parameters(self.problem, system)]
         if isinstance(law, OpenLoop) and law.duration is not None:
-            found += [f"control.{name}.{k}" for name in law.values for k in range(law.count)]
+            designed += [f"control.{name}.{k}" for name in law.values for k in range(law.count)]
             solver["duration"] = law.duration
         gait = assemble_gait(self.problem, self.at, message="continued", solver=solver, errors=errors)
-        return replace(gait, freed={key: gait.dynamics.parameter(key) for key in found} | dict(gait.freed))
+        return replace(gait, freed={key: gait.dynamics.parameter(key) for key in designed} | dict(gait.freed))
 
     @property
     def is_regular(self) -> bool:
-        """Whether the return map has a derivative; it has none where phases have no length and nothing ends them."""
+        """Whether the return map has a derivative; it has none if phases of no duration have no event."""
         try:
             return self.gait.converged
-        except RuntimeError:  # singular
+        except RuntimeError:  # the equations are singular
             return False
 
     @cached_property
@@ -169,7 +169,7 @@ class CurvePoint:
         return -value if here @ there < 0 else value
 
     def monitor(self, key: MonitorKey) -> float:
-        """Value of one monitor; infinite where this gait does not have it."""
+        """Value of one monitor; infinite if this gait does not have it."""
         return self.monitors[key].value if key in self.monitors else np.inf
 
     def test(self, name: str) -> float:
@@ -181,19 +181,19 @@ class CurvePoint:
         return float(function(self.gait))
 
     def lost(self, before: "CurvePoint") -> list[MonitorKey]:
-        """Monitors that were positive at the point ``before`` and no longer are."""
+        """Monitors that were positive at the point ``before`` and are not positive here."""
         return [key for key in self.monitors if self.monitor(key) <= 0 < before.monitor(key)]
 
     @property
     def in_order(self) -> bool:
-        """Whether no switch has passed a breakpoint of the control; True as well where a phase has vanished."""
+        """Whether no switch has passed a breakpoint of the control; also True if a phase has vanished."""
         equations = self.at.equations
         durations, breakpoints = equations.unpack(self.at.w).durations, equations.system.control.breakpoints
         return bool(durations.min() <= 0) or equations.mesh.in_order(durations, breakpoints)
 
     @property
     def state(self) -> ContinuationState:
-        """What ``resumed_point`` needs to go on from here."""
+        """The state from which the continuation can be resumed at this point."""
         equations, curve = self.at.equations, self.curve
         return ContinuationState(
             unknowns=self.at.w,
@@ -210,7 +210,7 @@ class CurvePoint:
         Raises
         ------
         ProblemError
-            If the parameter has left the range that the problem allows.
+            If the parameter is beyond the range that the problem allows.
         """
         return self.curve.with_gait(self.curve.solutions.step(self.point, length))
 
@@ -256,10 +256,10 @@ class CurvePoint:
         return curve.with_gait(curve.solutions.across(finer.w, self.direction))
 
     def reordered(self) -> "CurvePoint | None":
-        """The same gait with arcs in the order that its durations demand; its modes do not change."""
+        """The same gait with its arcs in the order that its durations imply; its modes do not change."""
         curve = self.curve
         ordered, w = curve_through(curve.problem, curve.parameter, curve.metric, rolled_again(self.at))
-        if ordered.cycle != curve.cycle:  # the torques jump where a switch meets a breakpoint
+        if ordered.cycle != curve.cycle:  # the torques jump at the breakpoint, which changes the modes
             return None
         first = ordered.start(w, self.direction)
         return first if first is not None and first.in_order else None
@@ -313,7 +313,7 @@ class Curve:
         return self.equations.mesh.cycle
 
     def start(self, w: Array, forward: Array) -> CurvePoint | None:
-        """The gait next to ``w`` at its parameter, on a mesh that is fine enough; None if Newton's method fails.
+        """The gait near ``w`` at the same parameter, on a mesh that is fine enough; None if Newton's method fails.
 
         Parameters
         ----------
@@ -339,7 +339,7 @@ class Curve:
         Raises
         ------
         ProblemError
-            If the parameter has left the range that the problem allows.
+            If the parameter is beyond the range that the problem allows.
         """
         if point is None:
             return None
@@ -372,7 +372,7 @@ def curve_through(
 
 
 def first_point(gait: Gait, parameter: str, metric: Metric, sign: float) -> CurvePoint:
-    """A gait on its curve, with the tangent along which the parameter rises or falls, as ``sign`` says.
+    """A gait on its curve; along the tangent, the parameter increases if ``sign`` is positive, and decreases otherwise.
 
     Raises
     ------

@@ -4,15 +4,16 @@
 
     monitor = min over s of g(s) / ((1 + s)^a (1 - s)^b)
 
-The denominator removes the zeros that events cause at the ends of the phase, so that the sign of the monitor tells
-whether the event still occurs: a = 1 where a slip starts at rest with an acceleration, a = 2 at the onset of slip (a
-double zero), b = 1 where an event ends the phase.
+The denominator removes the zeros that events cause at the ends of the phase, so that the sign of the monitor shows
+whether the event still occurs: a = 1 if a slip starts at rest with an acceleration, a = 2 at the onset of slip (a
+double zero), b = 1 if an event ends the phase.
 
-The torques may jump at a breakpoint of the control. A switch that its margin triggers meets the breakpoint where the
-time between them is zero. A switch at the breakpoint leaves it where the margin of the old mode is zero on one side.
+The torques may jump at a breakpoint of the control. A switch that its margin triggers meets the breakpoint when the
+time between them becomes zero. A switch at the breakpoint leaves it when the margin of the old mode becomes zero on one
+side.
 
-*Test functions* of the multipliers lambda_i change sign where a gait loses or gains stability, or the curve folds or
-meets another one,
+*Test functions* of the multipliers lambda_i change sign where a gait loses or gains stability, and where the curve
+folds or meets another one,
 
     slope            d parameter / d arclength
     unit             prod (1 - lambda_i)
@@ -23,11 +24,11 @@ A multiplier is 1 at folds and at branch points. With r the return map, A its de
 
     det [[1 - A, -dr/dparameter], [tangent]] = prod (1 - lambda_i) / (d parameter / ds)
 
-vanishes at branch points only. At a fold both slope and unit change sign; if only one of them does, another branch
+vanishes at branch points only. At a fold both slope and unit change sign. If only one of them does, another branch
 crosses (only unit: transcritical, or the handle of a pitchfork; only slope: a prong of a pitchfork).
 
-The *stride* falls to zero where a gait vanishes: the feet land closer and closer to each other. Durations, the rate of
-touchdown and the impulse vanish with different powers of the stride, so that any monitor may be lost first.
+The *stride* decreases to zero where a gait vanishes: the feet land closer and closer to each other. Durations, the rate
+of touchdown and the impulse vanish with different powers of the stride, so that any monitor may become negative first.
 
 References
 ----------
@@ -54,15 +55,16 @@ from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Transitions, contact_of, kind, margin_unit, named
 from gaitopt.solver.rollout import JUMP
 
-OPEN = 1.0
-"""Largest value of a monitor of a touchdown: the foot stays far from the ground."""
+LARGEST_TOUCHDOWN_MONITOR = 1.0
+"""Largest value of a monitor of a touchdown; a foot that is farther from the ground does not matter."""
 BIFURCATIONS = ("fold", "branch_point", "period_doubling", "neimark_sacker")
 TestFunction = Callable[[Gait], float]
 """A function of a gait, continuous along a family, whose zeros are to be located."""
-NEUTRAL = 1e-6
-"""Imaginary part below which a pair with product one is real: a neutral saddle, not a Neimark-Sacker point."""
-POLE = 0.5
-"""Distance of all multipliers from the critical one beyond which a test function changes its sign at a pole."""
+REAL_PAIR = 1e-6
+"""A pair with product one is real if its imaginary parts are below this: a neutral saddle, not a Neimark-Sacker
+point."""
+POLE_DISTANCE = 0.5
+"""If all multipliers are farther than this from the critical value, a test function changes its sign at a pole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,7 @@ class MonitorKey:
     Attributes
     ----------
     kind : ``duration``, ``onset``, ``pull``, ``breakpoint`` or the name of a margin; ``touchdown`` is a second
-        touchdown within the step. ``onset`` and ``pull`` of named contacts have their names.
+        touchdown within the step. For named contacts, ``onset`` and ``pull`` include the name of the contact.
     phase : index of the phase, None for an impact.
     step : index of the step that an impact ends.
     """
@@ -84,7 +86,7 @@ class MonitorKey:
 
 @dataclass(frozen=True, slots=True)
 class MonitorValue:
-    """Value of a monitor, and the place of its minimum in the phase, from 0 (start) to 1 (end)."""
+    """Value of a monitor, and where in the phase its minimum lies, from 0 (start) to 1 (end)."""
 
     value: float
     where: float = 1.0
@@ -105,7 +107,7 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
         duration = sum(arc.duration for arc in arcs)
         values[MonitorKey("duration", phase)] = MonitorValue(duration / period)
         long = [arc for arc in arcs if arc.duration > SHORT_ARC * period]
-        if not long:  # a short phase, or one that a breakpoint cuts into short arcs
+        if not long:  # the phase is short, or a breakpoint divides it into short arcs
             continue
         after = cycle.after(phase)
         for row, (name, transition) in enumerate(table.of(cycle.phases[phase]).items()):
@@ -132,14 +134,14 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     values |= dict(_rising_margins(gait, margins))
     for phase, _ in cycle.resets:
         within, last_arc = cycle.after(phase) is not None, phases[phase][-1]
-        place = {"phase": phase} if within else {"step": cycle.step_of(phase)}
+        location = {"phase": phase} if within else {"step": cycle.step_of(phase)}
         struck = table.struck(cycle, phase)
         if struck is None:  # several slips end at once
             continue
         for name, value in last_arc.dynamics.impact_margins(struck, last_arc.states[-1], last_arc.mode).items():
-            # a grazing touchdown is also a second touchdown; without a jump the slip velocity decides about an onset
+            # the monitor of a second touchdown covers a grazing one; without a jump the slip velocity decides an onset
             if kind(name) != "touchdown_rate" and (gait.dynamics.stick_comes_first or kind(name) != "impact_onset"):
-                values[MonitorKey(name, **place)] = MonitorValue(float(value) / margin_unit(name, scales))
+                values[MonitorKey(name, **location)] = MonitorValue(float(value) / margin_unit(name, scales))
     return values
 
 
@@ -148,7 +150,7 @@ def _rising_margins(gait: Gait, margins: Mapping[int, Array]) -> Iterator[tuple[
 
     Parameters
     ----------
-    margins : of every arc, by its identity, in natural units.
+    margins : margins of every arc in natural units, by the identity of the arc.
     """
     cycle, table = gait.cycle, gait.system.transitions
     arcs = [
@@ -164,7 +166,10 @@ def _rising_margins(gait: Gait, margins: Mapping[int, Array]) -> Iterator[tuple[
             times = [arc.times for arc, _ in having]
             along = [margins[id(arc)][table.margin_names(arc.mode).index(name)] for arc, _ in having]
             last = max(phase for _, phase in having)
-            yield MonitorKey(name, last), MonitorValue(min(OPEN, lowest_after_rise(times, along)[0]))
+            yield (
+                MonitorKey(name, last),
+                MonitorValue(min(LARGEST_TOUCHDOWN_MONITOR, lowest_after_rise(times, along)[0])),
+            )
 
 
 def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[str, float]:
@@ -179,7 +184,7 @@ def test_functions(multipliers: NDArray[np.complex128], slope: float) -> dict[st
 
 
 def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, str]:
-    """Types of the special points between two gaits with these test functions; each with the function to locate it."""
+    """Types of the special points between two gaits with these test functions, and the function that locates each."""
     changed = {name for name, value in after.items() if value * before[name] < 0}
     kinds: dict[str, str] = {kind: kind for kind in ("period_doubling", "neimark_sacker") if kind in changed}
     if {"slope", "unit"} <= changed:
@@ -192,20 +197,20 @@ def bifurcations_between(before: Mapping[str, float], after: Mapping[str, float]
 def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
     """Whether a change of sign of a test function is a special point of this type.
 
-    It is none where a multiplier passes through infinity, as where the flight of a runner shrinks to nothing.
+    It is not if a multiplier passes through infinity, which happens when the flight of a runner shrinks to nothing.
     """
     if kind != "neimark_sacker":
         critical = -1.0 if kind == "period_doubling" else 1.0
-        return bool(np.abs(multipliers - critical).min() < POLE)
+        return bool(np.abs(multipliers - critical).min() < POLE_DISTANCE)
     a, b = min(combinations(multipliers, 2), key=lambda pair: abs(pair[0] * pair[1] - 1))
-    return bool(abs(a.imag) > NEUTRAL and abs(b.imag) > NEUTRAL)
+    return bool(abs(a.imag) > REAL_PAIR and abs(b.imag) > REAL_PAIR)
 
 
 def stride(gait: Gait) -> float:
     """Largest distance between the feet at a touchdown, in leg lengths, without slip.
 
-    With several contacts it is the largest range of a coordinate, in natural units. Infinite for a walker on one foot
-    that lands out of flight, possibly where it took off.
+    With several contacts it is the largest range of a coordinate, in natural units. It is infinite for a walker on one
+    foot that lands after a flight, because it may land where it took off.
     """
     if gait.system.walker.contacts:
         n_q = gait.system.n_z // 2
@@ -213,11 +218,11 @@ def stride(gait: Gait) -> float:
         return float((np.ptp(q, axis=0) / gait.dynamics.state_units[:n_q]).max())
     x, table, distances = gait.system.n_shape, gait.system.transitions, list[float]()
     for step in gait.steps:
-        places = [*(float(arc.states[0, x]) for arc in step.arcs[1:]), step.final_impact.step_length]
-        for k, (arc, place) in enumerate(zip(step.arcs, places, strict=True)):
+        landings = [*(float(arc.states[0, x]) for arc in step.arcs[1:]), step.final_impact.step_length]
+        for k, (arc, landing) in enumerate(zip(step.arcs, landings, strict=True)):
             swaps = table.cycle_end == TOUCHDOWN if k == len(step.arcs) - 1 else step.arcs[k + 1].struck is not None
             if swaps and arc.mode.touching:
-                distances.append(abs(place - arc.states[-1, x]))
+                distances.append(abs(landing - arc.states[-1, x]))
     return float(max(distances, default=np.inf)) / gait.dynamics.scales.length
 
 
@@ -228,7 +233,7 @@ def _margins(gait: Gait, arc: Arc) -> Array:
 
 
 def _lowest(along: list[Array], zeros: tuple[int, int], long: list[Arc], arcs: list[Arc]) -> MonitorValue:
-    """The lowest value of a margin whose zeros at the ends of the phase are removed, and its place in the phase.
+    """The lowest value of a margin without its zeros at the ends of the phase, and where in the phase it lies.
 
     Parameters
     ----------
@@ -285,9 +290,9 @@ def _guard_after(arc: Arc, following: Arc) -> float:
 
 
 def _time_to_jump(arc: Arc, after: Mode) -> float:
-    """Time [s] between the end of a phase and a breakpoint at which its margin jumps; inf without such a breakpoint.
+    """Time [s] between the end of a phase and a breakpoint at which its margin jumps; inf if there is no breakpoint.
 
-    It is negative where the end lies on the other side.
+    It is negative if the phase ends on the other side of the breakpoint.
     """
     table, breakpoints = arc.dynamics.system.transitions, arc.dynamics.system.control.breakpoints
     if after not in table.at_breakpoint(arc.mode).candidates:
@@ -300,14 +305,14 @@ def _time_to_jump(arc: Arc, after: Mode) -> float:
 
     for neighbour, k, sign in ((arc.segment - 1, arc.segment - 1, -1), (arc.segment + 1, arc.segment, 1)):
         if 0 <= k < len(breakpoints):
-            b = breakpoints[k]  # away from it, torques with a mere kink there differ as well
+            b = breakpoints[k]  # compare at the breakpoint: elsewhere, torques with only a kink there differ as well
             if not abs(guard(neighbour, b) - guard(arc.segment, b)) <= JUMP:
                 times.append(sign * (b - arc.end))
     return min(times, default=np.inf)
 
 
 def _force_beyond_cone(arc: Arc, contact: str) -> float:
-    """By how much the force that would hold a contact at the start of a slip exceeds static friction [N]."""
+    """Excess of the force that would hold a contact at the start of a slip over static friction [N]."""
     table = arc.dynamics.system.transitions
     stick, cone = table.held(arc.mode, contact)
     margins = arc.dynamics.margins(stick, arc.segment, arc.times[:1], arc.states[:1])[0]

@@ -1,7 +1,7 @@
 """The request of a continuation: the parameter, its targets and bounds, and which other branches to follow.
 
-A problem with one coefficient of friction may be continued in the static or the kinetic one, and a problem with two
-equal ones in ``friction``: the gait is then the same under the other friction law.
+A problem with one coefficient of friction may be continued in the static or the kinetic coefficient, and a problem with
+two equal coefficients in ``friction``, because the gait is the same under the other friction law.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,20 +30,20 @@ FOLLOWS = {
     "mode_change": "mode_changes",
     "impact_change": "mode_changes",
 }
-"""The key of ``Request.follow`` for the branches that begin at each type of special point."""
+"""The key of ``Request.follow`` for every type of special point at which other branches begin."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request(ContinueRequest):
     """The parameter of a family, its range, and which of the branches that begin on the family are followed too.
 
-    By default the target is a bound, and the other bound is as far from the first gait on its other side. A branch that
+    By default the target is one bound; the other bound is as far from the first gait on the other side. A branch that
     reaches a limit of points or time can be resumed.
 
     Attributes
     ----------
     events : functions of a gait, continuous along the family; their zeros are special points with these names.
-    follow : for each kind of branch (the values of ``FOLLOWS``), how many times in turn such branches are followed.
+    follow : for each kind of branch (the values of ``FOLLOWS``), the number of levels to which branches are followed.
     """
 
     events: Mapping[str, TestFunction] = field(default_factory=dict)
@@ -55,10 +55,10 @@ class Request(ContinueRequest):
         Raises
         ------
         UnknownNameError
-            If the gait has no such continuous parameter, or an event has the name of a type of special point.
+            If the gait has no such continuous parameter, or if an event has the name of a type of special point.
         ProblemError
-            If a problem is given, or the parameter cannot have the value of a target, has it already, or a target
-            lies beyond a bound.
+            If ``start`` is a problem, if the parameter cannot have the value of a target or has it already, or if a
+            target lies beyond a bound.
         SolveError
             If there is no gait.
         """
@@ -67,24 +67,26 @@ class Request(ContinueRequest):
         if stated is None:
             raise SolveError(f"there is no gait at the special point {start!r}")
         if not stated.steps:
-            words = f"{stated.problem.name} is {stated.status}, so there is nothing to continue: {stated.message}"
-            raise SolveError(words)
+            raise SolveError(
+                f"{stated.problem.name} is {stated.status}, so there is nothing to continue: {stated.message}"
+            )
         gait = _with_friction(stated, self.parameter)
         names = gait.system.parameters
         if self.parameter not in names:
             near = nearest_keys(self.parameter, names)
             raise UnknownNameError(f"{self.parameter} is not a parameter of {gait.problem.name}{near}")
         if isinstance(gait.problem.parameters.get(self.parameter), int):
-            words = "is a whole number, along which there is no family; solve for one value at a time"
-            raise UnknownNameError(f"{self.parameter}: {words}").concerning("parameter")
+            fault = "is a whole number, along which there is no family; solve for one value at a time"
+            raise UnknownNameError(f"{self.parameter}: {fault}").concerning("parameter")
         taken = ", ".join(sorted(set(self.events) & {*BIFURCATIONS, *TERMINAL, "mode_change", "impact_change"}))
         if taken:
             raise UnknownNameError(f"events: {taken} is a special point already; choose another name")
         value = gait.dynamics.parameter(self.parameter)
         for to in self.to:
             if to == value or not np.isfinite(to):
-                words = f"{self.parameter} is {value:g} at the start: the target must be another finite value"
-                raise ProblemError(words)
+                raise ProblemError(
+                    f"{self.parameter} is {value:g} at the start: the target must be another finite value"
+                )
             objection = gait.problem.objection(self.parameter, to)
             if objection:
                 raise ProblemError(f"{to:g}: {self.parameter}: {objection}").concerning("to")
@@ -97,7 +99,7 @@ class Request(ContinueRequest):
     def towards(self, targets: Sequence[float], gait: Gait) -> "Request":
         """The request of one continuation from ``gait``, with both bounds set."""
         value, known = gait.dynamics.parameter(self.parameter), gait.dynamics.parameters
-        least = known["friction.kinetic"] if self.parameter == "friction.static" else -inf
+        smallest = known["friction.kinetic"] if self.parameter == "friction.static" else -inf
         largest = known["friction.static"] if self.parameter == "friction.kinetic" else inf
         span = max(abs(to - value) for to in targets)
         lower = value - span if self.lower is None else self.lower
@@ -105,29 +107,29 @@ class Request(ContinueRequest):
         return replace(
             self,
             to=tuple(targets),
-            lower=max(min((to for to in targets if to < value), default=lower), least),
+            lower=max(min((to for to in targets if to < value), default=lower), smallest),
             upper=min(max((to for to in targets if to > value), default=upper), largest),
         )
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Lower and upper bound; infinite where there is none."""
+        """Lower and upper bound; infinite if there is none."""
         return -inf if self.lower is None else self.lower, inf if self.upper is None else self.upper
 
     def crossed(self, before: float, after: float) -> float | None:
-        """The bound that a step of the parameter reaches or passes from inside."""
+        """The bound that a step of the parameter reaches or passes from inside; None if it stays within the bounds."""
         lower, upper = self.bounds
         if after >= upper > before:
             return upper
         return lower if after <= lower < before else None
 
     def reached(self, value: float) -> str | None:
-        """Why a continuation ends at a value of the parameter; None if that is within the bounds."""
+        """The reason why a continuation ends at a value of the parameter; None if the value is within the bounds."""
         lower, upper = self.bounds
         return None if lower < value < upper else f"reached {self.parameter} = {max(lower, min(value, upper)):.12g}"
 
     def exhausted(self, points: int, seconds: float = 0.0) -> str | None:
-        """Why a continuation pauses after this number of points and this time; None if it goes on."""
+        """The reason why a continuation pauses after this number of points and this time; None if it proceeds."""
         if points >= self.max_points:
             return f"paused at the limit of {self.max_points} points"
         if self.max_seconds is not None and seconds > self.max_seconds:
@@ -135,7 +137,7 @@ class Request(ContinueRequest):
         return None
 
     def to_record(self) -> dict[str, Any]:
-        """One JSON object, the first line of a stored branch; without the events, which are functions."""
+        """One JSON object, the first line of a stored branch; events are left out, because they are functions."""
         record = {name: getattr(self, name) for name in entries(ContinueRequest)}
         followed = {kind: times for kind, times in self.follow.items() if times}
         return {"record": "continuation", **record, "to": list(self.to), **followed}
@@ -148,7 +150,7 @@ def motionless_gait(problem: Problem, parameter: str) -> Gait:
 
 
 def _with_friction(gait: Gait, parameter: str) -> Gait:
-    """The same gait under the friction law that has ``parameter``; unchanged for all other parameters.
+    """The same gait under the friction law that has ``parameter``; the gait itself for all other parameters.
 
     Raises
     ------

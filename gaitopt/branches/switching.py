@@ -1,8 +1,8 @@
-"""The other branches through a special point, each by its first gait.
+"""The other branches through a special point, each represented by its first gait.
 
-period doubling  the cycle walked twice: at a multiplier -1 the second branch through it has unlike halves
+period doubling  the cycle walked twice; at a multiplier -1 the halves differ along the second branch through it
 branch point     both halves of the second curve of solutions
-change of modes  every mode sequence that holds next to the event, also the cycle of both sequences in turn
+change of modes  every mode sequence that holds near the event, including the cycle that alternates between both
 """
 
 from collections.abc import Iterator
@@ -20,10 +20,10 @@ from gaitopt.model.cycle import Cycle
 from gaitopt.solver.rollout import retraced
 
 DISTANCES = (1e-3, 1e-4, 1e-2)
-"""Arclength of the first gait from a branch point: near enough for Newton's method, and far enough that rounding in the
-null vector, which grows like the inverse of the distance, does not matter."""
-STRAY = 5.0
-"""Largest distance of the first gait from the branch point, in distances along the null vector."""
+"""Arclengths from a branch point at which the first gait is sought. They are small enough for Newton's method, and so
+large that rounding in the null vector, which grows like the inverse of the distance, does not matter."""
+LARGEST_STRAY = 5.0
+"""Largest distance of the first gait from the branch point, relative to its distance along the null vector."""
 
 
 def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[CurvePoint]:
@@ -55,7 +55,7 @@ def beginnings(special: SpecialPoint, parameter: str, metric: Metric) -> list[Cu
 
 
 def _doubled(gait: Gait, parameter: str, metric: Metric) -> Iterator[CurvePoint]:
-    """The family of twice as many steps; its other half has the same gaits, begun one cycle later."""
+    """The family of twice as many steps; its other half consists of the same gaits, started one cycle later."""
     point = first_point(gait, parameter, metric, 1.0)
     tangent, n = point.direction, point.curve.equations.n_phases
     section, durations, slope = tangent[: -n - 1], tangent[-n - 1 : -1], tangent[-1:]
@@ -84,11 +84,11 @@ def _halves(curve: Curve, w: Array, along: Array, signs: tuple[float, ...]) -> I
         for distance in DISTANCES:
             try:
                 point = curve.branch_off(w, direction, sign * distance)
-            except ProblemError:  # Newton's method has left the range of the parameter
+            except ProblemError:  # Newton's method leaves the range of the parameter
                 continue
             if point is None:
                 continue
             stray = np.linalg.norm(point.curve.solutions.coordinates(point.at.w) - origin)
-            if stray <= STRAY * distance and holds(point):
+            if stray <= LARGEST_STRAY * distance and holds(point):
                 yield point
                 break

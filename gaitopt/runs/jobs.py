@@ -23,7 +23,7 @@ from gaitopt.gait.records import AttemptRecord, CheckedJob, OutcomeRecord, PartR
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method, Request
 from gaitopt.search.find import Gaits, SearchPlan, search
-from gaitopt.search.scan import EMPTY, possible_gaits, scanned
+from gaitopt.search.scan import NO_FIXED_POINT, possible_gaits, scanned
 from gaitopt.search.solve import solve
 from gaitopt.store.formats import validated
 from gaitopt.store.run import Run
@@ -212,7 +212,7 @@ def sweep_job(
     if scanned(problem):
         possible, starts = possible_gaits(problem)
         if not possible:
-            return AttemptRecord(status="infeasible", message=EMPTY, start="scan")
+            return AttemptRecord(status="infeasible", message=NO_FIXED_POINT, start="scan")
     record = solve_job(problem, None, should_stop, method=method)
     found = {_identity(record): record} if is_gait(record) else {}
     if is_gait(record) and starts:

@@ -1,9 +1,9 @@
-"""What walks settle on: cycles, tori and chaos, found by walking from many states, with their Lyapunov exponents.
+"""Attractors of walks: cycles, tori and chaos, found by walking from many states, with their Lyapunov exponents.
 
-    lambda = lim (1/n) log |DP^n v|          of a cycle of m steps: log(largest |multiplier|) / m
+    lambda = lim (1/n) log |DP^n v|          for a cycle of m steps: log(largest |multiplier|) / m
 
 lambda is the largest exponent per step: negative for a stable cycle, zero on a torus and at a bifurcation, positive for
-chaos. The deviation v is carried along the walk by the variational equations and the saltation at every event.
+chaos. The variational equations and the saltation at every event propagate the deviation v along the walk.
 
 References
 ----------
@@ -23,23 +23,24 @@ from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap
 
-ROUNDS = 4
-"""Transients that a walk may take until it repeats itself; near a bifurcation it does so slowly."""
-MEAN = 400
-"""Least number of cycles over which the exponent of a motion without a period is the mean, to some hundredths."""
-REPEATS, SAME = 1e-6, 1e-3
-"""Largest distances, in natural units, of states that repeat themselves, and of the same states of two walks."""
+MOST_TRANSIENTS = 4
+"""Largest number of transients that a walk may need until it repeats itself; near a bifurcation it settles slowly."""
+AVERAGED_CYCLES = 400
+"""The exponent of a motion without a period is averaged over at least this many cycles, to some hundredths."""
+REPEAT_DISTANCE, SAME_DISTANCE = 1e-6, 1e-3
+"""Largest distances, in natural units, between states of one walk that count as repeated, and between states of two
+walks that count as equal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attractor(ReadOnlyArrays):
-    """What some walks settle on.
+    """A motion that some walks settle on.
 
     Attributes
     ----------
-    states : ndarray, shape (n, n_xi) - section coordinates after the impacts of a cycle; if it does not repeat itself,
-        of all steps that were kept.
-    period_steps : steps of the cycle, None if it does not repeat itself.
+    states : ndarray, shape (n, n_xi) - section coordinates after the impacts of a cycle, or after all recorded steps of
+        a motion that does not repeat itself.
+    period_steps : number of steps of the cycle; None if the motion does not repeat itself.
     lyapunov : largest Lyapunov exponent per step.
     starts : number of walks that settle on it.
     """
@@ -53,18 +54,18 @@ class Attractor(ReadOnlyArrays):
 def settled(
     mapped: StepMap, xi: Array, *, transient: int, keep: int, should_stop: Stop = None
 ) -> tuple[list[Attractor], dict[str, int]]:
-    """What the walks from given states settle on, and how many of the others end in each way.
+    """The attractors of walks from given states, and how many of the other walks have which ending.
 
     Parameters
     ----------
     mapped : the return map.
     xi : ndarray, shape (n, n_xi) - section coordinates with ``dx``.
-    transient, keep : cycles of the walker that are walked before, and that are kept.
+    transient, keep : numbers of cycles that are discarded first, and that are recorded after them.
     """
     dynamics, endings, found = mapped.dynamics, Counter[str](), list[Attractor]()
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     per_cycle, walking = dynamics.system.walker.steps_per_cycle(), np.asarray(xi, dtype=float)
-    for attempt in range(ROUNDS):
+    for attempt in range(MOST_TRANSIENTS):
         path = np.empty((keep + 1, len(walking), len(units)))
         alive, states = np.arange(len(walking)), walking
         for step in range(-transient, keep + 1):
@@ -80,15 +81,15 @@ def settled(
         remaining = list[int]()
         for walk in alive.tolist():
             orbit = path[:, walk] / units
-            period = _period(orbit, REPEATS)
-            if period is not None and _closest(orbit[-period:]) < SAME:  # still on its way into a shorter cycle
+            period = _period(orbit, REPEAT_DISTANCE)
+            if period is not None and _closest(orbit[-period:]) < SAME_DISTANCE:  # still approaching a shorter cycle
                 period = None
-            if attempt == ROUNDS - 1 and period is None:
-                period = _period(orbit, SAME)
+            if attempt == MOST_TRANSIENTS - 1 and period is None:
+                period = _period(orbit, SAME_DISTANCE)
                 cycle = None if period is None else _slow_cycle(dynamics, orbit, period)
                 if cycle is not None:
                     orbit, period = cycle, len(cycle)
-            if period is None and attempt < ROUNDS - 1:
+            if period is None and attempt < MOST_TRANSIENTS - 1:
                 remaining.append(walk)
                 continue
             orbit = orbit[-(period or keep) :]
@@ -96,7 +97,7 @@ def settled(
             if same is not None:
                 found[same] = replace(found[same], starts=found[same].starts + 1)
                 continue
-            length = (period or max(keep, MEAN)) * per_cycle
+            length = (period or max(keep, AVERAGED_CYCLES)) * per_cycle
             rate = lyapunov(dynamics, orbit[-1] * units, length, cyclic=period is not None)
             steps = None if period is None else period * per_cycle
             found.append(Attractor(states=orbit * units, period_steps=steps, lyapunov=rate, starts=1))
@@ -111,8 +112,8 @@ def lyapunov(dynamics: Dynamics, xi: Array, steps: int, *, cyclic: bool) -> floa
 
     Parameters
     ----------
-    xi : ndarray, shape (n_xi,) - with ``dx``.
-    steps : of the walk over which it is the mean; of a cycle its own, which then gives the exact value.
+    xi : ndarray, shape (n_xi,) - section coordinates with ``dx``.
+    steps : number of steps over which the exponent is averaged; for a cycle, its number of steps gives the exact value.
     cyclic : whether the walk is a cycle.
     """
     mode = Mode.STICK if xi[-1] == 0 else Mode.SLIP_FORWARD if xi[-1] > 0 else Mode.SLIP_BACKWARD
@@ -138,7 +139,7 @@ def lyapunov(dynamics: Dynamics, xi: Array, steps: int, *, cyclic: bool) -> floa
 
 
 def _period(orbit: Array, tolerance: float) -> int | None:
-    """Cycles after which an orbit repeats itself, at most half of it; None if it does not."""
+    """Number of cycles after which an orbit repeats itself, at most half of its length; None if it does not."""
     for period in range(1, len(orbit) // 2 + 1):
         if np.abs(orbit[period:] - orbit[:-period]).max() < tolerance:
             return period
@@ -146,10 +147,10 @@ def _period(orbit: Array, tolerance: float) -> int | None:
 
 
 def _slow_cycle(dynamics: Dynamics, orbit: Array, period: int) -> Array | None:
-    """The stable cycle that an orbit, in natural units, still approaches where it seems to repeat itself.
+    """The stable cycle that an orbit, in natural units, still approaches while it seems to repeat itself.
 
-    Next to a spiral whose turn takes a whole number of cycles, an orbit seems to have the period of a turn. Newton's
-    method finds the cycle in its middle; None if there is none, or none that is stable.
+    If an orbit spirals into a cycle and one turn takes a whole number of cycles, it seems to have the period of a turn.
+    Newton's method finds the cycle in the middle of the spiral; None if it finds no stable cycle.
     """
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     slips = orbit[-1, -1] != 0
@@ -161,23 +162,23 @@ def _slow_cycle(dynamics: Dynamics, orbit: Array, period: int) -> Array | None:
         return None
     states = [step.final_impact.state for step in point.cycle.steps[per_cycle - 1 :: per_cycle]]
     cycle = np.array(states)[:, dynamics.system.section(Mode.SLIP_FORWARD).indices] / units
-    room = np.ptp(orbit, axis=0)
-    if not np.all((orbit.min(axis=0) - room <= cycle) & (cycle <= orbit.max(axis=0) + room)):
+    width = np.ptp(orbit, axis=0)
+    if not np.all((orbit.min(axis=0) - width <= cycle) & (cycle <= orbit.max(axis=0) + width)):
         return None
-    return cycle[-(_period(np.vstack([cycle, cycle]), REPEATS) or period) :]
+    return cycle[-(_period(np.vstack([cycle, cycle]), REPEAT_DISTANCE) or period) :]
 
 
 def _closest(states: Array) -> float:
-    """Least distance of two states of a cycle; infinite of one state."""
+    """Smallest distance between two states of a cycle; infinite for a single state."""
     apart = np.abs(states[:, None] - states[None]).max(axis=2)
     return float(apart[~np.eye(len(states), dtype=bool)].min(initial=np.inf))
 
 
 def _same(run: Attractor, states: Array, period: int | None, per_cycle: int, units: Array) -> bool:
-    """Whether an orbit is that of ``run``; two that do not repeat themselves are if their ranges overlap."""
+    """Whether an orbit is that of ``run``; orbits that do not repeat themselves are equal if their ranges overlap."""
     if run.period_steps != (None if period is None else period * per_cycle):
         return False
     if period is None:
         return bool(np.all((run.states.min(0) <= states.max(0)) & (states.min(0) <= run.states.max(0))))
     shifted = (np.roll(states, k, axis=0) for k in range(len(states)))
-    return min(float(np.abs((run.states - other) / units).max()) for other in shifted) < SAME
+    return min(float(np.abs((run.states - other) / units).max()) for other in shifted) < SAME_DISTANCE

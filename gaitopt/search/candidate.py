@@ -10,7 +10,7 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
 
 SAME = 1e-3
-"""Relative difference below which two states are the same."""
+"""Two states are the same if their relative difference is below this."""
 
 
 def guessed_values(problem: Problem) -> dict[str, float]:
@@ -29,13 +29,13 @@ def cycle_record(
     """
     steps = [(phase_records(step), step.final_impact.mode) for step in cycle]
     states = [step.arcs[0].states[0] for step in cycle]
-    least, size = system.walker.steps_per_cycle(), np.abs(states[0]).max()
+    per_cycle, size = system.walker.steps_per_cycle(), np.abs(states[0]).max()
 
     def repeats(n: int) -> bool:
         return all(np.abs(state - states[k % n]).max() < SAME * size for k, state in enumerate(states))
 
-    n = next(n for n in range(least, len(steps) + 1, least) if len(steps) % n == 0 and repeats(n))
-    first = min(range(0, n, least), key=lambda k: tuple(states[k]))
+    n = next(n for n in range(per_cycle, len(steps) + 1, per_cycle) if len(steps) % n == 0 and repeats(n))
+    first = min(range(0, n, per_cycle), key=lambda k: tuple(states[k]))
     return {
         "steps": [{"phases": phases, "impact": impact.words} for phases, impact in (*steps[first:n], *steps[:first])],
         "state": dict(zip(system.state_names, map(float, states[first]), strict=True)),

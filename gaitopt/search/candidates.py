@@ -2,11 +2,11 @@
 
 Two searches propose them:
 
-- Simulation: walks of the simulator, which finds the modes itself, end near fixed points of the return map, x = P(x);
-  Newton's method converges to them from near-returns, where |P^n(x) - x| is small, and from the starts of the walks.
-  Where sections differ with the contacts, it starts from where a walk is last in each mode sequence.
-  Where parameters are free, each job walks with values of its own.
-- Families: the family of a known gait is followed a little way in a parameter. Next to mode changes, folds and branch
+- Simulation: walks of the simulator, which finds the modes itself, end near fixed points of the return map, x = P(x).
+  Newton's method converges to them from near-returns, where |P^n(x) - x| is small, and from the starts of the walks. If
+  the section depends on the contacts, it starts from the last state of a walk in each mode sequence. If parameters are
+  free, each job walks with other values of them.
+- Families: the family of a known gait is followed a little way in a parameter. Near mode changes, folds and branch
   points several gaits exist at the same parameters. Each crossing of a branch with the parameter's original value is a
   candidate.
 """
@@ -38,33 +38,33 @@ from gaitopt.systems import solve_sequence
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap, step_map
 
-STARTS, CYCLES = 12, 6
-"""Start states of a simulation job around a guess, and cycles of their walks: each costs a tenth of a second. A stable
-gait is met after a few cycles, an unstable one in the first."""
+STARTS_AROUND_GUESS, CYCLES_AROUND_GUESS = 12, 6
+"""Number of start states of a simulation job around a guess, and of cycles of each walk; a cycle takes a tenth of a
+second. Walks come close to a stable gait after a few cycles, and to an unstable one in the first cycle."""
 SHORTEST_STEP_PERIOD = 0.05
-"""Minimum period of a step in natural units; two feet that rest side by side solve the equations with period 0."""
-WALK = 8
-"""Steps of a walk that is searched for near-returns."""
-TRIES = 40
-"""Maximum number of starts of Newton's method per job: from the closest near-returns, then from the starts of the walks
-that return, which lead to unstable gaits too."""
+"""Shortest period of a step in natural units. Two feet that rest side by side solve the equations with period 0."""
+WALK_STEPS = 8
+"""Number of steps of a walk that is searched for near-returns."""
+MOST_NEWTON_STARTS = 40
+"""Largest number of starts of Newton's method per job: first from the closest near-returns, then from the starts of the
+walks that return, which also lead to unstable gaits."""
 WALKS, WALKS_OF_DESIGN = 250, 25
-"""Number of start states of a job, and of one with values of its own for the free parameters."""
-SPREAD = 0.5
-"""Range of these values around their guesses, relative to the guess."""
+"""Number of start states of a job, and of a job that samples the free parameters."""
+VALUE_SPREAD = 0.5
+"""Range of the sampled free parameters around their guesses, relative to the guess."""
 
-REACH = 0.25
+FAMILY_REACH = 0.25
 """Distance over which a family is followed to either side, relative to the parameter."""
 MAX_POINTS = 150
-"""Maximum number of points in one direction; a family without folds has about forty."""
+"""Largest number of points in one direction; a family without folds has about forty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchJob:
     """One job of a search for cycles of up to ``n_steps`` steps.
 
-    ``number`` selects its samples, ``parameter`` is the one in which a family is followed, from a gait that ``solver``
-    finds.
+    ``number`` selects its samples. In the method ``families``, ``parameter`` is the parameter of the family, and
+    ``solver`` the method that solves its first gait.
     """
 
     problem: Problem
@@ -78,7 +78,7 @@ class SearchJob:
 
 
 def walks_of(problem: Problem) -> int:
-    """Number of start states of a job that walks."""
+    """Number of start states of a simulation job."""
     return WALKS_OF_DESIGN if problem.free and has_stated_sections(type(problem.walker), problem.cycle_end) else WALKS
 
 
@@ -92,28 +92,28 @@ def find_candidates(job: SearchJob, _: None = None, should_stop: Stop = None) ->
 
 
 def _with_sampled_values(job: SearchJob) -> Problem:
-    """The problem with guesses of the job's own for the free parameters; the first job has those of the problem."""
+    """The problem with sampled guesses of the free parameters; the first job has those of the problem."""
     problem, rng = job.problem, np.random.default_rng([job.seed, job.number, len(job.problem.free)])
     if not problem.free or job.number == 0:
         return problem
     sizes = {key: abs(free.guess) or free.upper - free.lower for key, free in problem.free.items()}
-    values = {key: problem.free[key].guess + SPREAD * size * rng.uniform(-1, 1) for key, size in sizes.items()}
+    values = {key: problem.free[key].guess + VALUE_SPREAD * size * rng.uniform(-1, 1) for key, size in sizes.items()}
     try:
         return problem.replace(problem.free_guesses(values))
-    except ProblemError:  # the walker cannot have these values together
+    except ProblemError:  # the walker cannot have this combination of values
         return problem
 
 
 def _step_map(job: SearchJob) -> StepMap:
     """The return map of the problem's walker, built once in every process."""
-    return step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK))
+    return step_map(job.problem, None, choose_engine(Engine.AUTO, steps=WALKS * WALK_STEPS))
 
 
 def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
-    """Fixed points of the return map and of its powers next to walks from sampled states."""
+    """Fixed points of the return map and of its powers near walks from sampled states."""
     step, states, sizes, n_walked = _starts(job)
     dynamics, walker, candidates = step.dynamics, step.dynamics.system.walker, list[CandidateRecord]()
-    mapped, places = (step, step.indices) if step.is_stated else (step.walk, np.arange(dynamics.system.n_z))
+    mapped, indices = (step, step.indices) if step.is_stated else (step.walk, np.arange(dynamics.system.n_z))
     history = np.full((n_walked + 1, *states.shape), np.nan)  # NaN after the end of a walk
     ends = np.zeros((2, *history.shape[:2]), dtype=np.int64)  # codes of the phases and of the impact before each state
     history[0], walking = states, np.arange(len(states))
@@ -126,7 +126,7 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
             break
 
     def section_of_cycle(z: Array, codes: NDArray[np.int64]) -> Section | None:
-        """The section on which a state lies after steps with these codes; None if their modes are no cycle."""
+        """The section on which a state lies after steps with these codes; None if their modes do not form a cycle."""
         if step.is_stated:
             return dynamics.system.section(Mode.SLIP_FORWARD if z[-1] else Mode.STICK)
         try:
@@ -137,20 +137,24 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
 
     modes, impacts = walker.modes(), walker.foot_modes()
     simulator = Simulator(dynamics, stepper_class(step.engine))
-    shortest, least = SHORTEST_STEP_PERIOD * dynamics.scales.time, walker.steps_per_cycle()
-    for n_returns in range(1, job.n_steps // least + 1):
+    shortest, per_cycle = SHORTEST_STEP_PERIOD * dynamics.scales.time, walker.steps_per_cycle()
+    for n_returns in range(1, job.n_steps // per_cycle + 1):
         near, starts = _near_returns(history / sizes, n_returns)
-        tries = [*near, *starts][:TRIES] if step.is_stated else [*_last_of_sequences(history, ends, n_returns), *starts]
+        tries = (
+            [*near, *starts][:MOST_NEWTON_STARTS]
+            if step.is_stated
+            else [*_last_of_sequences(history, ends, n_returns), *starts]
+        )
         for k, row in tries:
             if should_stop():
                 raise KeyboardInterrupt
             z, scale = np.zeros((2, dynamics.system.n_z))
-            z[places], scale[places] = history[k, row], sizes
+            z[indices], scale[indices] = history[k, row], sizes
             after = (k or n_returns) + 1
             section = section_of_cycle(z, ends[:, after - n_returns : after, row])
             if section is None:
                 continue
-            returns = ReturnMap(simulator, section, n_returns * least, z)
+            returns = ReturnMap(simulator, section, n_returns * per_cycle, z)
             steps = returns.damped_fixed_point(z[section.indices], scale[section.indices])
             if steps is not None and steps[0].period > shortest:
                 start = f"{job.method} {job.number}.{row}"
@@ -159,7 +163,7 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
 
 
 def _near_returns(history: Array, n_returns: int) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """The nearest return of each walk after some cycles, as (cycle, walk), the closest first, and starts likewise."""
+    """The nearest return of each walk after some cycles as (cycle, walk), and the starts; the closest ones first."""
     distances = np.abs(history[n_returns:] - history[:-n_returns]).max(axis=2)
     distances = np.where(np.isnan(distances), np.inf, distances)
     nearest = np.argmin(distances, axis=0)
@@ -169,9 +173,10 @@ def _near_returns(history: Array, n_returns: int) -> tuple[list[tuple[int, int]]
 
 
 def _last_of_sequences(history: Array, ends: NDArray[np.int64], n_returns: int) -> Iterator[tuple[int, int]]:
-    """Where walks are last in each mode sequence of some cycles, as (cycle, walk).
+    """The last state of each walk in every mode sequence of some cycles, as (cycle, walk).
 
-    Where several gaits have one mode sequence, walks lead away from the unstable ones: other sequences are left early.
+    Walks lead away from unstable gaits, so that they leave other mode sequences early. Their last state in such a
+    sequence is a start for Newton's method.
     """
     for row, n_states in enumerate(np.isfinite(history).all(axis=2).sum(axis=0).tolist()):
         met = set[bytes]()
@@ -191,10 +196,10 @@ def _starts(job: SearchJob) -> tuple[StepMap, Array, Array, int]:
         states = box_samples(step.dynamics, box, walks_of(problem), rng)
         if problem.start is not None and job.number == 0:
             states[0] = [problem.start.state[name] for name in box.names]
-        return step, states, box.sizes, WALK + job.n_steps - 1
-    step = step_map(problem, None, choose_engine(Engine.AUTO, steps=STARTS * CYCLES))
-    states = around_guess(problem, step.dynamics, STARTS, rng, exact=job.number == 0)
-    return step, states, step.dynamics.state_units, CYCLES * job.n_steps
+        return step, states, box.sizes, WALK_STEPS + job.n_steps - 1
+    step = step_map(problem, None, choose_engine(Engine.AUTO, steps=STARTS_AROUND_GUESS * CYCLES_AROUND_GUESS))
+    states = around_guess(problem, step.dynamics, STARTS_AROUND_GUESS, rng, exact=job.number == 0)
+    return step, states, step.dynamics.state_units, CYCLES_AROUND_GUESS * job.n_steps
 
 
 def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[CandidateRecord], int]:
@@ -206,7 +211,7 @@ def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[
         for side in (-1, 1):
             request = Request(
                 parameter=job.parameter,
-                to=(value * (1 + side * REACH),),
+                to=(value * (1 + side * FAMILY_REACH),),
                 max_points=MAX_POINTS,
                 verify_every=0,
                 follow=follow,
@@ -227,7 +232,7 @@ def _from_family(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[
 
 def family(gait: Gait, request: Request, should_stop: Stop) -> Iterator[BranchPoint | SpecialPoint]:
     """The points of a family as far as it can be followed; none if it cannot be followed in this parameter."""
-    from gaitopt.branches.continuation import follow_family  # most problems are solved without a family
+    from gaitopt.branches.continuation import follow_family  # imported here, because most problems need no family
 
     try:
         yield from follow_family(gait, request, should_stop=should_stop)

@@ -1,8 +1,8 @@
 """Why a problem has no gait with its mode sequence: violated conditions, existing gaits, nearest parameters.
 
-A mode sequence begins or ceases to exist at special points of families. Families are followed from gaits that exist:
-from that of the problem's file towards the changed values, and from gaits of other mode sequences at these values. The
-special point on the way is located to rounding; its parameter is the answer.
+A mode sequence begins or ends at special points of families. Families are followed from gaits that exist: from the gait
+of the problem's file towards the changed values, and from gaits of other mode sequences at these values. The special
+point on the way is located to machine precision; its parameter is the answer.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -32,30 +32,30 @@ from gaitopt.verification.verify import verify
 from gaitopt.verification.walk import Walk, simulate
 from gaitopt.workers.jobs import ResumableJobs, Workers
 
-ENDS = ("fold", "mode_change", "impact_change", *TERMINAL)
-"""Special points beyond which a mode sequence does not continue, or not in the same direction."""
+END_TYPES = ("fold", "mode_change", "impact_change", *TERMINAL)
+"""Types of special points beyond which a mode sequence does not continue, or not in the same direction."""
 MAX_POINTS = 200
-"""Maximum number of points of one family; an answer takes some tens."""
+"""Largest number of points of one family; an answer usually takes a few dozen."""
 WIDEST_FRICTION, WIDEST_SLOPE = 2.0, 0.35
 """Largest friction and slope [rad] of the search."""
-OF_THE_SEARCH = ("search", "motion", "event", "periodicity", "duration")
-"""Causes that only say where the solver ended, besides the events of the mode sequence that do not happen."""
+SEARCH_CAUSES = ("search", "motion", "event", "periodicity", "duration")
+"""Causes that only say how the solver ended. So do events of the mode sequence that do not happen."""
 LONGEST_CAUSE = 120
-"""Maximum length of a cause in one line [characters]."""
-WALK = 20
+"""Largest number of characters of a cause in one line."""
+WALK_STEPS = 20
 """Number of steps of the walk from the guess."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearest:
-    """A value of one parameter at which the mode sequence begins to exist, the others being those of the problem.
+    """A value of one parameter at which the mode sequence begins to exist; other parameters are those of the problem.
 
     Attributes
     ----------
     parameter, value : dotted key, and the value in SI.
-    type : of the special point there.
-    reason : what happens there, in words.
-    gait : at the special point, or None.
+    type : type of the special point there.
+    reason : a sentence that says what happens there.
+    gait : the gait at the special point, or None.
     """
 
     parameter: str
@@ -77,14 +77,14 @@ class Explanation(Tabulated):
     Attributes
     ----------
     problem : the problem without a gait.
-    gait : the attempt, where ``exists`` the gait; None where the reference of a PD law already failed.
+    gait : the failed solve, or the gait if it ``exists``; None if the reference of a PD law has no solution.
     exists : whether the gait exists after all.
     causes : violated conditions, the decisive one first.
     instead : gaits of any mode sequence at these parameters.
-    walk : what the simulator does from the guess, None where there is no guess.
-    nearest : values of single parameters at which the mode sequence begins to exist; of a design, the other free
-        numbers are those of the attempt.
-    complete : whether the work is done; False for what is known on the way, or at a time limit.
+    walk : the simulated walk from the guess; None if there is no guess.
+    nearest : values of single parameters at which the mode sequence begins to exist; for a design, the other free
+        numbers are those of the failed solve.
+    complete : whether the search is complete; False for intermediate results, and after a time limit.
     """
 
     problem: Problem
@@ -97,9 +97,9 @@ class Explanation(Tabulated):
     complete: bool = True
 
     def __repr__(self) -> str:
-        why = self.causes[0].words if self.causes else "the cause is unknown"
-        words = "the gait exists" if self.exists else shorten(why, LONGEST_CAUSE)
-        return f"<Explanation of {self.problem.name}: {words}>"
+        cause = self.causes[0].words if self.causes else "the cause is unknown"
+        answer = "the gait exists" if self.exists else shorten(cause, LONGEST_CAUSE)
+        return f"<Explanation of {self.problem.name}: {answer}>"
 
     def to_record(self) -> dict[str, Any]:
         """One JSON object with the keys of the command line."""
@@ -124,7 +124,7 @@ def explain(
     parts: Counted = None,
     should_stop: Stop = None,
 ) -> Explanation:
-    """As ``gaitopt.explain``: first what takes a second, then the search, which takes a hundred times as long."""
+    """See ``gaitopt.explain``. The quick answers come first; the search takes a hundred times as long."""
     say, limit = progress or (lambda _: None), TimeLimit(seconds=request.seconds, should_stop=should_stop)
     say(f"solving {problem.name}")
     try:
@@ -148,7 +148,7 @@ def explain(
         )
         if not direct:
             return Explanation(problem=problem, gait=gait, exists=True)
-    walk = None if problem.start is None else simulate(problem, steps=WALK, dense=False)
+    walk = None if problem.start is None else simulate(problem, steps=WALK_STEPS, dense=False)
     given, gait_of_file = _with_fixed_numbers(problem, gait), None
     if given is not None:
         gait_of_file = file_gait(problem, should_stop=should_stop)
@@ -179,7 +179,7 @@ def explain(
     if given is not None:
         say("following families of gaits to where the mode sequence begins")
         others: Sequence[Gait] = instead
-        if given is not problem:  # where the mode sequence exists at all, only constraints exclude the design
+        if given is not problem:  # if the mode sequence exists there, only constraints exclude the design
             others = () if solve(given, should_stop=should_stop).converged else gaits_at(given)
         nearest = []
         for answer in nearest_values(given, gait_of_file, end, others, problem.free, parts, limit):
@@ -191,9 +191,9 @@ def explain(
 
 
 def _with_fixed_numbers(problem: Problem, gait: Gait) -> Problem | None:
-    """The problem with its free numbers as in the failed solve, and without requirements.
+    """The problem with its free numbers fixed at the values of the failed solve, and without requirements.
 
-    None without a mode sequence, and for a curve that is to be designed, which has no numbers.
+    None if the mode sequence is open, or if the control points of a curve are free, because these are no such numbers.
     """
     if problem.is_open or free_parameters(problem, gait.system).keys() != problem.free.keys():
         return None
@@ -203,40 +203,40 @@ def _with_fixed_numbers(problem: Problem, gait: Gait) -> Problem | None:
 def _causes(
     problem: Problem, gait: Gait, direct: tuple[Cause, ...], nearest: Sequence[Nearest], gait_of_file: Gait | None
 ) -> tuple[Cause, ...]:
-    """The violated conditions. If they only say where the solver ended, the end of the family comes first.
+    """The violated conditions. If they only say how the solver ended, the end of a family comes first.
 
-    The end is that of the gait of the problem's file along a changed parameter, or else the nearest of all. It also
-    comes first if the gait could not be followed to the problem's values.
+    This is the end of the family of the file's gait along a changed parameter, or the nearest end of any family. It
+    also comes first if the gait could not be followed to the problem's values.
     """
     causes = direct or (Cause(what="search", words=gait.message),)
     needed, friction = least_friction(problem), problem.static_friction
     if friction < needed:
-        words = f"friction {TOO_SLIPPERY.format(*distinguished(friction, needed))}"
-        return (Cause(what="friction", words=words, needed=needed, available=friction), *causes)
+        sentence = f"friction {TOO_SLIPPERY.format(*distinguished(friction, needed))}"
+        return (Cause(what="friction", words=sentence, needed=needed, available=friction), *causes)
     if not nearest:
         return causes
     table, cycle = gait.system.transitions, problem.cycle
     events = {table.ending(cycle, k).guard for k in range(len(cycle.phases))}
-    here = gait.solver.get("followed", 1.0) == 1.0
-    if here and causes[0].what not in {*OF_THE_SEARCH, *events}:
+    at_values = gait.solver.get("followed", 1.0) == 1.0
+    if at_values and causes[0].what not in {*SEARCH_CAUSES, *events}:
         return causes
     values, changed = problem.parameters, [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     along = [n for n in nearest if n.parameter in changed] or nearest
     first = min(along, key=lambda n: abs(n.value - values[n.parameter]) / max(abs(n.value), abs(values[n.parameter])))
-    there, here_words = distinguished(first.value, values[first.parameter], digits=6)
-    words = f"{first.reason} at {first.parameter} = {there}; here it is {here_words}"
-    cause = Cause(what=first.type, words=words, needed=first.value, available=values[first.parameter])
+    there, here = distinguished(first.value, values[first.parameter], digits=6)
+    sentence = f"{first.reason} at {first.parameter} = {there}; here it is {here}"
+    cause = Cause(what=first.type, words=sentence, needed=first.value, available=values[first.parameter])
     return (cause, *causes)
 
 
 def changed_parameters(problem: Problem, gait: Gait) -> list[str]:
-    """Dotted keys whose values in the problem are not those of the gait."""
+    """Dotted keys whose values in the problem differ from those of the gait."""
     values = gait.dynamics.parameters
     return [key for key, value in problem.parameters.items() if key in values and values[key] != value]
 
 
 def end_on_the_way(problem: Problem, gait_of_file: Gait, should_stop: Stop) -> Nearest | None:
-    """Where the family of the gait of a problem's file ends on the way to the one parameter that was changed."""
+    """The end of the family of the file's gait on the way to the changed value, if one parameter was changed."""
     changed = changed_parameters(problem, gait_of_file)
     if len(changed) != 1:
         return None
@@ -258,12 +258,12 @@ def nearest_values(
 
     Parameters
     ----------
-    problem : without free numbers.
+    problem : the problem without free numbers.
     gait_of_file : the gait of the problem's file.
-    end : of its family, on the way to the problem.
+    end : the end of its family on the way to the problem.
     others : gaits of other mode sequences at the problem's parameters.
-    free : numbers that a design leaves free, with their ranges.
-    parts : called with the number of parameters that are done, and their total.
+    free : the numbers that a design leaves free, with their ranges.
+    parts : called with the number of finished parameters and their total.
     """
     changed = [] if gait_of_file is None else changed_parameters(problem, gait_of_file)
     gaits, values = list(others), problem.parameters
@@ -283,12 +283,12 @@ def nearest_values(
 
 
 def end_of_family(gait: Gait, parameter: str, value: float, should_stop: Stop) -> Nearest | None:
-    """Where a gait's mode sequence ends on the way to a value of a parameter; None where it gets there."""
+    """The end of a gait's mode sequence on the way to a value of a parameter; None if the gait gets there."""
     cycle = gait.problem.cycle
     for point in _on_the_way(gait, parameter, value, should_stop):
-        if isinstance(point, SpecialPoint) and point.type in ENDS:
+        if isinstance(point, SpecialPoint) and point.type in END_TYPES:
             if point.before is not None and point.after is not None and point.before.untimed == point.after.untimed:
-                continue  # a switch meets a breakpoint: the modes go on
+                continue  # a switch meets a breakpoint, but the modes stay the same
             is_there = np.isclose(point.value, value, rtol=1e-12, atol=1e-14)
             return None if is_there else _nearest(parameter, point)
         if isinstance(point, BranchPoint) and point.gait.problem.cycle != cycle:
@@ -305,15 +305,15 @@ def nearest_begin(
     within: float = np.inf,
     should_stop: Stop = None,
 ) -> Nearest | None:
-    """The nearest value of a parameter at which a family of some gaits changes to a mode sequence; None without one.
+    """The nearest value of a parameter at which a family of some gaits changes to a mode sequence, or None.
 
-    The families of all gaits towards all bounds are followed together, always the one that has come least far: when one
-    reaches the mode sequence, the others have nothing to find nearer than where they are.
+    The families of all gaits towards all bounds are followed together, and the one that has come least far takes the
+    next step. When one reaches the mode sequence, no other family can reach it at a nearer value.
 
     Parameters
     ----------
-    gaits : with equal values of the parameter.
-    within : distance from this value beyond which no answer is wanted.
+    gaits : gaits with the same value of the parameter.
+    within : largest distance from this value at which an answer is sought.
     """
     starts = [(gait, bound) for gait in gaits for bound in bounds]
     families = [_on_the_way(gait, parameter, bound, should_stop) for gait, bound in starts]
@@ -347,7 +347,7 @@ def _nearest(parameter: str, special: SpecialPoint) -> Nearest:
 
 
 def _widened(problem: Problem, key: str, span: Free) -> tuple[float, ...]:
-    """The range of a free number and as much again on either side, if the walker can have these values."""
+    """The range of a free number, extended by its width on either side if the walker can have these values."""
     width = span.upper - span.lower
     wide = ((span.lower - width, span.lower), (span.upper + width, span.upper))
     return tuple(bound if problem.objection(key, beyond) else beyond for beyond, bound in wide)

@@ -33,16 +33,16 @@ from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
 
 Item = TypeVar("Item")
 
-ATTEMPTS = 3
-"""Maximum number of candidates of one gait from which it is solved."""
-BOXES = 5
-"""Maximum number of boxes of start states; the second one mostly contains all gaits with room to spare."""
-PART = 4
-"""A box around gaits gets this fraction of the start states of the first box: most walks that start there go on."""
-WALL = 0.1
-"""Distance from the wall of a box, relative to its width, below which a state lies near the wall."""
+MOST_ATTEMPTS = 3
+"""Largest number of candidates from which one gait is solved."""
+MOST_BOXES = 5
+"""Largest number of boxes of start states; usually the second one contains all gaits far from its walls."""
+GROWN_BOX_SHARE = 4
+"""A box around gaits gets this fraction of the start states of the first box, because most walks from it continue."""
+NEAR_WALL = 0.1
+"""A state is near the wall of a box if its distance from the wall, relative to the width, is below this."""
 SAME_GAIT = 1e-6
-"""Relative difference of states below which two gaits of one mode sequence are the same."""
+"""Two gaits of one mode sequence are the same if the relative difference of their states is below this."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,10 +53,10 @@ class Gaits(Reported, Sequence[Gait]):
     ----------
     problem : the problem of the search.
     gaits : verified gaits.
-    starts : for every gait the starts that led to it.
-    searched : number of ``starts`` by method; ``boxes`` of start states, one after the other; ``warnings`` about gaits
-        near the wall of the last one; number of ``candidates``; those ``rejected``, with the reasons; parts that
-        ``failed``; ``n_steps`` of the longest cycle; whether it is ``complete`` or ended at a time limit.
+    starts : for every gait, the starts that led to it.
+    searched : a record of the search: the number of ``starts`` by method, the ``boxes`` of start states, ``warnings``
+        about gaits near the wall of the last box, the number of ``candidates``, those ``rejected`` with reasons, jobs
+        that ``failed``, ``n_steps`` of the longest cycle, and whether the search is ``complete``.
     """
 
     problem: Problem
@@ -66,8 +66,8 @@ class Gaits(Reported, Sequence[Gait]):
 
     def __repr__(self) -> str:
         starts = counted(sum(self.searched["starts"].values()), "start")
-        words = counted_gaits([is_stable(gait) for gait in self.gaits])
-        return f"<Gaits of {self.problem.name}: {words}, found from {starts}; there may be more>"
+        gaits = counted_gaits([is_stable(gait) for gait in self.gaits])
+        return f"<Gaits of {self.problem.name}: {gaits}, found from {starts}; there may be more>"
 
     def __len__(self) -> int:
         return len(self.gaits)
@@ -104,16 +104,15 @@ def gaits_of(
 
     Parameters
     ----------
-    results : of the jobs.
+    results : results of the jobs.
     known : verified gaits, which are not solved again.
-    method : by which candidates are solved.
-    solved : attempts of earlier calls with the first of these results, by the identities of their candidates; new ones
-        are added.
+    method : method that solves the candidates.
+    solved : gaits and failed solves of earlier calls, by the identities of their candidates; new ones are added.
     """
     solved = {} if solved is None else solved
     finished = [result for result in results if not isinstance(result, FailedJob)]
     candidates = [candidate for result in finished for candidate in result["candidates"]]
-    tolerance = np.inf if problem.free or problem.objective else SAME  # a design ends at the same optimum
+    tolerance = np.inf if problem.free or problem.objective else SAME  # designs of one mode sequence reach one optimum
     listed: list[tuple[Gait, list[str]]] = []
     rejected = dict[tuple[str, str], list[str]]()
     most, impact = longest_cycle(problem), getattr(problem.modes, "impact", None)
@@ -127,11 +126,11 @@ def gaits_of(
         starts = [candidate["start"] for candidate in group]
         gait = next((gait for gait in known if _same(gait.to_record(), group[0], tolerance)), None)
         if gait is None:
-            ids = tuple(map(id, group[:ATTEMPTS]))
+            ids = tuple(map(id, group[:MOST_ATTEMPTS]))
             before = (solved[ids[:n]] for n in range(1, len(ids) + 1) if ids[:n] in solved)
             gait = next((attempt for attempt in before if attempt.converged), solved.get(ids))
             if gait is None:
-                gait = solved[ids] = _solved(problem, group[:ATTEMPTS], method, progress, should_stop)
+                gait = solved[ids] = _solved(problem, group[:MOST_ATTEMPTS], method, progress, should_stop)
         claims = [] if gait.verification is None else recorded_claims(gait.verification)
         refuted = [claim.words for claim in claims if not claim.passed]
         if not gait.converged or refuted:
@@ -156,7 +155,7 @@ def gaits_of(
     searched = {
         "starts": dict(searched_starts),
         "candidates": len(candidates),
-        "rejected": [{"sequence": cycle, "reason": why, "starts": own} for (cycle, why), own in rejected.items()],
+        "rejected": [{"sequence": cycle, "reason": why, "starts": starts} for (cycle, why), starts in rejected.items()],
         "failed": [result.reason for result in results if isinstance(result, FailedJob)],
         "n_steps": most,
         "boxes": [],
@@ -178,7 +177,7 @@ def _solved(
     for candidate in candidates:
         guessed = problem.with_gait(candidate)
         gait = solve_sequence(guessed, method=method, progress=progress, should_stop=should_stop)
-        if gait.repeats_after < len(gait.steps):  # a shorter cycle, which is counted once
+        if gait.repeats_after < len(gait.steps):  # the gait is a shorter cycle walked several times
             record: dict[str, Any] = {**gait.to_record()}
             record["steps"] = record["steps"][: gait.repeats_after]
             shorter = problem.with_gait(record)
@@ -191,7 +190,7 @@ def _solved(
 
 
 def grouped(items: Iterable[Item], same: Callable[[Item, Item], bool]) -> list[list[Item]]:
-    """Items in groups; an item joins the first group whose first item is the ``same``."""
+    """Items in groups; an item joins the first group whose first item is the same according to ``same``."""
     groups: list[list[Item]] = []
     for item in items:
         group = next((g for g in groups if same(g[0], item)), None)
@@ -212,14 +211,14 @@ def is_stable(gait: Gait) -> bool:
 
 
 def counted_gaits(stable: Sequence[bool]) -> str:
-    """The number of gaits, and of stable ones; ``stable`` says which are."""
+    """A text with the number of gaits, and of the stable ones among them."""
     if len(stable) < 2:
         return f"1 gait, {'stable' if stable[0] else 'unstable'}" if stable else "no gait"
     return f"{len(stable)} gaits, {'none' if not any(stable) else sum(stable)} of them stable"
 
 
 def longest_cycle(problem: Problem) -> int:
-    """Largest number of steps of a cycle that a problem with an open mode sequence asks for."""
+    """Largest number of steps of a cycle for a problem with an open mode sequence."""
     return getattr(problem.modes, "steps", 1)
 
 
@@ -230,12 +229,12 @@ class SearchPlan(SearchRequest):
     problem: Problem
 
     def check(self) -> None:
-        """Refuse ranges of start states that the walker cannot have.
+        """Refuse ranges of start states that do not fit the walker.
 
         Raises
         ------
         ProblemError, UnknownNameError
-            If it has several contacts, or ``within`` names something that is not a section coordinate.
+            If the walker has several contacts, or ``within`` has a key that is not a section coordinate.
         """
         if not self.within:
             return
@@ -263,7 +262,7 @@ class SearchPlan(SearchRequest):
         )
         identity = {entry.name: getattr(search_job, entry.name) for entry in fields(search_job)}
         if search_job.solver is Method.AUTO:
-            del identity["solver"]  # keys of runs without a method
+            del identity["solver"]  # the keys of earlier versions do not contain a method
         return Job(
             key=key_of(identity | {"problem": problem.digest, "within": dict(search_job.within)}), argument=search_job
         )
@@ -272,7 +271,7 @@ class SearchPlan(SearchRequest):
 def find_best(
     problem: Problem, *, method: Method = Method.AUTO, progress: Valued = None, should_stop: Stop = None
 ) -> Gait:
-    """The gait that a problem with an open mode sequence asks for; see ``solve``."""
+    """The gait that ``solve`` returns for a problem with an open mode sequence."""
     jobs = ResumableJobs(workers=Workers(count=1), should_stop=should_stop)
     try:
         gaits = search(SearchPlan(problem=problem, method=method), jobs, progress=progress)
@@ -284,17 +283,17 @@ def find_best(
 def search(
     plan: SearchPlan, jobs: ResumableJobs, *, found: Callable[[Gaits], None] | None = None, progress: Valued = None
 ) -> Gaits:
-    """The gaits to which walks lead, and further gaits on the families of these.
+    """The gaits to which walks lead, and further gaits on their families.
 
-    Walks then start anew in a box around the gaits that are known, again and again, until the box contains all gaits
-    and none of them lies near its wall. Without a gait the box is halved: the smaller the slope, the smaller the steps.
+    Further walks start in a box around the known gaits, until the box contains all gaits and none of them lies near its
+    wall. If there is no gait, the box is halved, because steps become smaller with the slope.
 
     Parameters
     ----------
-    jobs : does the jobs of the search; its ``should_stop`` ends the search with a KeyboardInterrupt, and its ``limit``
-        with the gaits of the finished jobs.
-    found : called with the gaits known so far, each time that there are more.
-    progress : of the solver.
+    jobs : does the jobs of the search. Its ``should_stop`` ends the search with a KeyboardInterrupt; its ``limit`` ends
+        it with the gaits of the finished jobs.
+    found : called with the known gaits whenever there are more.
+    progress : called by the solver.
     """
     plan.check()
     solved, results, gaits = dict[tuple[int, ...], Gait](), list[SearchRecord | FailedJob](), gaits_of(plan.problem, [])
@@ -303,7 +302,7 @@ def search(
     )
 
     def complete(pending: Sequence[Job]) -> list[SearchRecord | FailedJob]:
-        """Do some jobs; whenever the next one is finished, its gaits are solved in the order of the jobs."""
+        """Do some jobs; the gaits of finished jobs are solved in the order of the jobs."""
         count = len(gaits)
 
         def finished(done: int, total: int) -> None:
@@ -320,7 +319,7 @@ def search(
         return replace(jobs, progress=finished).complete(find_candidates, pending, len(pending))
 
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // walks_of(plan.problem))
-    if not has_stated_sections(type(problem.walker), problem.cycle_end):  # families of friction have other sections
+    if not has_stated_sections(type(problem.walker), problem.cycle_end):  # there is no box, and there are no families
         results += complete([plan.job(problem, "simulation", number) for number in range(walks)])
         gaits = list_gaits(results)
         return replace(gaits, searched={**gaits.searched, "complete": len(results) == walks})
@@ -339,9 +338,9 @@ def search(
             results += complete(families)
             gaits = list_gaits(results, known=gaits)
         box = grown_box(plan, dynamics, boxes[-1], gaits)
-        if len(boxes) == BOXES or box.ranges == boxes[-1].ranges or len(results) < n_jobs:
+        if len(boxes) == MOST_BOXES or box.ranges == boxes[-1].ranges or len(results) < n_jobs:
             break
-        first = walks + (len(boxes) - 1) * (grown := -(-walks // PART))
+        first = walks + (len(boxes) - 1) * (grown := -(-walks // GROWN_BOX_SHARE))
         pending = [plan.job(problem, "simulation", number, within=box.ranges) for number in range(first, first + grown)]
         boxes.append(box)
     stated = {
@@ -353,7 +352,7 @@ def search(
 
 
 def grown_box(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Sequence[Gait]) -> StartBox:
-    """The box of start states that follows ``box``; ranges that the user has given stay, as do those of designs."""
+    """The next box of start states; ranges that the user has given, and boxes of designs, do not change."""
     if plan.problem.free or plan.problem.objective:
         return box
     limits = natural_limits(plan.problem, dynamics)
@@ -366,7 +365,7 @@ def grown_box(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Sequen
 
 
 def _section_states(gaits: Iterable[Gait]) -> Array:
-    """Section coordinates of gaits at the start of every step, of walkers with unequal legs of every other one."""
+    """Section coordinates of gaits at the start of every step; with unequal legs, of every other step."""
     return np.array(
         [
             step.arcs[0].states[0][gait.system.section(Mode.SLIP_FORWARD).indices]
@@ -384,21 +383,21 @@ def near_walls(plan: SearchPlan, dynamics: Dynamics, box: StartBox, gaits: Seque
     for k, name in enumerate(box.names):
         lower, upper = box.ranges[name]
         values = [_section_states([gait])[:, k] for gait in gaits]
-        rooms = [min((value - lower).min(), (upper - value).min()) / (upper - lower) for value in values]
-        near = [str(number) for number, room in enumerate(rooms) if room < WALL]
+        distances = [min((value - lower).min(), (upper - value).min()) / (upper - lower) for value in values]
+        near = [str(number) for number, distance in enumerate(distances) if distance < NEAR_WALL]
         if near:
-            place = "outside of" if min(rooms) < 0 else "near the wall of"
+            relation = "outside of" if min(distances) < 0 else "near the wall of"
             whose = f"{'gait' if len(near) == 1 else 'gaits'} {', '.join(near)}"
             wider = f"{min(lower, around.lower[k]):.6g}:{max(upper, around.upper[k]):.6g}"
             sentences.append(
-                f"start states had {name} in {lower:.6g}:{upper:.6g}, and {name} of {whose} is {place} this range; "
+                f"start states had {name} in {lower:.6g}:{upper:.6g}, and {name} of {whose} is {relation} this range; "
                 f"search within {name}={wider} too, where more gaits may exist"
             )
     return sentences
 
 
 def best_gait(gaits: Gaits) -> Gait:
-    """The gait with the best objective for a design; otherwise a stable gait, the one nearest to the guess."""
+    """For a design, the gait with the best objective; otherwise the stable gait nearest to the guess."""
     problem = gaits.problem
     if not gaits:
         starts = ", ".join(f"{counted(n, 'start')} of {method}" for method, n in gaits.searched["starts"].items())

@@ -1,7 +1,7 @@
 """Curves that make a feedback law repeat the motion of a gait: a quadratic program for their control points.
 
-The joints of a gait follow h(t); its phase is x(t), the time itself or a variable of the posture. Bezier curves h_d(x)
-of a degree n are sought for one of two laws.
+The joints of a gait follow h(t); its phase x(t) is the time itself or a variable of the posture. Bezier curves h_d(x)
+of degree n are sought for one of two laws.
 
 **Virtual constraints** apply the torques that keep h = h_d(x). With x'' = a0 + a u and h'' = b0 + b u along the gait,
 
@@ -13,15 +13,15 @@ through the postures just after and just before it, with the rates there,
 
     h_d = h,      h_d' = h' / x'      at both ends
 
-**PD control** applies u = -kp (h - h_d) - kd (h' - h_d'), which differs from the torques of the gait by du; its curves
-need not meet h, because the torques of the gait are the errors that they leave.
+**PD control** applies u = -kp (h - h_d) - kd (h' - h_d'), which differs from the torques of the gait by du. Its curves
+need not coincide with h, because their distance from h produces the torques of the gait.
 
 In both cases du is linear in the control points c, and so are the contact forces f = f_gait + F du. The program is
 
     minimise    mean |du|^2 / mean |u|^2  +  mean |h_d - h|^2        in natural units
     subject to  mu f_n - |f_t| >= margin while the foot sticks,   f_n >= margin,   |u| <= largest torque
 
-It is always feasible: a slack with a large weight relaxes the constraints, and is part of the answer.
+It is always feasible, because a slack with a large weight relaxes the constraints. The slack is part of the result.
 
 References
 ----------
@@ -47,17 +47,17 @@ from gaitopt.model.system import HybridSystem
 
 CLOCK = "clock"
 """The phase of curves over the time since the impact."""
-MARGIN = 0.02
-"""Least distance of the contact force from its cone, and of the normal force from zero, as a part of the weight: the
-motion under the law differs a little from that of the gait."""
-SLACK = 1e4
-"""Weight of the violation of the constraints, beside an objective of order one."""
-ANGLES = {"constraints": 1.0, "pd": 1e-2}
-"""Weight of the distance of the curves from the joints: under PD it only excludes curves that run away."""
-ENDS = (0, 1, -2, -1)
-"""Control points that invariance fixes."""
+FORCE_MARGIN = 0.02
+"""Smallest distance of the contact force from its cone, and of the normal force from zero, relative to the weight. It
+is positive because the motion under the law differs a little from that of the gait."""
+SLACK_WEIGHT = 1e4
+"""Weight of the violation of the constraints; the objective is of order one."""
+ANGLE_WEIGHTS = {"constraints": 1.0, "pd": 1e-2}
+"""Weight of the distance between curves and joints. Under PD control it only keeps curves from running away."""
+INVARIANT_POINTS = (0, 1, -2, -1)
+"""Control points that the invariance under the impact determines."""
 LEAST_DEGREE = 4
-"""Least degree of an invariant curve with a point of its own."""
+"""Smallest degree of an invariant curve that has a free control point."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,10 +70,10 @@ class Joints:
     t, weights : ndarray, shape (N,) - time since the impact [s], and weights that integrate over it.
     phase : ndarray, shape (N, 3) - the phase x, x' and x''.
     angles : ndarray, shape (3, N, m) - h, h' and h'' [rad, or m].
-    torques : ndarray, shape (N, m) - of the gait [N m].
-    response : ndarray, shape (N, m, m) - b: h'' per torque.
-    phase_response : ndarray, shape (N, m) - a: x'' per torque.
-    force, force_response : ndarrays, shape (N, 2), (N, 2, m) - (f_t, f_n) of the gait [N], and per torque.
+    torques : ndarray, shape (N, m) - torques of the gait [N m].
+    response : ndarray, shape (N, m, m) - b, the change of h'' per torque.
+    phase_response : ndarray, shape (N, m) - a, the change of x'' per torque.
+    force, force_response : ndarrays, shape (N, 2), (N, 2, m) - (f_t, f_n) of the gait [N], and their change per torque.
     sticks : boolean ndarray, shape (N,) - whether the foot sticks.
     friction, weight : static coefficient, and a typical normal force [N].
     """
@@ -160,7 +160,7 @@ class Joints:
 
     @property
     def least_rate(self) -> float:
-        """Least rate of the phase relative to its mean; positive where it is monotone."""
+        """Smallest rate of the phase relative to its mean; positive if the phase is monotone."""
         start, end = self.span
         mean = (end - start) / float(self.t[-1] - self.t[0])
         return float((self.phase[:, 1] / mean).min()) if mean else 0.0
@@ -183,7 +183,7 @@ class Joints:
         return np.asarray(np.linalg.inv(D), dtype=float)
 
     def basis(self, degree: int) -> tuple[Array, Array, Array]:
-        """B, B' and B'' by the phase at the samples, shape (N, degree + 1) each."""
+        """The Bernstein polynomials B and their derivatives B' and B'' in the phase, shape (N, degree + 1) each."""
         start, end = self.span
         s = (self.phase[:, 0] - start) / (end - start)
         values, first, second = (bernstein_matrix(degree, s, k) / (end - start) ** k for k in range(3))
@@ -203,9 +203,9 @@ class FittedCurves:
 
     Attributes
     ----------
-    points : ndarray, shape (m, degree + 1) [rad, or m].
+    points : ndarray, shape (m, degree + 1) - control points [rad, or m].
     deviation : root mean square of the additional torques, relative to those of the gait.
-    violation : by how much the cone, or the largest torques, would be exceeded, as a part of the weight; 0 if not.
+    violation : excess over the cone, relative to the weight, or over the largest torques, relative to these; 0 if none.
     """
 
     points: Array
@@ -218,7 +218,7 @@ class FittedCurves:
         return self.points.shape[1] - 1
 
     def rows(self, names: Sequence[str]) -> dict[str, list[float]]:
-        """The control points by joint, as in a problem file."""
+        """The control points by joint, in the form of a problem file."""
         return {name: row.tolist() for name, row in zip(names, self.points, strict=True)}
 
 
@@ -227,7 +227,7 @@ def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) 
 
     Parameters
     ----------
-    largest : largest torque by motor [N m], of those that have one.
+    largest : largest torque of each motor that has one [N m].
     """
     h, _, h2 = joints.angles
     x1, x2 = joints.phase[:, 1:2], joints.phase[:, 2:]
@@ -235,12 +235,12 @@ def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) 
     m, (start, end) = len(joints.names), joints.span
     points = np.zeros((m, degree + 1))
     step = joints.slopes[[0, -1]] * (end - start) / degree
-    points[:, ENDS] = np.stack([h[0], h[0] + step[0], h[-1] - step[1], h[-1]], axis=1)
-    acceleration = second * x1**2 + first * x2  # of a joint that moves along one control point's curve
+    points[:, INVARIANT_POINTS] = np.stack([h[0], h[0] + step[0], h[-1] - step[1], h[-1]], axis=1)
+    acceleration = second * x1**2 + first * x2  # acceleration of a joint per control point
     inverse = joints.inverse
     du = np.einsum("nij,nk->nijk", inverse, acceleration)
     gait = -np.einsum("nij,nj->ni", inverse, h2)
-    return _fitted(joints, points, [*range(2, degree - 1)], du, gait, values, largest, ANGLES["constraints"])
+    return _fitted(joints, points, [*range(2, degree - 1)], du, gait, values, largest, ANGLE_WEIGHTS["constraints"])
 
 
 def tracked_curves(
@@ -254,27 +254,27 @@ def tracked_curves(
     du = np.einsum("ij,nk->nijk", np.eye(m), kp * values + kd * first * joints.phase[:, 1:2])
     gait = -(kp * h + kd * h1) - joints.torques
     points = np.zeros((m, degree + 1))
-    return _fitted(joints, points, [*range(degree + 1)], du, gait, values, largest, ANGLES["pd"])
+    return _fitted(joints, points, [*range(degree + 1)], du, gait, values, largest, ANGLE_WEIGHTS["pd"])
 
 
 def _fitted(
     joints: Joints, points: Array, free: list[int], by_point: Array, constant: Array, values: Array,
     largest: Mapping[str, float], weight_of_angles: float,
 ) -> FittedCurves:  # fmt: skip
-    """The points that solve the program, where du = by_point points + constant; those not ``free`` are given.
+    """The control points that solve the program with du = by_point points + constant; only ``free`` ones may change.
 
     Parameters
     ----------
     by_point : ndarray, shape (N, m, m, degree + 1) - du of each motor per control point of each joint.
-    constant : ndarray, shape (N, m).
-    values : ndarray, shape (N, degree + 1) - the curve per control point.
+    constant : ndarray, shape (N, m) - du without control points.
+    values : ndarray, shape (N, degree + 1) - value of the curve per control point.
     """
     N, m = constant.shape
     w, n_x = joints.weights, m * len(free)
     U = by_point[:, :, :, free].reshape(N, m, n_x)
     u0 = constant + np.einsum("nijk,jk->ni", by_point, points)
     scale = float(np.sqrt(w @ (joints.torques**2).sum(axis=1)))
-    scale = scale or float(np.sqrt(w @ (u0**2).sum(axis=1))) or 1.0  # of a gait without torques
+    scale = scale or float(np.sqrt(w @ (u0**2).sum(axis=1))) or 1.0  # the gait may have no torques
     H = np.einsum("n,nix,niy->xy", w, U, U) / scale**2
     g = np.einsum("n,nix,ni->x", w, U, u0) / scale**2
     away, E = values @ points.T - joints.angles[0], values[:, free]
@@ -286,7 +286,9 @@ def _fitted(
     shapes = {"h": Sparsity.dense(*H.shape), "a": Sparsity.dense(*A.shape)}
     program = building(conic)("curves", "daqp", shapes, {"error_on_fail": False})
     unbounded = np.full(n_x, -np.inf)
-    solution = program(h=H, g=np.append(g, SLACK), a=A, lba=bounds, uba=np.inf, lbx=np.append(unbounded, 0), ubx=np.inf)
+    solution = program(
+        h=H, g=np.append(g, SLACK_WEIGHT), a=A, lba=bounds, uba=np.inf, lbx=np.append(unbounded, 0), ubx=np.inf
+    )
     x = np.asarray(solution["x"]).ravel()
     points = points.copy()
     points[:, free] = x[:-1].reshape(m, len(free))
@@ -303,9 +305,9 @@ def _constraints(joints: Joints, U: Array, u0: Array, largest: Mapping[str, floa
     rows, bounds, sticks = list[Array](), list[Array](), joints.sticks
     for direction in ((1, joints.friction), (-1, joints.friction)):
         rows.append(np.einsum("nix,i->nx", F[sticks], direction) / joints.weight)
-        bounds.append(MARGIN * joints.friction - f[sticks] @ direction / joints.weight)
+        bounds.append(FORCE_MARGIN * joints.friction - f[sticks] @ direction / joints.weight)
     rows.append(F[:, 1] / joints.weight)
-    bounds.append(MARGIN - f[:, 1] / joints.weight)
+    bounds.append(FORCE_MARGIN - f[:, 1] / joints.weight)
     for k, motor in enumerate(joints.motors):
         if motor in largest:
             for sign in (1, -1):

@@ -1,10 +1,10 @@
-"""The gait of a problem: the one meaning of ``solve``, whoever calls it.
+"""The gait of a problem, with the same meaning for all callers of ``solve``.
 
-A named gait stays itself: with other values of its parameters it is followed from those of its file,
+If continuous parameters of a file's problem were changed, its gait is followed from the values of the file,
 
     F(w, p(s)) = 0,        p(0) = p_file,        p(1) = p
 
-A problem that is not a file's problem with other values of continuous parameters is solved from its guess.
+All other problems are solved from their guess.
 """
 
 from dataclasses import dataclass, field
@@ -22,8 +22,8 @@ from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.following import follow
 from gaitopt.systems import problem_dynamics, solve_sequence
 
-CACHED = 16
-"""Number of gaits of files that a process remembers; all points of a sweep follow the same one."""
+CACHED_GAITS = 16
+"""Number of gaits of files in the cache of a process; all points of a sweep follow the same one."""
 
 
 def solve(
@@ -35,7 +35,7 @@ def solve(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Gait:
-    """As ``gaitopt.solve``; ``progress`` is called with the iteration and the largest violation of a constraint."""
+    """See ``gaitopt.solve``; ``progress`` is called with the iteration and the largest violation of a constraint."""
     if isinstance(problem, Attractor):
         return solve_attractor(problem, method=method, progress=progress, should_stop=should_stop)
     if problem.is_open:
@@ -56,12 +56,12 @@ def solve(
 def file_gait(
     problem: Problem, *, method: Method = Method.AUTO, limits: SearchLimits = DEFAULT_LIMITS, should_stop: Stop = None
 ) -> Gait | None:
-    """The gait of the problem's file, which is followed to the values of the problem; None if there is none.
+    """The gait of the problem's file, from which the problem's gait is followed; None if there is none.
 
     Raises
     ------
     KeyboardInterrupt
-        If ``should_stop`` ends its solution.
+        If ``should_stop`` returned True during the solution.
     """
     file = problem.followed_from
     gait = None if file is None else _solved(_File(problem=file, method=method, limits=limits, should_stop=should_stop))
@@ -70,7 +70,7 @@ def file_gait(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _File:
-    """The problem of a file as the key of the cache; ``should_stop`` is used when it is solved the first time."""
+    """The key of a cached gait of a file; ``should_stop`` is only used while it is solved."""
 
     problem: Problem
     method: Method
@@ -78,23 +78,23 @@ class _File:
     should_stop: Stop = field(compare=False)
 
 
-@lru_cache(maxsize=CACHED)
+@lru_cache(maxsize=CACHED_GAITS)
 def _solved(file: _File) -> Gait:
     gait = solve_sequence(file.problem, method=file.method, limits=file.limits, should_stop=file.should_stop)
     if gait.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt  # so that the cache does not hold it
+        raise KeyboardInterrupt  # an interrupted solve must not enter the cache
     return gait
 
 
 def solve_attractor(
     attractor: Attractor, *, method: Method = Method.AUTO, progress: Valued = None, should_stop: Stop = None
 ) -> Gait:
-    """The gait of an attractor; of a cycle that repeats itself, the shortest one.
+    """The gait of an attractor, as the shortest cycle that repeats itself.
 
     Raises
     ------
     ProblemError
-        If the problem has free parameters, whose values an attractor does not know.
+        If the problem has free parameters, because an attractor does not contain their values.
     SolveError
         If the simulator does not walk the cycle.
     """

@@ -1,7 +1,7 @@
-"""Where walks of a search begin: in a box of section coordinates, or around the state of a guess.
+"""Start states of the walks of a search: in a box of section coordinates, or around the state of a guess.
 
-A walker whose class states its section has a box of start states. The sections of other walkers differ with what their
-contacts do, so that starts are sampled around one state: that of the guess.
+A walker whose class states its section has a box of start states. For other walkers the section depends on the states
+of the contacts, so that starts are sampled around the state of the guess.
 """
 
 from collections.abc import Mapping
@@ -23,23 +23,23 @@ Within = Mapping[str, tuple[float, float]]
 ANGLE, RATE, SLIP = 0.4, 0.6, 0.3
 """Half widths of the default box of start states, in rad and natural units."""
 RATE_OF_FLIGHT = 2.0
-"""Half width of rates for walkers that fly, which come down from some height."""
+"""Half width of rates for walkers that fly; it is larger because they land from some height."""
 FASTEST = 5.0
-"""Bound of the rates and slip velocities of a box that grows, in natural units; a running person reaches three."""
-MARGIN, SMALLEST_MARGIN = 0.5, 5e-3
-"""Distance of a box from the gaits that it surrounds, relative to their largest angle or rate, and at least, in natural
-units."""
+"""Largest rate and slip velocity in a growing box, in natural units; a running person reaches three."""
+BOX_MARGIN, SMALLEST_BOX_MARGIN = 0.5, 5e-3
+"""Distance between a box and the gaits inside, relative to their largest angle or rate; and its smallest value, in
+natural units."""
 SMALLEST_SCALE = 0.3
-"""Smallest size of the sampled boxes relative to the default box: walkers make small steps too."""
-NEAR_PLACE, NEAR_RATE = 0.1, 0.3
-"""Range of the starts around a guess, in natural units of coordinates and rates."""
+"""Smallest size of the sampled boxes relative to the default box, because walkers also make small steps."""
+NEAR_COORDINATE, NEAR_RATE = 0.1, 0.3
+"""Half widths of the range of starts around a guess, in natural units of coordinates and rates."""
 TOUCHING = 1e-3
 """A contact of the guess touches the ground if its height and velocity are below this, in natural units."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartBox:
-    """Range of the start states by section coordinate; chosen by the user, or the walker's ``default``."""
+    """Ranges of the start states by section coordinate, chosen by the user or the ``default`` of the walker."""
 
     names: tuple[str, ...]
     lower: Array
@@ -48,7 +48,7 @@ class StartBox:
 
     @property
     def sizes(self) -> Array:
-        """Widths, shape (n_xi,)."""
+        """Widths of the ranges, shape (n_xi,)."""
         return self.upper - self.lower
 
     @property
@@ -72,21 +72,21 @@ def start_box(problem: Problem, dynamics: Dynamics, within: Within) -> StartBox:
 
 
 def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
-    """A box that surrounds section states, so that none lies near its wall; numbers have two digits.
+    """A box that surrounds section states with a margin; its bounds are rounded to two digits.
 
-    Two digits make the box, and the search in it, independent of the rounding of the states.
+    The rounding makes the box, and the search in it, independent of rounding errors of the states.
 
     Parameters
     ----------
-    states : ndarray, shape (n, n_xi), n > 0.
+    states : ndarray, shape (n, n_xi), n > 0 - section states.
     """
     walker = problem.walker
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     natural, n = states / units, len(type(walker).section)
     margins = np.repeat(
         [
-            MARGIN * max(np.abs(part).max(initial=0.0), SMALLEST_MARGIN / MARGIN)
-            for part in np.split(natural, [n], axis=1)
+            BOX_MARGIN * max(np.abs(columns).max(initial=0.0), SMALLEST_BOX_MARGIN / BOX_MARGIN)
+            for columns in np.split(natural, [n], axis=1)
         ],
         [n, units.size - n],
     )
@@ -100,14 +100,14 @@ def box_around(problem: Problem, dynamics: Dynamics, states: Array) -> StartBox:
 
 
 def natural_limits(problem: Problem, dynamics: Dynamics) -> Array:
-    """Largest size of every section coordinate in a box that grows, shape (n_xi,)."""
+    """Largest absolute value of every section coordinate in a growing box, shape (n_xi,)."""
     units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
     n = len(type(problem.walker).section)
     return units * np.repeat([problem.walker.largest_angle, FASTEST], [n, units.size - n])
 
 
 def box_samples(dynamics: Dynamics, box: StartBox, count: int, rng: np.random.Generator) -> Array:
-    """Start states, every other one at rest, in boxes of all sizes if the box is the default; shape (count, n_xi)."""
+    """Start states in a box, every other one at rest; shape (count, n_xi). The default box is sampled at all sizes."""
     walker = dynamics.system.walker
     xi = rng.uniform(box.lower, box.upper, (count, box.lower.size))
     if box.default:
@@ -122,7 +122,7 @@ def box_samples(dynamics: Dynamics, box: StartBox, count: int, rng: np.random.Ge
 
 
 def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
-    """Mirror the postures in ``xi``, shape (n, n_xi), whose step would lead backward."""
+    """Mirror those postures in ``xi``, shape (n, n_xi), from which the walker would step backward."""
     system, walker, p = dynamics.system, dynamics.system.walker, dynamics.p
     (lifted,) = RowMap(system.lift)(xi, p)
     shapes, parameters = lifted[:, : system.n_shape], p[: len(walker.model_fields)]
@@ -131,9 +131,12 @@ def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
 
 
 def around_guess(problem: Problem, dynamics: Dynamics, count: int, rng: np.random.Generator, *, exact: bool) -> Array:
-    """Start states around that of the guess, which is the first if ``exact``; NaN where there is none; (count, n_z)."""
+    """Start states around that of the guess, shape (count, n_z); NaN if there is no such state.
+
+    The first one is the state of the guess itself if ``exact``.
+    """
     guess = np.array([problem.guess.state[name] for name in dynamics.system.state_names])
-    spread = dynamics.state_units * np.repeat([NEAR_PLACE, NEAR_RATE], guess.size // 2)
+    spread = dynamics.state_units * np.repeat([NEAR_COORDINATE, NEAR_RATE], guess.size // 2)
     states = np.empty((count, guess.size))
     for k in range(count):
         size = 0.0 if exact and k == 0 else rng.uniform(SMALLEST_SCALE, 1.0)
@@ -142,22 +145,22 @@ def around_guess(problem: Problem, dynamics: Dynamics, count: int, rng: np.rando
 
 
 def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
-    """A state with its coordinates changed, in which the contacts that touch the ground still do; NaN if there is none.
+    """A state with changed coordinates, in which the same contacts touch the ground; NaN if there is none.
 
-    They touch it with what they do in ``state``: they stick, or slip.
+    Contacts that stick or slip in ``state`` do the same in the new state.
     """
     system, scales, p = dynamics.system, dynamics.scales, dynamics.p
     heights, velocities, _ = (np.asarray(value).ravel() for value in system.contact_points(state, p))
-    words = dict[str, str]()
+    states = dict[str, str]()
     points = zip(heights, velocities.reshape(-1, 2), strict=True)
     for name, (height, (v_t, v_n)) in zip(system.walker.contact_names(), points, strict=False):
         touches = abs(height) < TOUCHING * scales.length and abs(v_n) < TOUCHING * scales.speed
         slip = "stick" if abs(v_t) < TOUCHING * scales.speed else str(Mode.slip(v_t))
-        words[name] = ("stick" if name in system.walker.weightless() else slip) if touches else OFF
-    mode = system.walker.contact_mode(words)
+        states[name] = ("stick" if name in system.walker.weightless() else slip) if touches else OFF
+    mode = system.walker.contact_mode(states)
     try:
         section = system.section(mode)
-    except ProblemError:  # its contacts do not reach the ground together
+    except ProblemError:  # the contacts cannot reach the ground together
         return np.full(state.size, np.nan)
     near = state.copy()
     near[section.indices] += change[section.indices]

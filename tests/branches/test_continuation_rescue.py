@@ -32,7 +32,7 @@ def test_branch_goes_on_past_a_place_where_newton_fails(wheel, monkeypatch):
 def test_branch_ends_with_a_reason_where_ipopt_fails_too(wheel, monkeypatch):
     step = CurvePoint.step
     monkeypatch.setattr(CurvePoint, "step", lambda self, length: None if self.value > 0.42 else step(self, length))
-    monkeypatch.setattr("gaitopt.branches.continuation.RESCUES", ())
+    monkeypatch.setattr("gaitopt.branches.continuation.RESCUE_DISTANCES", ())
     branch = continuation(wheel, "friction", 0.5)
     assert "IPOPT" in branch.special("end")[0].reason
     assert branch.special("end")[0].status == "guess"
