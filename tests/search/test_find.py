@@ -9,7 +9,7 @@ from gaitopt import Status, find, load_problem, solve
 from gaitopt.errors import GaitoptWarning, UnknownNameError
 from gaitopt.search.candidates import SearchJob, find_candidates
 from gaitopt.search.find import (
-    BOXES,
+    MOST_BOXES,
     SearchPlan,
     counted_gaits,
     family_jobs,
@@ -123,8 +123,8 @@ def test_a_search_at_its_time_limit_is_not_complete_and_one_with_a_folder_goes_o
 def test_without_a_gait_the_box_is_halved():
     uphill = open_problem("rimless-wheel-slip", {"walker.slope": "-5deg"})
     boxes = find(uphill, starts=1, progress=False).searched["boxes"]
-    assert len(boxes) == BOXES
-    assert boxes[-1]["dtheta"][1] == pytest.approx(boxes[0]["dtheta"][1] / 2 ** (BOXES - 1))
+    assert len(boxes) == MOST_BOXES
+    assert boxes[-1]["dtheta"][1] == pytest.approx(boxes[0]["dtheta"][1] / 2 ** (MOST_BOXES - 1))
 
 
 def test_a_box_ends_at_the_natural_limits(wheel):
