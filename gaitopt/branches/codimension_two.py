@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gaitopt.branches.conditions import eigenvalues, pair_nearest
-from gaitopt.branches.monitors import NEUTRAL
+from gaitopt.branches.monitors import REAL_PAIR
 from gaitopt.branches.normal_forms import KINDS, LocalMap, flip_coefficient, fold_coefficient, torus_coefficient
 
 SHORT = {"fold": "fold", "period_doubling": "flip", "neimark_sacker": "neimark_sacker"}
@@ -82,7 +82,7 @@ def is_zero(located: float, before: float, after: float) -> bool:
 
 def others_are_complex(local: LocalMap, kind: str, kappa: float) -> bool:
     """Whether the pair with the product one, besides the critical multipliers, lies on the unit circle."""
-    return abs(_nearest_pair(_others(local, kind, kappa))[0].imag) > NEUTRAL
+    return abs(_nearest_pair(_others(local, kind, kappa))[0].imag) > REAL_PAIR
 
 
 def other_kappa(local: LocalMap, kind: str, kappa: float) -> float:
