@@ -34,8 +34,8 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import FeedbackLaw, StabiliseRequest
 from gaitopt.search.joint_curves import (
     CLOCK,
+    FORCE_MARGIN,
     LEAST_DEGREE,
-    MARGIN,
     FittedCurves,
     Joints,
     invariant_curves,
@@ -263,7 +263,7 @@ def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Sto
     plain = _problem(gait, {**control, "reference": {"bezier": rows}}, gait)
     constraints: dict[str, object] = {"speed": gait.scalar("speed"), "spectral_radius": {"max": INSIDE * bound}}
     if gait.scalar("slip_distance") == 0:
-        constraints["required_friction"] = {"max": (1 - MARGIN) * gait.dynamics.static_friction}
+        constraints["required_friction"] = {"max": (1 - FORCE_MARGIN) * gait.dynamics.static_friction}
     constraints |= {"peak_torque": {"max": min(efforts.values())}} if efforts else {}
     problem = plain.replace(
         {
