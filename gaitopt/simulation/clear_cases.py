@@ -1,6 +1,6 @@
-"""Clear decisions about a foot that stands alone, from compiled margins: those that no rounding can change.
+"""Clear decisions about a foot that stands alone, from compiled margins: rounding cannot change them.
 
-A foot at rest is held by the force f_stick, mu f_n + s f_t is its margin to a slip with sign s, and C the apparent mass
+The force f_stick holds a foot at rest, mu f_n + s f_t is its margin to a slip with sign s, and C is the apparent mass
 of the foot:
 
     stick             f_n > 0 and both margins positive
@@ -12,8 +12,8 @@ At an impact the swing foot comes down, v_n < 0, and by Gamus & Or (2013), eqs (
     slip with sign s  F_n > 0 and s v_t > 0 just after it
 
 where F_n (C_tt + mu s C_nt) = -det(C) v_n, so that no impact slips in the paradox of Painleve. A case is clear if
-exactly one mode is consistent, by more than rounding. At an edge, or where the foot may lift off,
-``ContactResolver`` examines all modes. One rule serves one state, with floats, and many states, with arrays.
+exactly one mode is consistent, by more than rounding. At an edge, or if the foot may lift off, ``ContactResolver``
+examines all modes. The same code serves one state, with floats, and many states, with arrays.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ class ClearCases:
 
     Parameters
     ----------
-    dynamics : a walker that stands on one foot at a time, under its control law, at its parameters.
+    dynamics : the dynamics of a walker that stands on one foot at a time.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
@@ -45,16 +45,17 @@ class ClearCases:
         self._painleve = slips.index("painleve") if self._has_mass else 0
 
     def at_rest(self, stuck: Any, rates: Any, slips: Sequence[Any]) -> tuple[list[Any], Any]:
-        """Whether each mode is consistent with the forces on a foot at rest, and whether that is clear.
+        """Whether each mode is consistent with the forces on a foot at rest, and whether the decision is clear.
 
         Parameters
         ----------
         stuck, rates : margins in natural units, and their rates, while the foot sticks.
-        slips : margins of every slip that begins from rest; none of a massless foot.
+        slips : margins of every slip that begins from rest; empty for a massless foot.
         """
         sticks, clear = True, True
         for k in (self._normal_force, *self._cone):
-            rises = (abs(stuck[k]) <= EDGE) & (rates[k] > STEEP)  # the forces of a massless foot that has just landed
+            # the forces on a massless foot that has just landed rise from zero
+            rises = (abs(stuck[k]) <= EDGE) & (rates[k] > STEEP)
             sticks = sticks & ((stuck[k] > EDGE) | rises)
             clear = clear & ((abs(stuck[k]) > EDGE + INSTANT * abs(rates[k])) | rises)
         possible: list[Any] = [sticks]
@@ -64,15 +65,15 @@ class ClearCases:
         return possible, clear & (_count(possible) == 1)
 
     def impact(self, modes: Sequence[Mode], values: Any, approach: Any, friction: Any = None) -> tuple[list[Any], Any]:
-        """Whether each mode is consistent with the impulses of its impact, and whether that is clear.
+        """Whether each mode is consistent with the impulses of its impact, and whether the decision is clear.
 
         Parameters
         ----------
-        modes : just after the impact; stick first, and flight last, if it is possible.
+        modes : the possible modes just after the impact, stick first and flight last.
         values : for each mode F_t, F_n, v_t and the velocity with which the other foot lifts, see
             ``HybridSystem.impacts``.
-        approach : normal velocity with which the foot lands; of no meaning where a stop locks.
-        friction : static coefficient of the foot that is on the ground after it, if not that of the system.
+        approach : normal velocity with which the foot lands; not used if a stop locks.
+        friction : static coefficient of the foot on the ground after the impact; None for that of the system.
         """
         lands = not modes[0].locked
         comes_down = approach < -EDGE * self._speed if lands else True
@@ -104,7 +105,7 @@ def _not(flag: Any) -> Any:
 
 
 def is_within_cone(f_t: Any, f_n: Any, friction: Any) -> Any:
-    """Whether friction can provide a force or an impulse, to within ``EDGE``; floats, or arrays of one shape."""
+    """Whether friction can provide a force or an impulse, up to ``EDGE``; floats, or arrays of one shape."""
     return abs(f_t) <= friction * f_n * (1 + EDGE)
 
 

@@ -1,11 +1,11 @@
 """Forces and accelerations, or impulses, in every mode that some contacts may have, by dense linear algebra.
 
-    [ M   -G ] [ ddq ]   [ force + E u ]        G = J' of the kept rows, less s mu J_t' of a contact that slips
+    [ M   -G ] [ ddq ]   [ force + E u ]        G = J' of the kept rows, minus s mu J_t' for a contact that slips
     [ J    0 ] [  f  ] = [   - dJ dq   ]
 
-in natural units, for all candidate modes at once. M, the forces and J are evaluated once at a state; nothing is
-compiled for a mode. Coordinates and constraints that a mode does not have are left in as equations x = 0, so that all
-systems have one size. Which constraints depend on others is a fact of the model (``constraint_structure``).
+in natural units, for all candidate modes at once. M, the forces and J are evaluated once at a state; no mode is
+compiled. Coordinates and constraints that a mode does not have remain as equations x = 0, so that all systems have one
+size. The model states which constraints depend on others (``constraint_structure``).
 
 Rates of margins along the motion of a mode follow from the same equations with complex numbers: for small e,
 
@@ -39,19 +39,19 @@ from gaitopt.model.transitions import CONE, share_name
 from gaitopt.model.walker import Walker
 
 IMAGINARY = 1e-50
-"""Size of the imaginary parts: their squares are nothing beside the real parts."""
+"""Size of the imaginary parts, whose squares are negligible compared with the real parts."""
 
 
 class Mechanics(NamedTuple):
-    """A walker at one instant in natural units; complex where it moves, see the module.
+    """A walker at one instant in natural units; complex numbers also contain rates, see the module.
 
     Attributes
     ----------
     M : mass matrix, shape (n, n).
-    force : generalised forces besides those of motors, contacts, and springs that act in some modes, shape (n,).
+    force : generalised forces, shape (n,), without motors, contacts, and springs that act in some modes only.
     E : generalised forces of the motors, shape (n, n_u); torques are in SI.
-    springs : generalised forces of the springs that act in some modes, one column each, shape (n, n_s).
-    J : rows t and n of every contact, then one of every stop, shape (2 k + n_l, n).
+    springs : generalised forces of the springs that act in some modes only, one column each, shape (n, n_s).
+    J : rows t and n of every contact, then a row of every stop, shape (2 k + n_l, n).
     convective : dJ/dt dq, shape (2 k + n_l,).
     contacts : the rows of the contacts.
     dq : rates of the coordinates, shape (n,).
@@ -74,7 +74,7 @@ class Mechanics(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
-    """Coefficients of every contact, shape (k,) each; the viscous one in natural units."""
+    """Friction coefficients of every contact, shape (k,) each; the viscous coefficient is in natural units."""
 
     static: Array
     kinetic: Array
@@ -88,15 +88,15 @@ class Candidates:
     Attributes
     ----------
     modes : the m modes.
-    slip : direction of every contact, shape (m, k).
+    slip : slip direction of every contact, shape (m, k).
     closed : whether each contact touches the ground, shape (m, k).
-    shared : whether its force is undetermined, shape (m, k).
-    own : closed and not shared.
-    sticks : own and at rest.
-    rows : 1 where a mode has the constraint of a row of J and keeps it, shape (m, 2 k + n_l).
-    moves : 1 where a coordinate moves, shape (m, n).
-    springs : 1 where a spring acts, shape (m, n_s).
-    slides : whether a contact slips in one of them.
+    shared : whether the force of each contact is undetermined, shape (m, k).
+    own : whether each contact is closed and its force is determined.
+    sticks : whether each contact is ``own`` and at rest.
+    rows : 1 if a mode has the constraint of a row of J and keeps it, shape (m, 2 k + n_l).
+    moves : 1 if a coordinate moves, shape (m, n).
+    springs : 1 if a spring acts, shape (m, n_s).
+    slides : whether a contact slips in any mode.
     blank : the matrices of the module without M, J and G, shape (m, n + 2 k + n_l, n + 2 k + n_l).
     pairs, kept : 1 for the entries of M, and of J, that a mode has, shape (m, n, n) and (m, 2 k + n_l, n).
     """
@@ -120,7 +120,7 @@ class Candidates:
 def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode, ...]) -> Candidates:
     """Modes as arrays; ``springs`` are the states in which springs act."""
     names, n = walker.landing_points(), len(walker.shape) + 2
-    place = {name: k for k, name in enumerate(names)}
+    number = {name: k for k, name in enumerate(names)}
     shape = len(modes), len(names)
     rows = np.zeros((shape[0], 2 * shape[1] + len(walker.stops)))
     moves, shared = np.zeros((shape[0], n)), np.zeros(shape, bool)
@@ -128,7 +128,7 @@ def candidates(walker: type[Walker], springs: tuple[str, ...], modes: tuple[Mode
         structure = constraint_structure(walker, mode)
         rows[j, constraint_rows(walker, [structure.constraints[k] for k in structure.kept])] = 1
         moves[j, active_coordinates(walker, mode)] = 1
-        shared[j, [place[name] for name in structure.group]] = True
+        shared[j, [number[name] for name in structure.group]] = True
     slip = np.array([[mode.directions.get(name, 0) for name in names] for mode in modes], float).reshape(shape)
     closed = np.array([[name in mode.touching for name in names] for mode in modes], bool).reshape(shape)
     blank = np.zeros((len(modes), n + rows.shape[1], n + rows.shape[1]))
@@ -164,13 +164,13 @@ def systems(M: Array, J: Array, modes: Candidates, kinetic: Array) -> Array:
 
 
 def inverses(K: Array) -> Array:
-    """The inverse of each of some matrices; NaN if it is singular."""
+    """The inverses of some matrices; NaN for singular ones."""
     try:
         return np.asarray(np.linalg.inv(K))
     except np.linalg.LinAlgError:
-        found, regular = np.full(K.shape, np.nan), [bool(np.linalg.det(each)) for each in K]
-        found[regular] = np.linalg.inv(K[regular])
-        return found
+        result, regular = np.full(K.shape, np.nan), [bool(np.linalg.det(each)) for each in K]
+        result[regular] = np.linalg.inv(K[regular])
+        return result
 
 
 def solve(K: Array, inverse: Array, modes: Candidates, loads: Array, required: Array) -> tuple[Array, Array]:
@@ -180,13 +180,13 @@ def solve(K: Array, inverse: Array, modes: Candidates, loads: Array, required: A
     ----------
     K, inverse : the matrices, see ``systems``, and the inverses of their real parts.
     modes : the m modes.
-    loads : generalised forces besides those of the contacts, shape (m, n, r).
+    loads : generalised forces without those of the contacts, shape (m, n, r).
     required : acceleration along every row of J, shape (2 k + n_l, r).
     """
     n = modes.moves.shape[1]
     b = np.concatenate([modes.moves[:, :, None] * loads, modes.rows[:, :, None] * required], axis=1)
     x = inverse @ b
-    x += inverse @ (b - K @ x)  # corrects the rounding of the first step, and its imaginary part
+    x += inverse @ (b - K @ x)  # one refinement corrects rounding errors, and adds the imaginary part
     return x[:, :n], x[:, n:]
 
 
@@ -205,7 +205,7 @@ class Solutions:
     ----------
     modes : the m modes.
     motion : accelerations, or changes of the rates by an impact, shape (m, n).
-    tangential, normal : forces or impulses, shape (m, k); of contacts that share theirs, one of many.
+    tangential, normal : forces or impulses, shape (m, k); undetermined ones have one of many possible values.
     contact : tangential and normal acceleration of every contact, or its velocity after an impact, shape (m, k, 2).
     """
 
@@ -232,7 +232,7 @@ class ContactForces:
         self._unit = np.array([scales.length if name in lengths else 1.0 for name in names])
         self._time = scales.time
         state, points = self.walker.coordinates(), self.walker.landing_points()
-        self._kept = [k for k, name in enumerate(names) if name in state]  # y is none of a foot that never leaves
+        self._kept = [k for k, name in enumerate(names) if name in state]  # without flight, y is not a state
         self._order = [state.index(names[k]) for k in self._kept]
         self._rates = [len(state) + k for k in self._order]
         shapes, u, k = system.mechanics_shapes, self._unit, len(points)
@@ -247,9 +247,9 @@ class ContactForces:
             "J": np.outer(of_row, u),
             "convective": scales.time**2 * of_row,
         }
-        self._scale = np.concatenate([sizes[part].ravel() for part in shapes])
+        self._scale = np.concatenate([sizes[term].ravel() for term in shapes])
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
-        self._parts = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes.values(), strict=True)]
+        self._terms = [(slice(*span), shape) for span, shape in zip(pairwise(ends), shapes.values(), strict=True)]
         of = system.contact_coefficients(dynamics.p)
         values = [of[name if name in of else FOOT] for name in points]
         static, kinetic, viscous = np.array(values, dtype=float).reshape(-1, 3).T
@@ -263,7 +263,7 @@ class ContactForces:
 
     @property
     def law_depends_on_holding(self) -> bool:
-        """Whether the torques are those that move the walker while some contacts are held."""
+        """Whether the control law computes its torques for a motion in which some contacts are held."""
         return self.law_uses[0]
 
     def of(self, modes: Sequence[Mode]) -> Candidates:
@@ -271,7 +271,7 @@ class ContactForces:
         return candidates(self.walker, self.springs, tuple(modes))
 
     def is_undetermined(self, mode: Mode) -> bool:
-        """Whether the motion in a mode depends on the shares of forces that are undetermined."""
+        """Whether the motion in a mode depends on undetermined shares of forces."""
         if mode not in self._moved:
             of = dict(zip(self.walker.landing_points(), self.friction.kinetic.tolist(), strict=True))
             self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > DEPENDENT)
@@ -289,11 +289,11 @@ class ContactForces:
         return np.asarray(dq * (self._time / self._unit))
 
     def stopped(self, z: Array, rows: Sequence[int], others: Sequence[int]) -> Array:
-        """The nearest state in which the velocities of some rows of J are zero, and those of others as they are."""
+        """The nearest state in which the velocities of some rows of J are zero, and those of others are unchanged."""
         mechanics = self.mechanics(z)
         J = mechanics.J[[*rows, *others]]
-        wanted = np.concatenate([-mechanics.J[[*rows]] @ mechanics.dq, np.zeros(len(others))])
-        change = np.linalg.lstsq(J, wanted, rcond=DEPENDENT)[0]
+        required = np.concatenate([-mechanics.J[[*rows]] @ mechanics.dq, np.zeros(len(others))])
+        change = np.linalg.lstsq(J, required, rcond=DEPENDENT)[0]
         z = z.copy()
         z[self._rates] += (change * self._unit / self._time)[self._kept]
         return z
@@ -303,7 +303,7 @@ class ContactForces:
         return ContactInstant(self, t, z, segment)
 
     def impacts(self, mechanics: Mechanics, modes: Sequence[Mode], kinetic: Array) -> Solutions:
-        """Impacts after which the walker is in each of some modes, with kinetic friction in them, shape (k,)."""
+        """The impacts that lead to each of some modes, with kinetic friction coefficients of shape (k,)."""
         of, J, k = self.of(modes), mechanics.J, self._contacts.stop
         loads = np.zeros((len(of.modes), mechanics.dq.size, 1))
         K = systems(mechanics.M, J, of, kinetic)
@@ -327,54 +327,56 @@ class ContactForces:
         """Names and values of the margins of the forces, or impulses, in a mode."""
         structure, names = constraint_structure(self.walker, mode), self.walker.landing_points()
         static = self.friction.static
-        found, values = list[str](), list[Any]()
+        margin_names, values = list[str](), list[Any]()
         for k, name in enumerate(names):
             if name not in mode.touching or name in structure.group:
                 continue
-            found.append(f"normal_force.{name}")
+            margin_names.append(f"normal_force.{name}")
             values.append(normal[k])
             if not mode.directions[name]:
-                found += [f"{cone}.{name}" for cone in CONE.values()]
+                margin_names += [f"{cone}.{name}" for cone in CONE.values()]
                 values += [static[k] * normal[k] + sign * tangential[k] for sign in (1, -1)]
         if structure.dropped:
-            place = {name: k for k, name in enumerate(names)}
+            number = {name: k for k, name in enumerate(names)}
             rows = constraint_rows(self.walker, structure.constraints)
             kept, dropped = [rows[k] for k in structure.kept], [rows[k] for k in structure.dropped]
             nulls = np.zeros((len(rows), len(dropped)), dtype=J.dtype)
             nulls[[*structure.dropped], range(len(dropped))] = 1
             nulls[[*structure.kept]] = -np.linalg.solve(J[kept] @ J[kept].T, J[kept] @ J[dropped].T)
-            forces = {name: (tangential[place[name]], normal[place[name]]) for name in structure.group}
+            forces = {name: (tangential[number[name]], normal[number[name]]) for name in structure.group}
             shares = share_margins(self.walker, mode, forces, nulls, dict(zip(names, static, strict=True)))
-            found += [share_name(parts) for parts, _ in shares]
+            margin_names += [share_name(names_of_share) for names_of_share, _ in shares]
             values += [value for _, value in shares]
-        return found, values
+        return margin_names, values
 
     def _mechanics_from(self, values: Array, dq: Array) -> Mechanics:
-        M, force, E, springs, J, convective = (values[span].reshape(shape) for span, shape in self._parts)
+        M, force, E, springs, J, convective = (values[span].reshape(shape) for span, shape in self._terms)
         return Mechanics(M, force, E, springs, J, convective, dq, self._contacts)
 
     def _rate(self, z: Array, mode: Mode, ddq: Array) -> Array:
-        """Rate of the state in SI; coordinates that a mode does not have keep their values."""
+        """Rate of the state in SI; coordinates that a mode does not have are constant."""
         dz = np.empty(z.size)
         dz[self._order] = z[self._rates] * self.of((mode,)).moves[0, self._kept]
         dz[self._rates] = (ddq * self._unit)[self._kept] / self._time**2
         return dz
 
     def _moving(self, z: Array, dz: Array, mechanics: Mechanics, ddq: Array) -> Mechanics:
-        """The walker with the rates along a motion as imaginary parts."""
+        """The walker with its rates along a motion as imaginary parts."""
         if self._mechanics_rate is None:
             self._mechanics_rate = Buffers(self._system.mechanics_rate)
         (rates,) = self._mechanics_rate(z, dz, self.dynamics.p)
-        values = np.concatenate([part.ravel() for part in mechanics[:-2]])
+        values = np.concatenate([term.ravel() for term in mechanics[:-2]])
         moving = values + (1j * IMAGINARY * self._time) * (rates * self._scale)
         return self._mechanics_from(moving, mechanics.dq + 1j * IMAGINARY * ddq)
 
     def torques(self, t: float, z: Array, segment: int, held: Array, actual: Array, dz: Array | None) -> Array:
-        """Torques [N m] from the accelerations that the law may use; complex along the motion dz/dt.
+        """Torques [N m] from the accelerations that the law may use; with rates as imaginary parts if ``dz`` is given.
 
         Parameters
         ----------
-        held, actual : shape accelerations without torques, and by each torque, in natural units, shape (n_s, 1 + n_u).
+        held, actual : shape accelerations without torques and per torque, in natural units, shape (n_s, 1 + n_u);
+            for the motion in which contacts are held, and for the actual one.
+        dz : rate of the state.
         """
         if self._law is None:
             self._law = Buffers(self._system.law_torques), Buffers(self._system.law_torques_rate)
@@ -389,11 +391,11 @@ class ContactForces:
 
 
 class ContactInstant:
-    """The contacts at one instant; use ``ContactForces.at``.
+    """The contacts at one instant, made by ``ContactForces.at``.
 
     Attributes
     ----------
-    mechanics : the walker.
+    mechanics : the walker at this instant.
     velocities : (v_t, v_n) of every contact, shape (k, 2).
     """
 
@@ -406,11 +408,11 @@ class ContactInstant:
         self._rates: dict[tuple[Mode, Mode], list[float]] = {}
 
     def motions(self, modes: Sequence[Mode], held: Mode) -> Solutions:
-        """Motions in some modes; a control law that holds contacts holds those of ``held``."""
+        """Motions in some modes; a control law that computes torques for held contacts holds those of ``held``."""
         return self._motions(self.mechanics, self._forces.of(modes), held, None)
 
     def margins(self, mode: Mode, held: Mode, found: Solutions, k: int) -> tuple[list[str], list[Any]]:
-        """See ``ContactForces.margins``, for the k-th of some motions, that in ``mode``."""
+        """The margins of the k-th of some motions, which is in ``mode``; see ``ContactForces.margins``."""
         if (mode, held) not in self._margins:
             values = self._forces.margins(mode, found.tangential[k], found.normal[k], self.mechanics.J)
             self._margins[mode, held] = values
@@ -474,17 +476,17 @@ class ContactInstant:
         )
 
     def _accelerations(self, mechanics: Mechanics, modes: Candidates, loads: Array) -> tuple[Array, Array]:
-        """Accelerations and forces of the constraints without torques, and by each torque, in columns."""
+        """Accelerations and forces of the constraints without torques, and per torque, as columns."""
         columns = np.concatenate([loads[:, :, None], np.tile(mechanics.E, (len(loads), 1, 1))], axis=2)
         required = np.zeros((mechanics.convective.size, columns.shape[2]), dtype=columns.dtype)
         required[:, 0] = -mechanics.convective
         return solve(*self._systems(mechanics, modes), modes, columns, required)
 
     def _systems(self, mechanics: Mechanics, modes: Candidates) -> tuple[Array, Array]:
-        """The matrices of some modes, and the inverses of their real parts, which are kept."""
+        """The matrices of some modes, and the inverses of their real parts, which are computed once."""
         K = systems(mechanics.M, mechanics.J, modes, self._forces.friction.kinetic)
         if len(modes.modes) == 1 and modes.modes[0] in self._inverses:
             return K, self._inverses[modes.modes[0]][None]
-        found = inverses(K.real)
-        self._inverses |= dict(zip(modes.modes, found, strict=True))
-        return K, found
+        inverse = inverses(K.real)
+        self._inverses |= dict(zip(modes.modes, inverse, strict=True))
+        return K, inverse

@@ -1,27 +1,29 @@
 """Decisions about the contacts: the modes that are consistent with forces, or with impulses.
 
-All combinations of what the touching contacts can do are examined. In a mode of a motion
+All combinations of states of the touching contacts are examined. The conditions of a motion are
 
-    closed          f_n > 0; at rest and sticking, the force within the friction cone
+    closed          f_n > 0; if the contact sticks, the force lies within the friction cone
     slip from rest  the acceleration has the sign of the slip
     off             the contact moves away from the ground
 
-and at zero the rates decide. After an impact
+If a value is zero, its rate decides. After an impact
 
-    stays           F_n > 0; at rest the impulse within the cone, else against the slip
+    stays           F_n > 0; the impulse lies within the cone if the contact sticks, and opposes the slip otherwise
     leaves          no impulse, and a velocity away from the ground
 
-Combinations count once if they move the walker alike, such as sticking and slipping without a velocity. Where several
-motions are consistent because friction drops at the onset of slip, the one that sticks counts. Otherwise the motion
-ends with a name where no combination is consistent, or several are. A mode of several contacts whose ``regularity`` is
-not positive counts like any other: it satisfies the laws of contact and friction, although not as their only solution.
+Combinations that move the walker in the same way, such as sticking and slipping without a velocity, count once. If
+several motions are consistent because friction drops at the onset of slip, the one that sticks is taken. In all other
+cases the motion ends, with an ending that says whether no combination is consistent or several are. A mode of several
+contacts is accepted even if its ``regularity`` is not positive: it satisfies the laws of contact and friction, although
+not as their only solution.
 
-**A foot that stands alone** never begins a slip in Painleve's paradox. Where friction wedges it in, it could stick as
-well as lift off. It sticks: the plastic impact, or the phase before, has loaded it, and the force of a contact that
-yields a little goes on to that of sticking. ``ClearCases`` decides from compiled margins what no rounding can change.
+**A foot that stands alone** never begins a slip in Painleve's paradox. If friction wedges it in, it could stick as well
+as lift off. It sticks, because the plastic impact, or the phase before, has loaded it, and the force of a slightly
+compliant contact tends to that of sticking. ``ClearCases`` decides the cases that rounding cannot change.
 
-While motions are compared, a control law that computes torques for contacts that are held holds all contacts that touch
-just before. If the torques of the chosen mode differ, because a contact leaves, the mode is decided anew with these.
+Some control laws compute torques for a motion in which contacts are held. While motions are compared, they hold all
+contacts that touch just before. If the chosen mode implies other torques, because a contact leaves, the decision is
+repeated with these torques.
 """
 
 from collections.abc import Sequence
@@ -43,23 +45,23 @@ from gaitopt.simulation.events import EDGE, LOOK_AHEAD, STEADY, bends_decide, fa
 from gaitopt.simulation.natural import NaturalDynamics
 
 ALIKE = 1e-9
-"""Motions are the same if their accelerations, or velocities, differ by less, in natural units."""
+"""Motions are the same if their accelerations, or velocities, differ by less than this, in natural units."""
 SLIPS = {str(mode) for mode in CONE}
 AT_REST_TOO = 1e-11
-"""A slip velocity below this, in natural units, is zero where another contact has just come to rest."""
+"""A slip velocity below this, in natural units, counts as zero if another contact has just come to rest."""
 ROUNDED = 1e-15
-"""A slip velocity below this, in natural units, is left as it is."""
+"""A slip velocity below this, in natural units, is not corrected."""
 TOUCHING = 1e-9
-"""A contact of a given state is on the ground if its height is smaller, and stays there if its normal velocity is, in
-natural units."""
+"""A contact of a given state is on the ground if its height is below this, and stays there if its normal velocity is
+below this, in natural units."""
 HOPELESS = 1e-3
-"""A force of the wrong sign that is larger than this part of the weight has it for longer than an instant: it would
-have to change by the weight within a millionth of the unit of time."""
+"""A force of the wrong sign above this part of the weight rules out a motion. To have the wrong sign for an instant
+only, it would have to change by the weight within a millionth of the unit of time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Termination:
-    """The end of a motion that cannot continue, and the reason in words."""
+    """The end of a motion that cannot continue, and its reason as a sentence."""
 
     ending: Ending
     reason: str
@@ -67,37 +69,37 @@ class Termination:
 
 @dataclass(frozen=True, slots=True)
 class _Option:
-    """A consistent combination: its place, the mode, and its accelerations or the rates after it in natural units."""
+    """A consistent combination: its index, its mode, and its accelerations or rates after it in natural units."""
 
-    place: int
+    index: int
     mode: Mode
     motion: Array
 
 
 class _Motion:
-    """The k-th of the motions at an instant; its second derivatives are found from the motion a little later."""
+    """The k-th of the motions at an instant; second derivatives follow from the motion a little later."""
 
     def __init__(self, instant: ContactInstant, mode: Mode, held: Mode, found: Solutions, k: int) -> None:
         self._instant, self._mode, self._held, self._found, self._k = instant, mode, held, found, k
         self._later: tuple[ContactInstant, Solutions] | None = None
 
     def slips_back(self, contact: int) -> bool:
-        """Whether a contact that should slip moves to the other side."""
+        """Whether a contact moves in the direction opposite to its slip."""
         slip = self._found.modes.slip[self._k, contact]
         margin, rate = slip * self._instant.velocities[contact, 0], slip * self._found.contact[self._k, contact, 0]
         if margin > AT_REST_TOO:
             return False
-        margin, bend = min(margin, 0.0), 0.0  # at rest to within rounding
+        margin, bend = min(margin, 0.0), 0.0  # the contact is at rest up to rounding
         if bends_decide(margin, rate):
             bend = (slip * self._ahead[1].contact[0, contact, 0] - rate) / LOOK_AHEAD
         return bool(falls_at_start("slip_velocity", margin, rate, bend))
 
     def lacks_force(self, only: str | None = None) -> bool:
-        """Whether a contact would have to be pulled at, or held by more friction than there is.
+        """Whether the motion needs a pull on a contact, or more friction than available.
 
         Parameters
         ----------
-        only : the only margin that counts.
+        only : the only margin to be examined; None for all margins.
         """
         names, margins = self._instant.margins(self._mode, self._held, self._found, self._k)
         for j, margin in enumerate(margins):
@@ -138,7 +140,7 @@ class ContactResolver:
     Attributes
     ----------
     system : the walker under its control law.
-    clear : decides clear cases of a lone foot; None of other walkers.
+    clear : decides clear cases of a lone foot; None for other walkers.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
@@ -146,7 +148,7 @@ class ContactResolver:
         walker, scales = dynamics.system.walker, dynamics.scales
         self._speed, self._impulse = scales.speed, scales.impulse
         self._names, self._alone = walker.landing_points(), walker.stands_on_one()
-        self._place = {name: k for k, name in enumerate(self._names)}
+        self._number = {name: k for k, name in enumerate(self._names)}
         self._massless = walker.weightless()
         self._weightless = np.array([name in self._massless for name in self._names])
         self._drops, self._stick_first = dynamics.friction_drops, dynamics.stick_comes_first
@@ -159,7 +161,7 @@ class ContactResolver:
         self._impacts: dict[tuple[Mode, tuple[Mode, ...]], Buffers] = {}
 
     def below_ground(self, z: Array) -> str | None:
-        """Message about a contact that counts and is below the ground in a given state; None if there is none."""
+        """Message about an active contact that is below the ground in a given state; None if there is none."""
         heights, _, counts = self._points(z, self._dynamics.p)
         for k, name in enumerate(self.system.walker.contact_names()):
             below = heights[k] < -TOUCHING * self._dynamics.scales.length
@@ -168,10 +170,10 @@ class ContactResolver:
         return None
 
     def settled(self, z: Array, *, stopped: Mode | None = None) -> Array:
-        """A state with slip velocities of exactly zero instead of their rounding.
+        """A state in which slip velocities that only consist of rounding errors are exactly zero.
 
-        That of a lone foot is a coordinate of the state. The rates of other walkers change by the least amount, where a
-        contact has come to rest, so that those that stop at the same instant are at rest too.
+        The slip velocity of a lone foot is a coordinate of the state. For other walkers, after a contact has come to
+        rest, the rates are changed by the smallest amount that also stops the contacts that stop at the same instant.
 
         Parameters
         ----------
@@ -190,27 +192,27 @@ class ContactResolver:
         resting = [k for k, name in enumerate(self._names) if name in stopped.touching and small[k]]
         if all(abs(velocities[k]) <= ROUNDED * self._speed for k in resting):
             return z
-        normal = [2 * self._place[name] + 1 for name in stopped.touching]
+        normal = [2 * self._number[name] + 1 for name in stopped.touching]
         return self._forces.stopped(z, [2 * k for k in resting], normal)
 
     def start(self, z: Array, *, anywhere: bool) -> tuple[Mode, Transition | None] | Termination:
-        """What contacts do in a given state, with the row of the table if one of them is on the ground and comes down.
+        """The mode in a given state, and the transition if a contact on the ground comes down.
 
         Parameters
         ----------
-        anywhere : whether the state may be any, not only one just after an impact: stops are then locked whose gap and
-            its rate are zero, and a lone foot may be in flight.
+        anywhere : whether the state may be any state, and not only one just after an impact. Stops are then locked if
+            their gap and its rate are zero, and a lone foot may be in flight.
         """
         reason = self.below_ground(z)
         if reason is not None:
             return Termination(Ending.SCUFFING, reason)
         walker, table = self.system.walker, self.system.transitions
-        words, landing = self._words(z, anywhere=anywhere)
-        contact = Mode.of_feet({**words, SWING_FOOT: OFF}) if self._alone else Mode.of_contacts(words)
+        states, landing = self._contact_states(z, anywhere=anywhere)
+        contact = Mode.of_feet({**states, SWING_FOOT: OFF}) if self._alone else Mode.of_contacts(states)
         if contact not in walker.foot_modes():
             return Termination(Ending.PAINLEVE, CANNOT_SLIP)
         mode = walker.released(contact)
-        for stop in mode.free if anywhere else ():  # a landing has just released the stops
+        for stop in mode.free if anywhere else ():  # otherwise the landing has just released the stops
             gap, rate = margin_and_rate(self._dynamics, stop, mode, z)
             if abs(gap) <= TOUCHING and abs(rate) * self._dynamics.scales.time <= TOUCHING:
                 mode = mode.with_next(stop)
@@ -224,31 +226,31 @@ class ContactResolver:
             return Termination(Ending.IMPACT_INCONSISTENT, reason)
         return mode, row
 
-    def _words(self, z: Array, *, anywhere: bool) -> tuple[dict[str, str], list[str]]:
-        """What every contact does in a given state, and the names of those on the ground that come down."""
+    def _contact_states(self, z: Array, *, anywhere: bool) -> tuple[dict[str, str], list[str]]:
+        """The state of every contact, and the names of the contacts on the ground that come down."""
         heights, velocities, counts = (values.copy() for values in self._points(z, self._dynamics.p))
         length, still = self._dynamics.scales.length, 0.0 if self._alone else TOUCHING
-        words, landing = dict[str, str](), list[str]()
+        states, landing = dict[str, str](), list[str]()
         for k, name in enumerate(self.system.walker.contact_names()):
             v_t, v_n = velocities[2 * k : 2 * k + 2] / self._speed
             on_ground = abs(heights[k]) <= TOUCHING * length
-            words[name] = "stick" if abs(v_t) <= still else str(Mode.slip(v_t))
+            states[name] = "stick" if abs(v_t) <= still else str(Mode.slip(v_t))
             if on_ground and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
                 landing.append(name)
             cannot_slip = not self._alone and name in self._massless and abs(v_t) > TOUCHING
-            if not on_ground or abs(v_n) > TOUCHING or cannot_slip:  # a massless one keeps its place when it is off
-                words[name] = OFF
-        if self._alone and self.system.walker.massless_feet and anywhere:  # on the ground the force would pull
+            if not on_ground or abs(v_n) > TOUCHING or cannot_slip:  # a massless contact that slips is off the ground
+                states[name] = OFF
+        if self._alone and self.system.walker.massless_feet and anywhere:  # it is off if the force would pull
             value, rate = margin_and_rate(self._dynamics, "normal_force", self.system.transitions.landed[0], z)
             size = TOUCHING * self._dynamics.scales.force
             if value < -size or (value <= size and rate < 0):
-                words[FOOT] = OFF
-        return words, landing
+                states[FOOT] = OFF
+        return states, landing
 
     def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
-        """The mode after an event without a reset: forces decide, unless there is one candidate.
+        """The mode after an event without a reset: forces decide, unless there is only one candidate.
 
-        A slip of a lone foot that a jump of the torques lifts off ends with the first event of the next arc.
+        If a jump of the torques lifts off a lone foot that slips, the slip ends with the first event of the next arc.
         """
         if self.is_decided(transition):
             return transition.candidates[0]
@@ -280,12 +282,12 @@ class ContactResolver:
                 return chosen
             if not self._forces.law_depends_on_holding or chosen.held.contact is held.contact:
                 return self._kept(chosen, "no mode keeps the foot on the ground")
-            # within the phase the law holds fewer contacts, and its torques jump
+            # in the chosen mode the law holds fewer contacts, so that its torques jump
             held = chosen.held
             candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
 
     def _with_leaving(self, candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
-        """The candidates, and the flight of a lone foot that ends the motion of a walker that does not fly."""
+        """The candidates, and for a lone foot of a walker that cannot fly its flight, which ends the motion."""
         if self._alone and not self.system.walker.flies and grounded(candidates):
             return (*candidates, candidates[0].with_contact(Mode.FLIGHT))
         return candidates
@@ -302,8 +304,8 @@ class ContactResolver:
 
         Parameters
         ----------
-        touching : contacts on the ground, which move away from it in the modes in which they are off.
-        held : the contacts that the control law holds.
+        touching : contacts on the ground; in modes in which they are off, they must move away from it.
+        held : the mode whose contacts the control law holds.
         """
         known = [mode for mode in candidates if not self._forces.is_undetermined(mode)]
         with np.errstate(all="ignore"):
@@ -327,31 +329,31 @@ class ContactResolver:
             names = " and ".join(option.mode.brief for option in different)
             return Termination(Ending.CONTACT_AMBIGUOUS, f"several motions are consistent: {names}")
         if len(known) < len(candidates):
-            words = "contacts of different friction slip together, so that the forces do not determine the motion"
-            return Termination(Ending.UNDETERMINED, words)
+            reason = "contacts of different friction slip together, so that the forces do not determine the motion"
+            return Termination(Ending.UNDETERMINED, reason)
         among = f"none of {len(candidates)} combinations of {', '.join(sorted(touching)) or 'no contact'}"
-        words = f"no motion is consistent with the contact forces: {among}"
+        reason = f"no motion is consistent with the contact forces: {among}"
         if not any(mode.slips for mode in known):
             return Termination(Ending.PAINLEVE, CANNOT_SLIP)
         regularity = self._forces.regularity(instant.mechanics, known, kinetic)
         singular = [f"{mode.brief} {value:.4g}" for mode, value in zip(known, regularity, strict=True) if value <= EDGE]
         if singular:
-            return Termination(Ending.PAINLEVE, f"{words}; regularity is not positive: {', '.join(singular)}")
-        return Termination(Ending.CONTACT_INCONSISTENT, words)
+            return Termination(Ending.PAINLEVE, f"{reason}; regularity is not positive: {', '.join(singular)}")
+        return Termination(Ending.CONTACT_INCONSISTENT, reason)
 
     def _with_others_at_rest(self, candidates: tuple[Mode, ...], velocities: Array) -> tuple[Mode, ...]:
-        """The candidates, and what contacts can do that come to rest at the same instant as another one."""
+        """The candidates, extended by the states of further contacts that come to rest at the same instant."""
         for name in (name for k, name in enumerate(self._names) if abs(velocities[k, 0]) <= AT_REST_TOO):
             known = {mode.contacts.get(name) for mode in candidates}
             if known & SLIPS and AT_REST[0] not in known:
-                words = [mode.with_states({name: word}) for mode in candidates for word in AT_REST]
-                candidates = tuple(dict.fromkeys(words))
+                extended = [mode.with_states({name: state}) for mode in candidates for state in AT_REST]
+                candidates = tuple(dict.fromkeys(extended))
         return candidates
 
     def strike(self, mode: Mode, transition: Transition, z_minus: Array) -> tuple[Mode, Array] | Termination:
-        """Mode and state just after a contact has landed, or a stop has locked, in ``mode`` and state ``z_minus``.
+        """Mode and state just after a contact lands, or a stop locks, in ``mode`` and state ``z_minus``.
 
-        Forces then decide about the motion.
+        After that, forces decide about the motion.
         """
         assert transition.reset is not None
         if transition.reset.swaps:
@@ -359,7 +361,7 @@ class ContactResolver:
             if isinstance(swapped, Termination):
                 return swapped
             z = swapped.state.copy()
-            z[self.system.n_shape] = swapped.step_length  # x goes on within a step
+            z[self.system.n_shape] = swapped.step_length  # x continues within a step
             started = self.start(z, anywhere=False)
             return started if isinstance(started, Termination) else (started[0], z)
         of, candidates = transition.reset.of, transition.candidates
@@ -376,7 +378,10 @@ class ContactResolver:
         return chosen, reset(z_minus, self._dynamics.p)[0].copy()
 
     def impact(self, mode: Mode, transition: Transition, z_minus: Array) -> ImpactRecord | Termination:
-        """The impact of a foot in ``mode`` and state ``z_minus`` with the feet swapped after it; or no impact."""
+        """The impact at the end of a step, from ``mode`` and state ``z_minus``; the feet are swapped after it.
+
+        If the step ends without a landing, the record has no impulse.
+        """
         assert transition.reset is not None
         if not transition.reset.swaps:
             return impact_record(self._dynamics, mode.contact, z_minus, mode, lands=False)
@@ -388,7 +393,7 @@ class ContactResolver:
             chosen = self._impact(mode, tuple(landings), {transition.reset.of}, z_minus)
             if isinstance(chosen, Termination):
                 return chosen
-            landed = landings.get(chosen) or self.system.walker.swapped(chosen)  # where others landed with it
+            landed = landings.get(chosen) or self.system.walker.swapped(chosen)  # others may have landed as well
         return impact_record(self._dynamics, landed.contact, z_minus, mode, lands=True)
 
     def _pushing(self, mode: Mode) -> tuple[str, ...]:
@@ -396,30 +401,30 @@ class ContactResolver:
         return tuple(name for name in self.system.walker.pushing() if name in mode.touching)
 
     def _push(self, mode: Mode, z_minus: Array) -> tuple[Array, ...]:
-        """Impulses of the contacts that push off, their work, and the rates just after it."""
+        """Impulses of the contacts that push off, their work, and the rates just after the push."""
         if mode not in self._pushes:
             self._pushes[mode] = Buffers(self.system.push(mode))
         return self._pushes[mode](z_minus, self._dynamics.p)
 
     def _push_fault(self, mode: Mode, z_minus: Array) -> Termination | None:
-        """Why a contact cannot push off: it slips."""
+        """The end of the motion if a contact that pushes off slips; None if it does not."""
         pushing = self._pushing(mode)
         impulses = self._push(mode, z_minus)[0].reshape(-1, 2).tolist() if pushing else []
         for name, (p_t, p_n) in zip(pushing, impulses, strict=True):
-            friction = self._forces.friction.static[self._place[name]]
+            friction = self._forces.friction.static[self._number[name]]
             if not is_within_cone(p_t, p_n, friction):
                 who = "foot" if self._alone else f"contact {name}"
-                words = f"the {who} that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
-                return Termination(Ending.PUSH_SLIPS, f"{words}, has {friction:g}")
+                reason = f"the {who} that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
+                return Termination(Ending.PUSH_SLIPS, f"{reason}, has {friction:g}")
         return None
 
     def _clear_impact(self, mode: Mode, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
-        """The mode after an impact of a lone foot if no rounding can change it; None where all must be examined."""
+        """The mode after an impact of a lone foot, if rounding cannot change it; None if all modes must be examined."""
         if self.clear is None or not grounded(candidates):
             return None
         if (mode, candidates) not in self._impacts:
             struck = candidates
-            if not candidates[0].locked:  # no stop has locked: the swing foot has landed
+            if not candidates[0].locked:  # no stop has locked, so that the swing foot has landed
                 struck = tuple(self.system.walker.swapped(after.contact) for after in candidates)
             self._impacts[mode, candidates] = Buffers(self.system.impacts(mode, *struck))
         impacts, approach = self._impacts[mode, candidates](z_minus, self._dynamics.p)
@@ -430,12 +435,12 @@ class ContactResolver:
     def _impact(
         self, mode: Mode, candidates: tuple[Mode, ...], landing: set[str], z_minus: Array
     ) -> Mode | Termination:
-        """The mode after the only consistent impact; contacts that arrive at the same instant take part.
+        """The mode after the only consistent impact; contacts that arrive at the same instant take part in it.
 
         Parameters
         ----------
-        mode : before it.
-        candidates : after it, with the contacts as they are called before it.
+        mode : mode before the impact.
+        candidates : possible modes after it, with the names of the contacts before it.
         landing : the contact that lands; empty for the impact of a stop.
         """
         if len(candidates) == 1 and not landing:  # a stop locks in flight
@@ -443,7 +448,7 @@ class ContactResolver:
         heights, mechanics = self._points(z_minus, self._dynamics.p)[0].copy(), self._forces.mechanics(z_minus)
         if landing and self._pushing(mode):
             mechanics = mechanics._replace(dq=self._forces.natural_rates(self._push(mode, z_minus)[2]))
-        before, size, place = mechanics.velocities, TOUCHING * self._dynamics.scales.length, self._place
+        before, size, number = mechanics.velocities, TOUCHING * self._dynamics.scales.length, self._number
         if fault := self._arrival_fault(landing, heights, before):
             return fault
         massless = landing & {*self._massless}
@@ -451,10 +456,10 @@ class ContactResolver:
             return candidates[0]
         touching = {name for candidate in candidates for name in candidate.touching}
         for name in {*self.system.walker.contacts} - touching - {*self._massless}:
-            if abs(heights[place[name]]) <= size and before[place[name], 1] < -TOUCHING:
+            if abs(heights[number[name]]) <= size and before[number[name], 1] < -TOUCHING:
                 landing = landing | {name}
                 touching.add(name)
-                candidates = tuple(m.with_states({name: word}) for m in candidates for word in AT_REST)
+                candidates = tuple(m.with_states({name: state}) for m in candidates for state in AT_REST)
         conceivable = [candidate for candidate in candidates if massless <= {*candidate.touching}]
         known = [candidate for candidate in conceivable if not self._forces.is_undetermined(candidate)]
         kinetic = self._forces.friction.kinetic
@@ -470,36 +475,37 @@ class ContactResolver:
             after, is_regular = chosen.mode, not chosen.mode.slips
             regularity = 1.0 if is_regular else self._forces.regularity(mechanics, (after,), kinetic).item()
             if regularity <= 0:
-                words = f"the impulses have no unique solution: regularity is {regularity:.4g} after {after.brief}"
-                return Termination(Ending.PAINLEVE, words)
-            for name in {*mode.touching} - touching:  # a foot that cannot stay
-                lift = found.contact[chosen.place, place[name], 1] * self._speed
+                reason = f"the impulses have no unique solution: regularity is {regularity:.4g} after {after.brief}"
+                return Termination(Ending.PAINLEVE, reason)
+            for name in {*mode.touching} - touching:  # these feet have to leave the ground
+                lift = found.contact[chosen.index, number[name], 1] * self._speed
                 if lift <= 0:
-                    words = f"the former stance foot would move into the ground at {lift:.6g} m/s"
-                    return Termination(Ending.DOUBLE_SUPPORT, f"{words} after an impact with {after.brief}")
+                    reason = f"the former stance foot would move into the ground at {lift:.6g} m/s"
+                    return Termination(Ending.DOUBLE_SUPPORT, f"{reason} after an impact with {after.brief}")
             return after
         if different:
             names = " and ".join(option.mode.brief for option in different)
             return Termination(Ending.IMPACT_AMBIGUOUS, f"several impacts are consistent: {names}")
         if len(known) < len(conceivable):
-            words = "contacts of different friction slip together, so that the impulses do not determine the impact"
-            return Termination(Ending.UNDETERMINED, words)
+            reason = "contacts of different friction slip together, so that the impulses do not determine the impact"
+            return Termination(Ending.UNDETERMINED, reason)
         return Termination(Ending.IMPACT_INCONSISTENT, f"no impact of {', '.join(sorted(touching))} is consistent")
 
     def _arrival_fault(self, landing: set[str], heights: Array, velocities: Array) -> Termination | None:
-        """Why contacts cannot land: they come from below the ground."""
+        """The end of the motion if a contact would land from below the ground; None if none does."""
         for name in landing if self._alone else landing - {*self._massless}:
-            words, k = f"the {name.replace('_', ' ')}" if self._alone else name, self._place[name]
+            contact, k = f"the {name.replace('_', ' ')}" if self._alone else name, self._number[name]
             if heights[k] < -TOUCHING * self._dynamics.scales.length:
                 where = f"it is {-heights[k]:.3g} m below the ground where it begins to count as a contact"
-                return Termination(Ending.SCUFFING, f"{words} scuffs: {where}")
+                return Termination(Ending.SCUFFING, f"{contact} scuffs: {where}")
             if velocities[k, 1] >= -EDGE:
-                words = f"{words} does not come down: its normal velocity is {velocities[k, 1] * self._speed:.6g} m/s"
-                return Termination(Ending.IMPACT_INCONSISTENT, f"{words}, so that it touches the ground from below")
+                velocity = f"{velocities[k, 1] * self._speed:.6g} m/s"
+                reason = f"{contact} does not come down: its normal velocity is {velocity}"
+                return Termination(Ending.IMPACT_INCONSISTENT, f"{reason}, so that it touches the ground from below")
         return None
 
     def _following(self, found: Solutions, touching: set[str], J: Array) -> list[int]:
-        """The impacts after which what the contacts do agrees with their impulses and velocities."""
+        """Indices of the impacts after which the states of the contacts agree with their impulses and velocities."""
         modes, touches = found.modes, np.array([name in touching for name in self._names])
         slips, sticks, normal, tangential = modes.slip != 0, modes.sticks, found.normal, found.tangential
         bound = self._forces.friction.static * normal * (1 + EDGE) + EDGE
@@ -518,7 +524,7 @@ class ContactResolver:
         return [k for k in np.flatnonzero(agrees).tolist() if not modes.shared[k].any() or shares_agree(k)]
 
     def _conceivable(self, found: Solutions, touching: set[str]) -> list[int]:
-        """The motions without a force or an acceleration that is clearly of the wrong sign."""
+        """Indices of the motions without a force or an acceleration that clearly has the wrong sign."""
         modes, friction = found.modes, self._forces.friction
         lowest = np.where(modes.own, found.normal, 0)
         lowest = np.minimum(
@@ -526,7 +532,7 @@ class ContactResolver:
         )
         off = ~modes.closed & ~self._weightless & np.array([name in touching for name in self._names])
         lowest = np.minimum(lowest, np.where(off, found.contact[:, :, 1], 0))
-        return np.flatnonzero(np.all(lowest > -HOPELESS, axis=1)).tolist()  # neither do NaN pass
+        return np.flatnonzero(np.all(lowest > -HOPELESS, axis=1)).tolist()  # NaN does not pass either
 
     def _holds(self, instant: ContactInstant, found: Solutions, k: int, touching: set[str], held: Mode) -> bool:
         """Whether the k-th mode is consistent at this instant."""
@@ -534,24 +540,24 @@ class ContactResolver:
         motion = _Motion(instant, mode, held, found, k)
         lifted = [name for name in touching if name not in mode.touching]
         return (
-            not any(motion.slips_back(self._place[name]) for name, slip in mode.directions.items() if slip)
+            not any(motion.slips_back(self._number[name]) for name, slip in mode.directions.items() if slip)
             and all(
                 self._is_pulled(instant, mode.with_states({name: "stick"}), name, held, found)
                 if name in self._massless
-                else motion.separates(self._place[name])
+                else motion.separates(self._number[name])
                 for name in lifted
             )
-            and not motion.lacks_force()  # last, because rates of forces take the most time
+            and not motion.lacks_force()  # the last condition, because rates of forces take the most time
         )
 
     def _is_pulled(self, instant: ContactInstant, closed: Mode, name: str, held: Mode, found: Solutions) -> bool:
-        """Whether the ground would have to pull at a massless contact in a mode in which it is closed."""
+        """Whether the ground would have to pull at a massless contact if it were closed, which it is in ``closed``."""
         modes = found.modes.modes
         k, found = (modes.index(closed), found) if closed in modes else (0, instant.motions((closed,), held))
         return _Motion(instant, closed, held, found, k).lacks_force(f"normal_force.{name}")
 
     def _different(self, options: list[_Option]) -> list[_Option]:
-        """The options that move the walker differently, the first of those that move it alike."""
+        """The options without those that move the walker like an earlier one."""
         different: list[_Option] = []
         for option in options:
             close = ALIKE * (1 + np.abs(option.motion).max())
@@ -561,7 +567,7 @@ class ContactResolver:
 
     def _preferred(self, different: list[_Option]) -> _Option:
         """The motion in which the most contacts stick."""
-        return max(different, key=lambda option: sum(word == "stick" for word in option.mode.contacts.values()))
+        return max(different, key=lambda option: sum(state == "stick" for state in option.mode.contacts.values()))
 
 
 def margin_and_rate(dynamics: Dynamics, name: str, mode: Mode, z: Array) -> tuple[float, float]:

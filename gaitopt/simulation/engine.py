@@ -5,13 +5,14 @@ margin that falls through zero:
 
 * ``touchdown`` is armed once it has been positive after the impact: the feet are level at the start of every step, and
   this margin rises through zero again when the legs pass each other in mid-swing.
-* Every other margin must be positive along the whole arc. One that starts at zero (the slip velocity at the onset of
-  slip, a double root; the edge of the cone at re-sticking) is not an event if it leaves zero upwards.
-* A margin that touches zero within rounding is not an event.
-* A margin that rises first and falls just at the time limit is an event: in the next arc it would not be armed.
+* Every other margin must be positive along the whole arc. If it starts at zero (the slip velocity at the onset of slip,
+  which is a double root; the cone margin at re-sticking), it is not an event unless it falls.
+* A margin that touches zero up to rounding is not an event.
+* A margin that rises first and falls exactly at the time limit is an event, because it would not be armed in the next
+  arc.
 
-The rules for the start of an arc and the change to natural units are here, for all engines; an engine adds three
-methods. scipy's method is always available, heyoka is optional and compiles its code.
+This module contains the rules for the start of an arc and the change to natural units for all engines. An engine adds
+three methods. scipy's method is always available; heyoka is optional and compiles its code.
 """
 
 from abc import ABC, abstractmethod
@@ -30,13 +31,13 @@ from gaitopt.simulation.events import LOOK_AHEAD, Point, event_at_start, falls_a
 from gaitopt.simulation.natural import NaturalDynamics
 
 MANY_STEPS = 1000
-"""Number of walking steps from which ``auto`` chooses heyoka: they take scipy as long as heyoka's first compilation."""
+"""From this number of walking steps on, ``auto`` chooses heyoka. They take scipy as long as heyoka's compilation."""
 INSTALL = "pip install 'gaitopt[fast]' on Linux, conda install heyoka.py elsewhere"
 MAX_ARC_STEPS = 20_000
-"""Largest number of integration steps of one arc: walking takes tens, only a very stiff control law takes more."""
+"""Largest number of integration steps of one arc. An arc of a walk takes tens, with a very stiff control law more."""
 NOT_FINITE = "the equations of motion are not finite"
 STRAIGHT = 1e-8
-"""An arc this short, in natural units, is straight to rounding: its two ends are enough."""
+"""A shorter arc, in natural units, is straight up to rounding, so that its two ends are enough."""
 
 
 def is_installed() -> bool:
@@ -52,12 +53,12 @@ def choose_engine(engine: str, *, steps: int = 1) -> Engine:
     UnknownNameError
         If there is no such engine, or it is not installed.
     """
-    wanted, installed = choice(Engine, engine), is_installed()
-    if wanted is Engine.HEYOKA and not installed:
+    chosen, installed = choice(Engine, engine), is_installed()
+    if chosen is Engine.HEYOKA and not installed:
         raise UnknownNameError(f"the engine heyoka is not installed: {INSTALL}; or use the engine scipy")
-    if wanted is Engine.AUTO:
+    if chosen is Engine.AUTO:
         return Engine.HEYOKA if installed and steps >= MANY_STEPS else Engine.SCIPY
-    return wanted
+    return chosen
 
 
 class Arrival(NamedTuple):
@@ -66,7 +67,7 @@ class Arrival(NamedTuple):
     Attributes
     ----------
     time : time since the last impact [s].
-    state : ndarray, shape (n_z,) - state there.
+    state : ndarray, shape (n_z,) - state at this time.
     event : the margin that fell to zero; None at the time limit.
     failure : why the integrator could not continue; empty if it could.
     """
@@ -88,14 +89,14 @@ class Stepper(ABC):
     def __init__(self, dynamics: Dynamics) -> None:
         self._natural = NaturalDynamics(dynamics)
 
-    @np.errstate(all="ignore")  # a motion that diverges is detected by the engine
+    @np.errstate(all="ignore")  # the engine detects motions that diverge
     def advance(self, mode: Mode, segment: int, time: float, state: Array, limit: float) -> Arrival:
         """Integrate one arc from ``time`` to its first event, or to ``limit``.
 
         Parameters
         ----------
-        mode : of the walker.
-        segment : of the control.
+        mode : mode of the walker.
+        segment : segment of the control.
         time, limit : times since the last impact [s].
         state : ndarray, shape (n_z,) - state at ``time``.
         """
@@ -128,14 +129,14 @@ class Stepper(ABC):
         return Arrival(max(tau * natural.time, time), zeta * natural.state, event, failure)
 
     def sample(self, mode: Mode, segment: int, state: Array, times: Array) -> Array:
-        """States at ascending ``times`` of an arc that starts with ``state`` at the first; shape (m, n_z)."""
+        """States at ascending ``times`` of an arc that starts with ``state`` at the first time; shape (m, n_z)."""
         natural = self._natural
         states = self.states_at(mode, segment, state / natural.state, times / natural.time) * natural.state
         states[0] = state
         return states
 
     def sample_arc(self, mode: Mode, segment: int, state: Array, start: float, end: float) -> tuple[Array, Array]:
-        """Times (m,) and states (m, n_z) at as many Chebyshev points as resolve the arc that begins with ``state``."""
+        """Times (m,) and states (m, n_z) at Chebyshev points that resolve the arc that starts with ``state``."""
         for count in curves.COUNTS if end - start > STRAIGHT * self._natural.time else (2,):
             times = start + (end - start) * (curves.points(count) + 1) / 2
             times[-1] = end
@@ -150,12 +151,12 @@ class Stepper(ABC):
         Parameters
         ----------
         state : ndarray, shape (n_z,) - state at the start of the arc.
-        deviations : ndarray, shape (n_z, m) - deviations there, one per column.
+        deviations : ndarray, shape (n_z, m) - deviations at the start of the arc, one per column.
         times : ndarray, shape (2,) - start and end of the arc [s].
         """
         unit = self._natural.state
         scaled = deviations / unit[:, None]
-        sizes = np.abs(scaled).max(axis=0)  # of the columns, which are integrated with size one
+        sizes = np.abs(scaled).max(axis=0)  # every column is scaled to size one for the integration
         sizes[sizes == 0] = 1.0
         y = np.concatenate([state / unit, (scaled / sizes).ravel(order="F")])
         start, end = (times / self._natural.time).tolist()
@@ -171,8 +172,8 @@ class Stepper(ABC):
 
     @abstractmethod
     def states_at(self, mode: Mode, segment: int, zeta: Array, taus: Array) -> Array:
-        """States at ascending times of a motion that starts with ``zeta`` at the first; in natural units."""
+        """States at ascending times of a motion that starts with ``zeta`` at the first time; in natural units."""
 
     @abstractmethod
     def propagate(self, mode: Mode, segment: int, y: Array, columns: int, start: float, end: float) -> Array:
-        """State and deviations at ``end`` from ``y`` at ``start``, one after the other; in natural units."""
+        """State and deviations, stacked in one vector, at ``end`` from ``y`` at ``start``; in natural units."""

@@ -1,15 +1,15 @@
-"""Events of a motion: where a margin of its mode falls through zero. The rules hold for every engine.
+"""Events of a motion, at which a margin of its mode falls through zero. The rules are the same for every engine.
 
-All quantities are in natural units. Where a margin is at its edge at the start of an arc, its derivatives decide:
+All quantities are in natural units. If a margin is at its edge at the start of an arc, its derivatives decide:
 
     margin + INSTANT rate + INSTANT^2 bend / 2 < 0      the margin has fallen; otherwise it leaves its edge upwards
 
-A dip of no more than EDGE, rate^2 / (2 bend) < EDGE, is not an event. The margin ``painleve`` has fallen at its edge in
-any case, because the equations of motion are singular there. A force at its edge that stays there, to within rounding,
-holds: a foot that needs exactly the friction that there is sticks, and one without a force remains on the ground.
+A dip of no more than EDGE, rate^2 / (2 bend) < EDGE, is not an event. The margin ``painleve`` always counts as fallen
+at its edge, because the equations of motion are singular there. If a force stays at its edge up to rounding, the mode
+holds: a foot that needs exactly the available friction sticks, and a foot without a force remains on the ground.
 
-Events are located by Newton's method on the motion itself. An integrator's interpolant is not used: it loses three
-digits against the integration steps.
+Events are located by Newton's method on the motion itself. An integrator's interpolant is not used, because it is three
+digits less accurate than the integration steps.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,40 +25,39 @@ PRIORITY = (
     "painleve", "regularity", "normal_force", "upright", "clearance", "touchdown", "gap", "", "slip_velocity",
     "cone_forward", "cone_backward",
 )  # fmt: skip
-"""Order of simultaneous events. First come those after which the model does not hold (a normal force means nothing
-where the slip has no unique solution), then the impact, which cancels any simultaneous change of mode, then stops and
+"""Order of simultaneous events. First come those after which the model does not hold (a normal force has no meaning if
+the slip has no unique solution), then the impact, which cancels any simultaneous change of mode, then stops and
 switches (the empty name), then changes of mode."""
 EDGE = 1e-12
-"""A margin this close to zero is at its edge: rounding of contact forces in units of the weight."""
+"""A margin is at its edge if it is this close to zero, the rounding error of contact forces in units of the weight."""
 AT_REST = EDGE
-"""A foot that starts with a slip no faster than this, in units of sqrt(g l), is at rest: it would stop within an
-instant."""
+"""A foot with a slower slip than this at the start (unit sqrt(g l)) is at rest: it would stop within an instant."""
 SIMULTANEOUS = 1e-12
-"""Events this close in time are simultaneous: the accuracy to which the worst of them is located."""
+"""Events are simultaneous if they are this close in time, the accuracy to which the worst of them is located."""
 INSTANT = 1e-9
-"""Time resolution: a margin that is negative for less, or a slip that lasts less, is ignored."""
+"""Time resolution: a margin that is negative for a shorter time, or a shorter slip, is ignored."""
 LINEAR = 1e-11
-"""A Newton step this short in time is exact, even within a slip that lasts ten instants."""
+"""A Newton step that is shorter in time is exact, even within a slip that lasts ten instants."""
 NEAR = 1e-9
-"""The same from the root of a lifted margin, which lies this far away where the margin falls at a rate of 1e-3: the
-bend of a margin other than a slip velocity then changes the root by 1e-15."""
+"""A Newton step from the root of a lifted margin is exact if it is shorter. This is its length if the margin falls at a
+rate of 1e-3; the bend of a margin other than a slip velocity then changes the root by 1e-15."""
 FALLING = frozenset(name for name, known in PHASE_MARGINS.items() if not known.rises)
 """Margins that may fall at the start of an arc. The others rise first: the feet are level at the start of a step, and
 stops and switches, which may have any name, have just been released."""
 STEEP = 1e-3
-"""A rate beyond which the bend of a margin at its edge does not matter: it would have to be a million."""
+"""If the rate of a margin at its edge exceeds this, its bend does not matter: it would have to be a million."""
 STEADY, STRAIGHT = 1e-11, 1e-6
-"""Rate and bend up to which a force at its edge stays there: rounding, and that of a difference over ``LOOK_AHEAD``. If
-it falls nevertheless, it is noticed when it has left its edge."""
+"""A force at its edge stays there if rate and bend are below these, the rounding errors of a rate, and of a difference
+over ``LOOK_AHEAD``. If it falls after all, the event is found when it has left its edge."""
 LOOK_AHEAD = 1e-7
 """Time over which a difference of rates gives the bend to a relative accuracy of 1e-8."""
 MAX_NEWTON_STEP = 1e-3
-"""Longest Newton step towards an event that an engine has located to ``EDGE``: the tangent of a margin that barely
-falls is useless far away."""
+"""Longest Newton step towards an event that an engine has located up to ``EDGE``. If a margin barely falls, its tangent
+is useless far away."""
 BARELY_MOVING = 1e-18
-"""Lift of a slip velocity, below all rounding: the shortest slips that are resolved are no faster than 1e-17."""
+"""Lift of a slip velocity. It is below all rounding: the shortest slips that are resolved reach about 1e-17."""
 MAX_ITERATIONS = 100
-"""Enough to bisect any interval down to rounding."""
+"""Enough iterations to bisect any interval down to rounding."""
 
 
 class Point(NamedTuple):
@@ -88,7 +87,7 @@ def falls_at_start(name: str, margin: Any, rate: Any, bend: Any = 0.0) -> Any:
 
 
 def bends_decide(margin: Any, rate: Any) -> Any:
-    """Whether ``falls_at_start`` needs the bends: margins at their edge with small rates; floats or arrays."""
+    """Whether ``falls_at_start`` needs the bend of a margin, which is at its edge and has a small rate."""
     return (margin <= EDGE) & (abs(rate) < STEEP)
 
 
@@ -99,7 +98,7 @@ def event_at_start(
 
     Parameters
     ----------
-    rates_ahead : returns the rates after ``LOOK_AHEAD``; called only if they matter.
+    rates_ahead : the function that returns the rates after ``LOOK_AHEAD``; called only if they matter.
     """
     near = [k for k, margin in enumerate(margins) if margin <= EDGE and kind(names[k]) in FALLING]
     if not near:
@@ -112,12 +111,12 @@ def event_at_start(
 
 
 def priority(name: str) -> int:
-    """Rank of a margin among simultaneous events; the smallest counts."""
+    """Rank of a margin among simultaneous events; the event with the smallest rank happens."""
     return PRIORITY.index(kind(name) if kind(name) in PRIORITY else "")
 
 
 def is_armed(name: str, margin: Any) -> Any:
-    """Whether a margin with this value at the start of an arc may fall: what rises must have been positive."""
+    """Whether a margin with this value at the start of an arc may fall; margins that rise must have been positive."""
     return (margin > EDGE) | (kind(name) in FALLING)
 
 
@@ -127,11 +126,11 @@ def smallest_lift(name: str) -> float:
 
 
 def lift(name: str, margin: Any, rate: Any) -> Any:
-    """Number to be added to a margin of an arc before its roots are sought, from its value and rate at the start.
+    """The number that is added to a margin before its roots are sought, from its value and rate at the start.
 
-    A lifted margin never starts at zero, because heyoka would overlook its next root. One that may fall is lifted by
-    its edge, and one that starts at its edge by its possible dip as well. ``touchdown`` is lowered until it is armed,
-    so that it falls only after it has been positive. Floats, or arrays of one shape.
+    A lifted margin never starts at zero, because heyoka would miss its next root. A margin that may fall is lifted by
+    ``EDGE``; if it starts at its edge, it is also lifted by its possible dip. ``touchdown`` is lowered until it is
+    armed, so that it only falls after it has been positive. Floats, or arrays of one shape.
     """
     armed, dip = is_armed(name, margin), (margin <= EDGE) * (rate < 0) * 2 * EDGE
     return armed * (smallest_lift(name) + dip) - (1 - armed) * EDGE
@@ -148,7 +147,7 @@ def coincides(margin: Any, rate: Any) -> Any:
 
 
 def falls_at_limit(name: str, margin: Any, rate: Any) -> Any:
-    """Whether a margin falls at the time limit of an arc: one that rises first would not be armed in the next arc.
+    """Whether a margin that rises first falls at the time limit of an arc; it would not be armed in the next arc.
 
     Floats, or arrays of one shape.
     """
@@ -160,7 +159,7 @@ def refine(k: int, point: Point, flow: Callable[[Point, float], Point]) -> tuple
 
     Parameters
     ----------
-    flow : (point, duration) -> the point of the motion after this time, which may be negative.
+    flow : function of a point and a duration, which may be negative; returns the point of the motion after it.
     """
     for _ in range(MAX_ITERATIONS):
         margin, rate = point.margins[k], point.rates[k]
@@ -199,14 +198,14 @@ def first_event(
 
 
 def _bracket(k: int, before: Point, after: Point, armed: bool, motion_at: MotionAt) -> tuple[Point, Point] | None:
-    """Two points between which the k-th margin falls from a positive value to zero or below."""
+    """Two points between which the k-th margin falls from a positive value to zero or below; None if it does not."""
     start, end, slope, end_slope = before.margins[k], after.margins[k], before.rates[k], after.rates[k]
     if armed and end <= 0:
         return before, after
     dips, bulges = armed and start > 0 and slope < 0 < end_slope, not armed and end <= 0 and slope > 0 > end_slope
     if not dips and not bulges:
         return None
-    # the tangents at both ends meet beyond the extremum of a margin that is convex, or concave, in between
+    # if the margin is convex (or concave) in between, the tangents at both ends meet beyond its extremum
     h = after.time - before.time
     beyond = start + slope * (end - start - end_slope * h) / (slope - end_slope)
     if beyond >= 0 if dips else beyond <= 0:
@@ -218,9 +217,9 @@ def _bracket(k: int, before: Point, after: Point, armed: bool, motion_at: Motion
 
 
 def _root(k: int, before: Point, after: Point, motion_at: MotionAt) -> tuple[float, Array]:
-    """Time and state where the k-th margin is zero, by Newton's method safeguarded with bisection.
+    """Time and state at which the k-th margin is zero, by Newton's method safeguarded with bisection.
 
-    It starts at the root of the inverse cubic interpolation, time over margin, or of the chord.
+    It starts at the root of the inverse cubic interpolation (time as a function of the margin), or of the chord.
     """
     t0, t1, m0, m1 = before.time, after.time, before.margins[k], after.margins[k]
     if m0 <= 0:

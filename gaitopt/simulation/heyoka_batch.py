@@ -1,12 +1,11 @@
 """One step of many states at once, on heyoka: the hybrid simulator with arrays in place of numbers.
 
-All states in the same mode go through their next arc together, then all with the same event through what follows, until
-every step has ended. The rules are those of ``events``, ``contact_resolver`` and ``simulator``; the table of
-transitions is the same. Arcs are integrated in the lanes of heyoka's batch integrators: every lane has its own time,
-step length and events, and where its arc ends, the next state takes its place. Clear cases of a lone foot are decided
-for all states at once; at an edge, where no candidate or several are consistent, and where several contacts touch,
-``ContactResolver`` decides for one state after the other. The result of a state does not depend on the others, to the
-last bit.
+All states in the same mode go through their next arc together, and then all states with the same event through what
+follows, until every step has ended. The rules are those of ``events``, ``contact_resolver`` and ``simulator``; the
+table of transitions is the same. Arcs are integrated in the lanes of heyoka's batch integrators. Every lane has its own
+time, step length and events; when its arc ends, the next state is loaded into it. Clear cases of a lone foot are
+decided for all states at once. At an edge, if no candidate or several are consistent, and if several contacts touch,
+``ContactResolver`` decides for one state after the other. No bit of a result depends on the other states.
 
 This module needs heyoka.
 """
@@ -56,11 +55,11 @@ LIMIT, FAILURE = -1, -2
 """Codes of arcs that end at their time limit, or because the integrator cannot continue."""
 TIME_LIMIT = int(hy.taylor_outcome.time_limit)
 UNFINISHED = int(hy.taylor_outcome.success), int(hy.taylor_outcome.step_limit)
-"""heyoka's outcomes of lanes that stop only because another one does, or after ``STEPS_AT_ONCE``."""
+"""heyoka's outcomes of lanes that only stop because another lane does, or after ``STEPS_AT_ONCE``."""
 MOST_RESOLVERS = 64
-"""Number of resolvers that are kept for states on tiles of their own."""
+"""Number of resolvers in the cache for states that are on different tiles."""
 STEPS_AT_ONCE = 500
-"""Integration steps after which lanes are examined, even if none has ended: an arc of a walk takes tens."""
+"""Lanes are examined after this many integration steps, even if none has ended; an arc of a walk takes tens."""
 
 
 class BatchSimulator:
@@ -179,7 +178,7 @@ class Arrivals:
     Attributes
     ----------
     times : ndarray, shape (n,) - time since the last impact [s].
-    states : ndarray, shape (n, n_z).
+    states : ndarray, shape (n, n_z) - state at this time.
     events : ndarray, shape (n,) - index in ``margin_names`` of the margin that fell to zero, ``LIMIT`` or ``FAILURE``.
     """
 
@@ -189,7 +188,7 @@ class Arrivals:
 
 
 class _Motions:
-    """The steps so far; an ending of -1 means that a motion continues."""
+    """The steps so far; the ending -1 means that a motion continues."""
 
     def __init__(self, states: Array, dynamics: Dynamics, p: Array | None) -> None:
         n, system, self._p = len(states), dynamics.system, p
@@ -209,7 +208,7 @@ class _Motions:
         return None if self._p is None else self._p[rows]
 
     def arrive(self, rows: Indices, code: int, arrivals: Arrivals) -> None:
-        """Record arcs in one mode: a phase continues across a breakpoint, and an empty arc is not a phase."""
+        """Record arcs in one mode. A phase continues across a breakpoint, and an empty arc is not a phase."""
         base, most = len(self._all_modes) + 1, max_phases(self._all_modes)
         moved = arrivals.times > self.times[rows]
         new = rows[moved & ((self.phases[rows] % base != code + 1) | self.swapped[rows])]
@@ -219,11 +218,15 @@ class _Motions:
         self.times[rows], self.states[rows] = arrivals.times, arrivals.states
 
     def switch(self, rows: Indices, most: int, *, strikes: bool) -> Indices:
-        """Record an event within the steps of the given rows; end and leave out those that had ``most`` before it.
+        """Record an event within the steps of the given rows; motions that had ``most`` events before it end.
 
         Parameters
         ----------
-        strikes : whether it is the impact of a contact or a stop. Motions whose impacts accumulate end too.
+        strikes : whether the event is the impact of a contact or a stop. Motions whose impacts accumulate end too.
+
+        Returns
+        -------
+        rows : the rows whose motions continue.
         """
         for row in rows.tolist() if strikes else ():
             self._strikes[row].append(float(self.times[row]))
@@ -243,12 +246,12 @@ class _Motions:
         self.endings[rows] = ENDINGS.index(ending)
 
     def choose(self, rows: Indices, modes: Codes, endings: Codes) -> None:
-        """Continue in ``modes``, where no ending is given."""
+        """Continue in ``modes``; end the motions of rows with a positive ending."""
         self.modes[rows] = modes
         self.endings[rows[endings > 0]] = endings[endings > 0]
 
     def outcomes(self) -> StepOutcomes:
-        """The steps, once all have ended."""
+        """The steps, after all have ended."""
         return StepOutcomes(
             names=self._names,
             states=self.states,
@@ -282,7 +285,7 @@ class BatchResolver:
     def start(self, states: Array) -> tuple[Array, Codes, Codes, dict[tuple[Mode, str], list[int]]]:
         """States and modes at the start of a step, endings, and rows by the mode and the guard of a contact that lands.
 
-        A lone foot that slips slower than rounding is at rest, with a slip velocity of zero.
+        A lone foot whose slip velocity only consists of rounding errors is at rest, with a slip velocity of zero.
         """
         n, landings = len(states), defaultdict[tuple[Mode, str], list[int]](list)
         modes, endings = np.full(n, NONE), np.zeros(n, dtype=np.int64)
@@ -333,13 +336,13 @@ class BatchResolver:
     def mode_at_rest(
         self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices, p: Array | None = None
     ) -> tuple[Codes, Codes]:
-        """Modes of feet at rest and, where there is none, endings; both of shape (n,).
+        """Modes of feet at rest, and endings of motions without a consistent mode; both of shape (n,).
 
         Parameters
         ----------
-        candidates : what the feet can do, the same for all; stick first.
+        candidates : possible modes, the same for all states; stick first.
         times : ndarray, shape (n,) - times since the last impact [s].
-        states : ndarray, shape (n, n_z).
+        states : ndarray, shape (n, n_z) - states at these times.
         segments : ndarray, shape (n,) - segments of the control.
         p : see ``BatchSimulator.step``.
         """
@@ -356,7 +359,7 @@ class BatchResolver:
     def _clear_modes(
         self, candidates: tuple[Mode, ...], times: Array, states: Array, segments: Indices, p: Array | None
     ) -> tuple[Codes, Flags]:
-        """Modes of a lone foot at rest, and where they are clear; see ``mode_at_rest``."""
+        """Modes of a lone foot at rest, and whether each one is clear; see ``mode_at_rest``."""
         n = times.size
         if self._clear is None or not n:
             return np.full(n, NONE), np.zeros(n, dtype=np.bool_)
@@ -374,7 +377,7 @@ class BatchResolver:
     def strike(
         self, mode: Mode, transition: Transition, states: Array, p: Array | None = None
     ) -> tuple[Codes, Codes, Array]:
-        """Modes just after a stop has locked, endings where no impact is possible, and states after it."""
+        """Modes just after a contact lands or a stop locks, endings if no impact is possible, and states after it."""
         modes, endings, after = np.zeros(len(states), dtype=np.int64), np.zeros(len(states), np.int64), states.copy()
         for k, state in enumerate(states):
             struck = self._alone(p, int(k)).strike(mode, transition, state)
@@ -387,7 +390,7 @@ class BatchResolver:
     def land(
         self, mode: Mode, transition: Transition, states: Array, p: Array | None = None
     ) -> tuple[Codes, Codes, Array, Array]:
-        """Impacts at touchdown, endings where there is none, states after them and step lengths [m]."""
+        """Impacts at touchdown, endings if no impact is possible, states after the impacts and step lengths [m]."""
         impacts, clear, after, step_lengths = self._clear_impacts(mode, states, p)
         endings = np.zeros_like(impacts)
         for k in np.flatnonzero(~clear):
@@ -401,7 +404,7 @@ class BatchResolver:
         return impacts, endings, after, step_lengths
 
     def _clear_impacts(self, mode: Mode, states: Array, p: Array | None) -> tuple[Codes, Flags, Array, Array]:
-        """Impacts of a lone foot, where they are clear, states after them and step lengths [m]; see ``land``."""
+        """Impacts of a lone foot, whether each is clear, states after them and step lengths [m]; see ``land``."""
         (n, n_z), before = states.shape, (mode.touching, mode.locked)
         if self._clear is None or self._system.cycle_end != TOUCHDOWN:
             return np.full(n, NONE), np.zeros(n, dtype=np.bool_), states.copy(), np.full(n, np.nan)
@@ -427,7 +430,7 @@ class BatchResolver:
         return impacts, clear, after, step_lengths
 
     def _static(self, contact: str, p: Array | None) -> Array | None:
-        """Static coefficient of a contact in every row, shape (n,); None where all are those of the system."""
+        """Static coefficient of a contact in every row, shape (n,); None if it is that of the system in all rows."""
         if p is None:
             return None
         static, _, _ = self._system.contact_coefficients(p.T)[contact]  # on tiles every contact has its own
@@ -481,7 +484,7 @@ class BatchArcs:
                     getattr(arrivals, name)[rows] = getattr(later, name)
         return arrivals
 
-    @np.errstate(all="ignore")  # where the equations are singular, forces are infinite
+    @np.errstate(all="ignore")  # forces are infinite if the equations are singular
     def _advance(
         self, mode: Mode, segments: Indices, times: Array, states: Array, limits: Array, p: Array | None
     ) -> Arrivals:
@@ -531,11 +534,13 @@ class BatchArcs:
     ) -> Indices:  # fmt: skip
         """Move from the roots of lifted margins to those of the margins, and rank simultaneous events.
 
-        Returns the rows whose margins fall so slowly that one Newton step does not locate the root.
-
         Parameters
         ----------
         starts, first : ndarrays, shapes (n,) and (n, n_margins) - times and margins at the starts of the arcs.
+
+        Returns
+        -------
+        slow : rows whose margins fall so slowly that one Newton step does not locate the root.
         """
         rows, names = moved[ends.events[moved] >= 0], self._table.margin_names(mode)
         if not rows.size:
@@ -575,8 +580,8 @@ class BatchArcs:
 class _Lanes:
     """Arcs that pass through the lanes of a batch integrator.
 
-    Lanes without an arc idle at the start of the row ``idle``, which is copied behind all others as row -1. It should
-    move slowly: an infinite number in one lane stops all of them.
+    Lanes without an arc repeat the start of the row ``idle``, which is copied behind all others as row -1. It should
+    move slowly, because an infinite number in one lane stops all of them.
     """
 
     def __init__(
@@ -589,19 +594,19 @@ class _Lanes:
         self._rows, self._stops, self._counts = [-1] * LANES, [0.0] * LANES, [0] * LANES
 
     def run(self) -> None:
-        """Integrate the arcs of the rows ``waiting``; their ends replace the starts in the arrivals."""
+        """Integrate the arcs of the rows ``waiting``; in the arrivals, their ends replace their starts."""
         queue, taylor, rows, counts = iter(self._waiting.tolist()), self._taylor, self._rows, self._counts
         arrivals = self._arrivals
         self._load(range(LANES), queue)
         while max(rows) >= 0:
-            # to the time limits, to the first event, or for some steps
+            # integrate to the time limits, to the first event, or for some steps
             taylor.propagate_until(self._stops, max_steps=min(MAX_ARC_STEPS - max(counts), STEPS_AT_ONCE))
             ended = []
             for lane, (outcome, _, _, steps) in enumerate(taylor.propagate_res):
                 counts[lane] += steps
                 code = int(outcome)
-                # where a motion becomes infinite, heyoka takes steps of no length, which it does not count; it takes
-                # none either in a lane that has arrived
+                # if a motion becomes infinite, heyoka takes steps of no length, which it does not count; in a lane that
+                # has arrived, it takes no steps at all
                 arrived = taylor.time[lane] >= self._stops[lane]
                 stands = outcome == hy.taylor_outcome.step_limit and not steps and not arrived
                 if code not in UNFINISHED or counts[lane] >= MAX_ARC_STEPS or stands:
@@ -611,7 +616,7 @@ class _Lanes:
                     ended.append(lane)
             if ended:
                 self._load(ended, queue)
-        # heyoka's outcomes become events; no state of a motion that became infinite is known after its start
+        # turn heyoka's outcomes into events; if a motion became infinite, only its start is known
         codes = arrivals.events[self._waiting]
         others = np.where(codes == TIME_LIMIT, LIMIT, FAILURE)
         arrivals.events[self._waiting] = np.where((codes < 0) & (codes >= -len(taylor.t_events)), -codes - 1, others)
@@ -619,8 +624,8 @@ class _Lanes:
             arrivals.times[row], arrivals.states[row] = self._times[row], self._states[row]
 
     def _load(self, lanes: Iterable[int], queue: Iterator[int]) -> None:
-        """Put the next arcs into some lanes, one by one: NumPy takes ten times as long for a list of indices."""
-        high, low = (part.copy() for part in self._taylor.dtime)  # the other lanes keep the low part of their time
+        """Put the next arcs into some lanes, in a loop, because a list of indices takes NumPy ten times as long."""
+        high, low = (each.copy() for each in self._taylor.dtime)  # the other lanes keep the low part of their time
         for lane in lanes:
             self._rows[lane] = row = next(queue, -1)
             self._counts[lane] = 0
@@ -640,7 +645,7 @@ def _with(p: Array, parameters: Array) -> Array:
 
 
 def _first_by_priority(names: Sequence[str], events: Flags) -> Indices:
-    """For each row the simultaneous event that counts, ``LIMIT`` where there is none; shape (n,)."""
+    """For each row, the event of highest priority among simultaneous ones, or ``LIMIT`` if none; shape (n,)."""
     order = np.argsort([priority(name) for name in names])
     first = order[np.argmax(events[:, order], axis=1)]
     return np.where(events.any(axis=1), first, LIMIT)

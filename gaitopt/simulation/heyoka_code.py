@@ -1,15 +1,15 @@
 """Functions of CasADi compiled by heyoka: integrators by Taylor series, and functions of many rows.
 
 An SX function is a list of scalar instructions on a work vector. They are replayed on heyoka's expressions, so that all
-engines integrate the same equations. CasADi evaluates what depends on constants alone; the results enter as runtime
-parameters ``par[k]``, so that one compiled integrator serves all parameter values.
+engines integrate the same equations. CasADi evaluates subexpressions that only depend on constants; the results become
+runtime parameters ``par[k]``, so that one compiled integrator serves all parameter values.
 
-The order of a series follows from the tolerance (20 in double precision), the step length from its last two
-coefficients; events are roots of the series of the margins, each of which is lifted by a runtime parameter of its own
+The order of a series follows from the tolerance (20 in double precision), and the step length from its last two
+coefficients. Events are roots of the series of the margins, each of which is lifted by a separate runtime parameter
 (``events.lift``). F. Biscani & D. Izzo (2021), MNRAS 504, 2614-2628, doi:10.1093/mnras/stab1032.
 
-heyoka caches compiled code on disk, so that only the first run on a machine waits for the compiler. Every thread has
-its own copy of an integrator or a function, which writes to its own memory.
+heyoka caches compiled code on disk, so that only the first run on a machine waits for the compiler. Integrators and
+functions write to their own memory, so that every thread has its own copy.
 """
 
 import threading
@@ -54,7 +54,7 @@ UNARY: Mapping[int, Callable[[Any], Any]] = {
     ca.OP_ATANH: hy.atanh,
     ca.OP_ERF: hy.erf,
 }
-"""Instructions of one operand. Those with a kink (fabs, sign, floor) have no Taylor series and are refused."""
+"""CasADi's instructions of one operand. Those with a kink (fabs, sign, floor) have no Taylor series and are missing."""
 BINARY: Mapping[int, Callable[[Any, Any], Any]] = {
     ca.OP_ADD: lambda a, b: a + b,
     ca.OP_SUB: lambda a, b: a - b,
@@ -68,21 +68,22 @@ BINARY: Mapping[int, Callable[[Any, Any], Any]] = {
 
 
 LANES = 8
-"""States that a batch integrator advances at once: the doubles of one AVX-512 register, or of two of AVX2. It is the
-same on every machine, because the order of roundings depends on it."""
+"""Number of states that a batch integrator advances at once: the doubles of one AVX-512 register, or of two AVX2
+registers. It is the same on every machine, because the order of roundings depends on it."""
 LONGEST_UNROLLED = 450
-"""Operations up to which a series is unrolled. Unrolled code is two to three times faster, but its compilation takes
-four seconds for 250 operations, six for 420 and then grows faster; beyond it heyoka's compact mode makes loops."""
+"""Largest number of operations of a series that is unrolled. Unrolled code is two to three times faster. Its
+compilation takes four seconds for 250 operations and six for 420, but much longer beyond. Longer series are compiled in
+heyoka's compact mode, with loops."""
 VARIATIONAL_TOLERANCE = 1e-12
-"""Tolerance of a step with deviations: order 15 instead of 20 takes two thirds of the time, and they are still right
-to 1e-14, because heyoka's choice of the step length leaves two digits."""
+"""Tolerance of a step with deviations. Order 15 instead of 20 takes two thirds of the time, and the deviations are
+still accurate to 1e-14: heyoka's choice of the step length has a reserve of two digits."""
 BLOCK = 256
-"""Rows of one call of a row function. All calls have this size: the rest of a block that does not fill the registers
-would go through other instructions, and a row would be rounded differently."""
+"""Number of rows in one call of a row function. All calls have this size: if the last rows of a block did not fill the
+registers, other instructions would round them differently."""
 COMPILING = threading.RLock()
-"""Held while heyoka compiles, so that threads that need the same code compile it once."""
+"""The lock held while heyoka compiles, so that threads that need the same code compile it once."""
 
-hy.set_logger_level_error()  # heyoka would warn on stderr of a motion that becomes infinite
+hy.set_logger_level_error()  # otherwise heyoka warns on stderr if a motion becomes infinite
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,9 +92,9 @@ class Conversion:
 
     Attributes
     ----------
-    outputs : for each output one expression per entry, in column-major order.
+    outputs : for each output, one expression per entry in column-major order.
     constants : CasADi function from the constant inputs to the values of ``par[0], par[1], ...``, shape (n_par,).
-    operations : number of instructions that are left for heyoka.
+    operations : number of instructions that heyoka evaluates.
     """
 
     outputs: tuple[tuple[Any, ...], ...]
@@ -107,7 +108,7 @@ def convert(function: Function, inputs: Mapping[int, list[Any]]) -> Conversion:
 
     Parameters
     ----------
-    function : of dense inputs.
+    function : a function with dense inputs.
     inputs : heyoka expressions by index of the input, one per entry; all other inputs are constants.
 
     Raises
@@ -118,12 +119,12 @@ def convert(function: Function, inputs: Mapping[int, list[Any]]) -> Conversion:
     f = function
     symbols = {k: SX.sym(f.name_in(k), f.numel_in(k)) for k in range(f.n_in()) if k not in inputs}
     outputs = [[hy.expression(0.0)] * f.numel_out(k) for k in range(f.n_out())]
-    positions = []  # of every nonzero of an output among its entries
+    positions = []  # index of every nonzero of an output among its entries
     for k in range(f.n_out()):
         pattern = f.sparsity_out(k)
         positions.append([i + j * pattern.size1() for i, j in zip(pattern.row(), pattern.get_col(), strict=True)])
     work: dict[int, Any] = {}  # constants as SX, everything else as heyoka expressions
-    parameters: dict[int, tuple[SX, Any]] = {}  # constants that heyoka needs, by identity, and their places in par
+    parameters: dict[int, tuple[SX, Any]] = {}  # constants that heyoka needs, by identity, with their entries of par
     operations = 0
 
     def expression(value: Any) -> Any:
@@ -165,7 +166,7 @@ def convert(function: Function, inputs: Mapping[int, list[Any]]) -> Conversion:
 
 
 class _Key:
-    """A function that is equal to another if its instructions are."""
+    """A function as a key: it is equal to another one with the same instructions."""
 
     def __init__(self, function: Function) -> None:
         self.function, self._text = function, function.serialize()
@@ -183,8 +184,8 @@ class Integrator:
 
     Attributes
     ----------
-    taylor : heyoka's integrator, scalar or of ``LANES`` lanes; its state, time and parameters are overwritten by use.
-    constants : (parameters, r) -> runtime parameters, shape (n_par,); the lifts of the margins come behind them.
+    taylor : heyoka's integrator, scalar or with ``LANES`` lanes; every use overwrites its state, time and parameters.
+    constants : (parameters, r) -> runtime parameters, shape (n_par,); the lifts of the margins follow after them.
     """
 
     taylor: Any
@@ -196,14 +197,14 @@ class Integrator:
 
 
 def integrator(function: Function, **options: Any) -> Integrator:
-    """The integrator of this thread for a function (t, y, p, r) -> dy/dt with margins behind it.
+    """The integrator of this thread for a function (t, y, p, r) -> dy/dt, followed by margins.
 
     Parameters
     ----------
     precision : ``float`` or ``numpy.longdouble``.
     lanes : number of states that are integrated at once.
     unrolled : whether short series are unrolled, see ``LONGEST_UNROLLED``.
-    tolerance : of the series; that of rounding if zero.
+    tolerance : tolerance of the series; 0 for machine precision.
     """
     return _integrator(_Key(function), **options)
 
@@ -248,7 +249,7 @@ class HeyokaRowMap:
     Parameters
     ----------
     function : CasADi function of vectors.
-    fixed : values of inputs that are the same in all rows and all calls, by their index.
+    fixed : values of the inputs that are the same in all rows and calls, by index.
     """
 
     def __init__(self, function: Function, fixed: dict[int, Array]) -> None:

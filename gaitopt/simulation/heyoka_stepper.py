@@ -1,8 +1,8 @@
-"""Arcs by heyoka's Taylor series: about ten steps per phase, events at roots of the series, both to rounding.
+"""Arcs by heyoka's Taylor series, with about ten steps a phase and events at roots of the series, to machine precision.
 
-heyoka reports every simple root of a margin in a step, in order of time. Margins that start at their edge (the level
-feet; a slip at its onset, which is a double root) are lifted off it, and Newton's method leads from the root of the
-lifted margin to that of the margin.
+heyoka reports every simple root of a margin in a step, in order of time. Margins that start at their edge (level feet;
+a slip at its onset, which is a double root) are lifted off it. Newton's method then leads from the root of the lifted
+margin to that of the margin.
 """
 
 from functools import lru_cache
@@ -51,7 +51,7 @@ class HeyokaStepper(Stepper):
             return None, end, zeta, f"more than {MAX_ARC_STEPS} integration steps in one arc"
         k = -int(outcome) - 1
         if not 0 <= k < len(names):
-            return None, start.time, start.state, NOT_FINITE  # no later state is known
+            return None, start.time, start.state, NOT_FINITE  # heyoka gives no later state
 
         def flow(point: Point, duration: float) -> Point:
             taylor = self._loaded("flow", mode, segment, point.time, point.state)
@@ -91,7 +91,7 @@ class HeyokaStepper(Stepper):
             else:
                 function = natural.functions.variational(mode, columns)
                 compiled = integrator(function, unrolled=False, tolerance=VARIATIONAL_TOLERANCE)
-            # views of its memory are kept, as heyoka is slow to make them
+            # keep the views of its memory, because heyoka is slow to make them
             self._integrators[key] = compiled, compiled.taylor.state, compiled.taylor.pars, {}
         compiled, memory, pars, constants = self._integrators[key]
         if segment not in constants:

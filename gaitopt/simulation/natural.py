@@ -3,7 +3,7 @@
     d zeta / d tau = T D^-1 flow(T tau, D zeta),      margins / their units,      t = T tau,  z = D zeta
 
 Tolerances are then plain numbers, and no result depends on the units of a problem. The unit of the margin ``painleve``
-is the foot's apparent mass C_tt, the mean of both slips: a slip needs C_tt + mu s C_nt > SINGULAR C_tt.
+is the foot's apparent mass C_tt, the mean over both slip directions: a slip needs C_tt + mu s C_nt > SINGULAR C_tt.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,16 +20,15 @@ from gaitopt.model.system import HybridSystem
 from gaitopt.simulation.events import Point
 
 SINGULAR = 1e-5
-"""Apparent mass of a slipping foot, relative to that of a sticking one, at which the slip ends as singular. Forces lose
-digits in proportion to its inverse: at 1e-6 a Runge-Kutta method may take more than 20,000 steps through 1e-8 s of such
-a slip, which a Taylor series passes."""
+"""A slip ends as singular if its apparent mass falls to this, relative to that of a sticking foot. Forces lose digits
+in proportion to its inverse. At 1e-6 a Runge-Kutta method may need more than 20,000 steps for 1e-8 s of such a
+slip, which is no problem for a Taylor series."""
 
 
 class NaturalSystem:
-    """Functions of a hybrid system in natural units; use ``natural_system``, which caches them.
+    """Functions of a hybrid system in natural units; ``natural_system`` makes and caches them.
 
-    Their arguments are (tau, zeta, parameters, r) with the parameters of ``NaturalDynamics`` and r as in
-    ``HybridSystem``.
+    Their arguments are (tau, zeta, parameters, r) with ``NaturalDynamics.parameters``, and r as in ``HybridSystem``.
     """
 
     @building
@@ -40,7 +39,7 @@ class NaturalSystem:
         self._tau, self._r = SX.sym("tau"), SX.sym("r", system.n_r)
         self._p, self._time = SX.sym("p", len(system.parameters)), SX.sym("T")
         self._state, self._margins = SX.sym("D", system.n_z), SX.sym("S", n_margins)
-        angles = {*system.walker.shape} - {*system.walker.lengths}  # have no unit
+        angles = {*system.walker.shape} - {*system.walker.lengths}  # these have no unit
         self._d = vertcat(*(1 if name in angles else self._state[k] for k, name in enumerate(system.state_names)))
         self._parameters = vertcat(self._p, self._time, self._state, self._margins)
         BUILT.watch(vars(self))
@@ -54,7 +53,7 @@ class NaturalSystem:
         return self._build(f"point_{mode.key}", lambda a: cse([self._rate(mode, a), *self._events(mode, a)]))
 
     def arc(self, mode: Mode) -> Function:
-        """Rate of the state and, behind it, margins."""
+        """Rate of the state, followed by the margins."""
 
         def outputs(a: list[SX]) -> list[SX]:
             return [cse(vertcat(self._rate(mode, a), self._scaled_margins(mode, a, self._margins)))]
@@ -74,7 +73,7 @@ class NaturalSystem:
 
     @building
     def variational(self, mode: Mode, columns: int) -> Function:
-        """Rate of the state and of ``columns`` deviations, one after the other."""
+        """Rate of the state and of ``columns`` deviations, stacked in one vector."""
         scale = repmat(self._d, 1 + columns, 1)
         rates = self._system.variational(mode, columns)
         return self._build(
@@ -110,7 +109,7 @@ class NaturalSystem:
     def _build(
         self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None = None, further: Sequence[SX] = ()
     ) -> Function:
-        """The function of (tau, zeta, parameters, r, further), built on first use; ``scale`` is D of all of zeta."""
+        """The function of (tau, zeta, parameters, r, further), built on first use; ``scale`` is the unit of zeta."""
         if name in self._functions:
             return self._functions[name]
         return self._built(name, outputs, scale, further)
@@ -119,7 +118,7 @@ class NaturalSystem:
     def _built(
         self, name: str, outputs: Callable[[list[SX]], list[SX]], scale: SX | None, further: Sequence[SX]
     ) -> Function:
-        if name not in self._functions:  # unless another thread has just built it
+        if name not in self._functions:  # another thread may just have built it
             scale = self._d if scale is None else scale
             zeta = SX.sym("zeta", scale.numel())
             arguments = [self._time * self._tau, scale * zeta, self._p, self._r]
@@ -129,7 +128,7 @@ class NaturalSystem:
 
 
 class PerMode(dict[Mode, Array]):
-    """Arrays by mode, made when they are first asked for."""
+    """Arrays by mode, made on first use."""
 
     def __init__(self, make: Callable[[Mode], Array]) -> None:
         self._make = make
@@ -143,7 +142,7 @@ class PerMode(dict[Mode, Array]):
 class NaturalDynamics:
     """A hybrid system at fixed parameters in natural units.
 
-    It evaluates points of motions in memory of its own, and is used by one thread at a time.
+    It evaluates points of motions in its own memory, so that only one thread at a time can use it.
 
     Parameters
     ----------
@@ -151,12 +150,12 @@ class NaturalDynamics:
 
     Attributes
     ----------
-    dynamics, system : as given.
+    dynamics, system : the dynamics, and its hybrid system.
     functions : functions of the system in natural units.
-    time, speed : units [s], [m/s].
+    time, speed : units of time and speed [s], [m/s].
     state : ndarray, shape (n_z,) - units of the state.
-    margins : for each mode the units of its margins, followed by ones up to the largest number of margins of a mode.
-    parameters : for each mode the parameters of ``functions``.
+    margins : for each mode, the units of its margins, padded with ones to the largest number of margins of a mode.
+    parameters : for each mode, the parameters of ``functions``.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
@@ -187,7 +186,7 @@ class NaturalDynamics:
     def rest(
         self, mode: Mode, slips: Sequence[Mode], segment: int, tau: float, zeta: Array
     ) -> tuple[Point, list[list[float]]]:
-        """The point of a motion with a sticking foot, and the margins of the ``slips`` there."""
+        """The point of a motion with a sticking foot, and the margins of the ``slips`` at this point."""
         if mode not in self._rests:
             self._rests[mode] = function = Buffers(self.functions.rest(mode, slips))
             function.inputs[2][:] = self.parameters[mode]

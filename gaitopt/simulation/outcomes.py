@@ -1,9 +1,9 @@
-"""Outcomes of simulated steps: of one step as a record, of many steps as arrays in which numbers stand for names.
+"""Outcomes of simulated steps: one step as a record, many steps as arrays in which numbers stand for names.
 
 The code of an ending is its index in ``ENDINGS``; ``completed`` is 0. The code of a mode is its index in
-``Walker.modes()``, which lists contacts first; the code of an impact is the index in ``Walker.foot_modes()`` of what
-the contacts do after it. The code of the phases of a step has a digit for every phase, 1 + code of its mode, in base
-1 + number of modes.
+``Walker.modes()``, which lists contacts first. The code of an impact is the index of the contact mode after it in
+``Walker.foot_modes()``. The code of the phases of a step has a digit for every phase, 1 + code of its mode, in base 1 +
+number of modes.
 """
 
 import math
@@ -25,9 +25,9 @@ Codes = NDArray[np.int64]
 ENDINGS = tuple(Ending)
 """Endings by their codes."""
 NONE = -1
-"""Code of a mode or an impact where there is none."""
+"""Code of a mode or an impact if there is none."""
 BITS = 62
-"""Size of the code of the phases of a step; that of a step of more phases is 0."""
+"""Largest number of bits in the code of the phases of a step; a step with more phases has the code 0."""
 ARRAYS = ("states", "endings", "times", "step_lengths", "phases", "impacts")
 """The fields of ``StepOutcomes`` with a row per state."""
 
@@ -38,10 +38,10 @@ class StepOutcome:
 
     Attributes
     ----------
-    step : the arcs and the impact; None when the motion ended before any time had passed.
-    ending : ``completed`` when the step ended with an impact, else why the motion ended.
-    message : the same in words, with time and state.
-    events : number of events up to its end.
+    step : the arcs and the impact; None if the motion ended at once.
+    ending : ``completed`` if the step ended with an impact, otherwise why the motion ended.
+    message : the ending as a sentence, with time and state.
+    events : number of events up to the end of the step.
     """
 
     step: Step | None
@@ -52,18 +52,18 @@ class StepOutcome:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepOutcomes(ReadOnlyArrays):
-    """One step, or several steps after each other, from each of n states.
+    """One step, or several consecutive steps, from each of n states.
 
     Attributes
     ----------
-    names : the columns of ``states``.
-    states : ndarray, shape (n, k) - state after the last impact, x = 0; where the motion ended before, its last state.
+    names : names of the columns of ``states``.
+    states : ndarray, shape (n, k) - state after the last impact, with x = 0; if the motion ended early, its last state.
     endings : ndarray, shape (n,) - index of the ending in ``Ending``; 0 is ``completed``.
     times : ndarray, shape (n,) - time of the last impact, or of the ending [s].
-    step_lengths : ndarray, shape (n,) - NaN where the motion was not completed [m].
+    step_lengths : ndarray, shape (n,) - step length [m]; NaN if the motion was not completed.
     phases : ndarray, shape (n,) - the mode sequence as digits, 1 + index in ``modes``, in base ``len(modes) + 1``.
-    impacts : ndarray, shape (n,) - index of the contacts after the last impact in ``Walker.foot_modes()``; -1 where the
-        motion ended before.
+    impacts : ndarray, shape (n,) - index of the contact mode after the last impact in ``Walker.foot_modes()``; -1 if
+        the motion ended early.
     modes : all modes of the walker.
     """
 
@@ -78,7 +78,7 @@ class StepOutcomes(ReadOnlyArrays):
 
     @property
     def completed(self) -> NDArray[np.bool_]:
-        """Which motions ended with their last impact; shape (n,)."""
+        """Whether each motion ended with its last impact; shape (n,)."""
         return self.endings == 0
 
     @property
@@ -91,7 +91,7 @@ class StepOutcomes(ReadOnlyArrays):
         return phase_names(int(self.phases[row]), self.modes)
 
     def followed_by(self, steps: "StepOutcomes", rows: NDArray[np.intp]) -> "StepOutcomes":
-        """These motions with further ``steps`` after those of ``rows``, which were completed."""
+        """These motions, extended by further ``steps`` of ``rows``, which were completed."""
         joined: dict[str, Any] = {name: getattr(self, name).copy() for name in ARRAYS}
         for name in ("states", "endings", "impacts"):
             joined[name][rows] = getattr(steps, name)
@@ -104,12 +104,12 @@ class StepOutcomes(ReadOnlyArrays):
 
 
 def max_phases(modes: Sequence[Mode]) -> int:
-    """Largest number of phases of a step with a code."""
+    """Largest number of phases that a code can represent."""
     return int(BITS / math.log2(len(modes) + 1))
 
 
 def phase_code(phases: Sequence[Mode], modes: Sequence[Mode]) -> int:
-    """The code of the phases of a step, of a walker with these ``modes``."""
+    """The code of the phases of a step, for a walker with these ``modes``."""
     code = 0
     for mode in phases if len(phases) <= max_phases(modes) else ():
         code = code * (len(modes) + 1) + modes.index(mode) + 1
@@ -126,7 +126,7 @@ def phase_names(code: int, modes: Sequence[Mode]) -> tuple[Mode, ...]:
 
 
 def stack_outcomes(outcomes: Sequence[StepOutcome], starts: Array, system: HybridSystem) -> StepOutcomes:
-    """Steps that were simulated one by one from ``starts``, shape (n, n_z), as arrays."""
+    """The arrays of steps that were simulated one by one from ``starts``, shape (n, n_z)."""
     n, modes, contacts = len(starts), system.walker.modes(), system.walker.foot_modes()
     states, times, lengths = starts.copy(), np.zeros(n), np.full(n, np.nan)
     phases, impacts = np.zeros(n, dtype=np.int64), np.full(n, NONE)

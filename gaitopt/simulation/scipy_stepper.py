@@ -1,4 +1,4 @@
-"""Arcs by the Runge-Kutta pair DOP853 of scipy, with compiled steps (``gaitopt.integration``); in natural units."""
+"""Arcs by the Runge-Kutta method DOP853 of scipy, with compiled steps (``gaitopt.integration``), in natural units."""
 
 from functools import partial
 
@@ -15,15 +15,17 @@ from gaitopt.simulation.engine import MAX_ARC_STEPS, NOT_FINITE, Stepper
 from gaitopt.simulation.events import EDGE, INSTANT, Point, first_event, is_armed, rests_at_edge
 
 RTOL = 1e-12
-"""Relative tolerance: a walking step is then right to about 1e-12, in some 25 integration steps."""
+"""Relative tolerance; a walking step is then accurate to about 1e-12, with some 25 integration steps."""
 ATOL = 1e-14
-"""Absolute tolerance, far below rtol: a slip that sets in gently is integrated to its own digits, at no extra cost."""
+"""Absolute tolerance. It is far below ``RTOL``, so that a slip that starts gently has accurate digits too, at no extra
+cost."""
 VARIATIONAL_ATOL = 1e-13
-"""Deviations are scaled to size one: two digits below the agreement that is required of the multipliers."""
+"""Absolute tolerance of deviations, which are scaled to size one; two digits below the required agreement of the
+multipliers."""
 FIRST_STEP = 0.025
-"""First trial step, about what walking takes; the step size control corrects it at once."""
+"""Length of the first trial step, typical for walking; the step size control corrects it at once."""
 DEPARTURE_FACTOR = 4
-"""Ratio of successive trial lengths of a first step that must see a margin leave its edge."""
+"""The first step is shortened by this factor until every margin has just left its edge at its end."""
 
 
 class ScipyStepper(Stepper):
@@ -115,10 +117,10 @@ class ScipyStepper(Stepper):
 
 
 def _depart(step: CompiledStep, start: Point, armed: list[bool], limit: float) -> tuple[Integration, Point]:
-    """First integration step, so short that every margin that starts at its edge has just left it.
+    """The first integration step, so short that every margin that starts at its edge has just left it.
 
-    It detects a slip that sets in and ends again within one integration step. Where a margin falls at once, the step is
-    as short as possible, and the margin is not positive at its end.
+    A slip that starts and ends within one integration step is detected in this way. If a margin falls at once, the step
+    is as short as possible, and the margin is not positive at its end.
     """
     edge = [k for k, margin in enumerate(start.margins) if armed[k] and margin <= 0]
     length = min(FIRST_STEP, limit - start.time)
@@ -142,7 +144,7 @@ def _integrate(step: CompiledStep, start: Point, time: float) -> Point:
 
 
 def _lifted(point: Point, rests: list[int]) -> Point:
-    """The point with margins that rest at their edge lifted, so that they fall where they leave it."""
+    """The point, in which margins that rest at their edge are lifted, so that they fall when they leave it."""
     if not rests:
         return point
     margins = [margin + (k in rests) * 2 * EDGE for k, margin in enumerate(point.margins)]

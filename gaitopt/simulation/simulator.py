@@ -1,8 +1,8 @@
-"""The forward hybrid simulator: from a state after impact to any number of steps; the mode sequence is not given.
+"""The forward hybrid simulator: from a state after impact to any number of steps, without a given mode sequence.
 
 On every arc one mode holds and dz/dt = flow_mode(t, z, p, r) is integrated to its first event. The next mode follows
-from the contact forces at the event, or at touchdown from the impulses. Gamus & Or (2013), section II. Guards, resets
-and candidates are facts of ``gaitopt.model.transitions``; ``ContactResolver`` chooses among the candidates.
+from the contact forces at the event, or from the impulses at touchdown; see Gamus & Or (2013), section II. The table in
+``gaitopt.model.transitions`` states guards, resets and candidates; ``ContactResolver`` chooses among the candidates.
 """
 
 from collections.abc import Callable, Sequence
@@ -30,19 +30,19 @@ from gaitopt.simulation.scipy_stepper import ScipyStepper
 from gaitopt.threads import cached_property
 
 MAX_STEP_TIME = 50.0
-"""Longest time from impact to impact, in units of sqrt(l / g): 20 s for legs of 1.6 m. No walk takes as long."""
+"""Longest time between impacts, in units of sqrt(l / g): 20 s for legs of 1.6 m, longer than any step of a walk."""
 MAX_SWITCHES = 50
-"""Largest number of mode switches in a step; more are called chattering. Walking takes a handful."""
+"""Largest number of mode switches in a step; more are called chattering. A walking step has a handful."""
 ACCUMULATED = 1e-4
-"""Impacts that follow each other within this time, in units of sqrt(l / g), have accumulated: between those a hundred
-times faster, a contact does not rise by more than rounding."""
+"""Impacts accumulate if they follow each other within this time, in units of sqrt(l / g). Between impacts that are a
+hundred times faster, a contact does not rise by more than rounding."""
 INTERVALS = 5
 """Number of intervals between impacts from which their limit is extrapolated."""
 MOST_SIMULATORS = 64
-"""Number of simulators that are kept for pairs of tiles; each takes some 100 kB."""
+"""Number of simulators in the cache for pairs of tiles; each takes some 100 kB."""
 LONGEST_ARC = 5.0
-"""Longest arc of a motion that ends at a time or after events, in units of sqrt(l / g); a longer one is stored in
-pieces, so that each is resolved."""
+"""Longest arc of a motion that ends at a time or after events, in units of sqrt(l / g). A longer arc is divided so that
+every piece is resolved."""
 
 
 def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
@@ -55,7 +55,7 @@ def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
     """
     if choose_engine(engine, steps=steps) is Engine.SCIPY:
         return ScipyStepper
-    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # optional, and takes 0.2 s to import
+    from gaitopt.simulation.heyoka_stepper import HeyokaStepper  # heyoka is optional, and takes 0.2 s to import
 
     return HeyokaStepper
 
@@ -63,18 +63,18 @@ def stepper_class(engine: str, *, steps: int = 1) -> type[Stepper]:
 def segment_ends(dynamics: Dynamics, longest: float = inf, *, longest_step: float | None = None) -> tuple[float, ...]:
     """Times since the impact at which the segments of the control end [s].
 
-    The last one is the time limit of a step, or where the clock ends a cycle, the period of the control.
+    The last one is the time limit of a step; if the clock ends a cycle, it is the period of the control.
 
     Parameters
     ----------
-    longest : time at which the motion ends anyhow, if it is finite; it may then exceed that of a walking step.
+    longest : time at which the motion ends; it may exceed the time limit of a walking step. Infinite if there is none.
     longest_step : time limit of a walking step [s]; ``MAX_STEP_TIME`` by default.
     """
     control = dynamics.system.control
     most = MAX_STEP_TIME * dynamics.scales.time if longest_step is None else longest_step
     limit = min(most if longest == inf else longest, control.horizon)
     if dynamics.system.cycle_end == CLOCK:
-        assert control.period is not None  # a problem is read so
+        assert control.period is not None  # problems without it are rejected when they are read
         limit = control.period
     return (*(t for t in control.breakpoints if t < limit), limit)
 
@@ -92,7 +92,7 @@ class Simulator:
 
     Attributes
     ----------
-    dynamics, system : as given.
+    dynamics, system : the dynamics, and its hybrid system.
     stepper : the integrator.
 
     Raises
@@ -122,7 +122,7 @@ class Simulator:
 
     @cached_property
     def per_step(self) -> tuple["Simulator", ...]:
-        """The simulators of the steps in turn, one for each of ``dynamics.steps``: itself first."""
+        """The simulators of consecutive steps, one for each of ``dynamics.steps``; the first one is this simulator."""
         return (self, *map(self._like, self.dynamics.steps[1:]))
 
     def on(self, dynamics: Dynamics) -> "Simulator":
@@ -172,11 +172,11 @@ class Simulator:
         ----------
         state : ndarray, shape (n_z,) - (shape [rad], x [m], rates [rad/s], dx [m/s]); x is counted from zero.
         steps : number of steps.
-        until : where to end instead: at a time, or after a number of steps or events. After an event within a step the
-            last state is that just before the event.
-        anywhere : whether the state may be any, not only one just after an impact; it decides about contacts, and x is
-            kept.
-        dense : sample every arc at Chebyshev points instead of its two ends.
+        until : when to end instead: at a time, or after a number of steps or events. After an event within a step, the
+            last state is the one just before the event.
+        anywhere : whether the state may be any state, and not only one just after an impact. The state then determines
+            the contacts, and x is not reset to zero.
+        dense : whether every arc is sampled at Chebyshev points, and not only at its two ends.
         should_stop : called before every step; True ends the trajectory with the steps completed so far.
 
         Raises
@@ -239,7 +239,7 @@ class Simulator:
 
         Parameters
         ----------
-        number : of the step in the message.
+        number : number of the step in messages.
         anywhere : see ``run``.
         rest : time [s] and number of events after which to end within the step; None for a whole step.
         walk : the simulator of the walk on a floor of which this is a step, and the tiles of the contacts on the
@@ -249,7 +249,7 @@ class Simulator:
         z = self._after_impact(state, anywhere=anywhere)
         last_time, last_event = rest or (inf, inf)
         ends, longest, window = self._ends, inf, inf
-        if rest is not None:  # the motion need not reach the end of a step
+        if rest is not None:  # the motion may end before the step does
             unit = self.dynamics.scales.time
             ends, longest, window = segment_ends(self.dynamics, last_time), LONGEST_ARC * unit, unit
         arcs: list[Arc] = []
@@ -272,11 +272,11 @@ class Simulator:
             if arrival.failure:
                 following = Termination(Ending.NUMERICAL, arrival.failure)
                 break
-            reached = _limit_reached(transition, time >= last_time, len(switches) + 1 >= last_event)
-            if reached:
-                words = f"{number - 1} steps and {time:.6g} s, {reached}"
+            limit = _limit_reached(transition, time >= last_time, len(switches) + 1 >= last_event)
+            if limit:
+                message = f"{number - 1} steps and {time:.6g} s, {limit}"
                 return StepOutcome(
-                    step=_partial(arcs), ending=Ending.COMPLETED, message=words, events=len(switches) + 1
+                    step=_partial(arcs), ending=Ending.COMPLETED, message=message, events=len(switches) + 1
                 )
             if transition is None and time < ends[segment]:  # a piece of a long arc has ended
                 following = mode
@@ -308,8 +308,8 @@ class Simulator:
                     break
                 if is_last:
                     within = "one step" if rest is None else f"{window:.3g} s"
-                    words = f"more than {self._max_switches} mode switches in {within}"
-                    following = Termination(Ending.CHATTERING, words)
+                    reason = f"more than {self._max_switches} mode switches in {within}"
+                    following = Termination(Ending.CHATTERING, reason)
                     break
                 switches.append(time)
                 following, z, struck = here._switch(mode, transition, time, z, segment, struck)
@@ -330,14 +330,14 @@ class Simulator:
         return arrival
 
     def _after_impact(self, state: Array, *, anywhere: bool = False) -> Array:
-        """A valid state with x = 0, unless it may be any, and with its slip velocity zero where it is at rest."""
+        """A valid state; x is zero unless ``anywhere``, and slip velocities that are rounding errors are zero."""
         z = _finite_vector("state", state, self.system.state_names)
         if not anywhere:
             z[self.system.n_shape] = 0.0
         return self._resolver.settled(z)
 
     def _first_mode(self, z: Array, *, anywhere: bool = False) -> tuple[Mode | Termination, Array, Mode | None]:
-        """The mode just after an impact; of named contacts, also the impact of those that come down onto the ground."""
+        """The mode at the start of a step; named contacts that come down onto the ground first have their impact."""
         start = self._resolver.start(z, anywhere=anywhere)
         if isinstance(start, Termination):
             return start, z, None
@@ -352,7 +352,7 @@ class Simulator:
         Raises
         ------
         ProblemError
-            If one is; the message says which one, and how far.
+            If a contact is below the ground; the message says which one, and how far.
         """
         reason = self._resolver.below_ground(self._after_impact(state))
         if reason is not None:
@@ -369,7 +369,7 @@ class Simulator:
 
         Parameters
         ----------
-        struck : that of an impact at the same instant before it.
+        struck : the mode just after an earlier impact at the same instant; None if there was none.
         """
         if transition.reset is not None:
             landed = self._resolver.strike(mode, transition, z)
@@ -397,14 +397,14 @@ class Simulator:
 
 
 def _completed(arcs: list[Arc], impact: ImpactRecord, number: int, origin: float, events: int) -> StepOutcome:
-    """The outcome of a step that has returned to the section, and began with the foot at ``origin``."""
+    """The outcome of a step that has returned to the section; it began with the foot at ``origin``."""
     impact = replace(impact, step_length=impact.step_length - origin) if origin else impact
     step = Step(arcs=tuple(arcs), impact=impact)
     return StepOutcome(step=step, ending=Ending.COMPLETED, message=f"step {number} completed", events=events)
 
 
 def _limit_reached(transition: Transition | None, at_end: bool, last_event: bool) -> str:
-    """The limit of a simulation that is reached within a step, in words; empty where it goes on."""
+    """A text about the limit of the simulation that a step has reached; empty if it has reached none."""
     if transition is None:
         return "to the time limit" if at_end else ""
     within = not transition.ends_step and transition.ending is None
@@ -412,22 +412,22 @@ def _limit_reached(transition: Transition | None, at_end: bool, last_event: bool
 
 
 def _partial(arcs: list[Arc]) -> Step | None:
-    """A step that was not finished."""
+    """The step with these arcs and without an impact; None if there are no arcs."""
     return Step(arcs=tuple(arcs), impact=None) if arcs else None
 
 
 def accumulation(strikes: Sequence[float], time: float, *, is_last: bool, unit: float) -> float:
-    """The time at which impacts accumulate, if a motion ends there; infinity if it goes on.
+    """The time at which impacts accumulate, if the motion ends there; infinity if it continues.
 
-    The intervals between them tend to a geometric series. Two of its terms are a pair, because two contacts may strike
-    in turn and shrink differently.
+    The intervals between accumulating impacts tend to a geometric series. Intervals are compared in pairs, because two
+    contacts may strike alternately with different intervals.
 
     Parameters
     ----------
     strikes : times of the impacts in a step so far.
-    time : of the last event.
+    time : time of the last event.
     is_last : whether no more events are allowed in the step.
-    unit : of time [s].
+    unit : unit of time [s].
     """
     if len(strikes) <= INTERVALS:
         return inf
