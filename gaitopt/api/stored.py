@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 SPECIAL, ATTRACTOR = "@special.", "@attractor."
 """Texts between a run folder and the number of a special point of its branch, or of an attractor of its basin."""
+BEST_FILE = "best.json"
+"""The point where a failed design ended."""
 REPLAY = "replay-"
 """Names of files with replays start with this text; the name of the engine follows."""
 
@@ -51,6 +53,19 @@ def save(result: Gait | Walk, path: str | Path | None = None) -> Path:
         error.result = result  # the caller can still print it
         raise
     return run.folder
+
+
+def save_best_point(gait: Gait, folder: Path) -> None:
+    """Store the point where a failed design ended in its run folder, from which ``--start`` goes on."""
+    run = Run(folder)
+    with run.begun(gait.problem):
+        run.write({BEST_FILE: json_file(dict(gait.best or {}))})
+
+
+def best_point_in(folder: Path) -> dict[str, Any] | None:
+    """The point where a failed design ended, if a run folder has one and no gait."""
+    run = Run(folder)
+    return run.read_object(BEST_FILE) if run.holds(BEST_FILE) and not run.holds(GAIT_FILE) else None
 
 
 def check_problem_file(path: str | Path) -> Path:

@@ -28,7 +28,7 @@ from gaitopt.api.progress import (
     value_progress,
     word_progress,
 )
-from gaitopt.api.stored import compared, save, stored_gait
+from gaitopt.api.stored import compared, save, save_best_point, stored_gait
 from gaitopt.callbacks import Stop, TimeLimit
 from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
@@ -125,7 +125,8 @@ def solve(
     ----------
     problem : a problem, its name or its path. If parameters are free, it is a design, and the result is the best gait
         that meets its constraints. Or an attractor of a basin, whose cycle is solved for a gait.
-    start : gait of the same walker, control law and mode sequence, from which a design starts instead of the guess; or
+    start : gait of the same walker, control law and mode sequence, from which a design starts instead of the guess; a
+        failed design, which goes on from the point where it ended, also with other constraints or objectives; or
         a solution that ``multistart`` found for this problem, which becomes its gait.
     method : ``newton`` is Newton's method from the guess, or sequential quadratic programming for a design; it also
         follows the gait of a file to changed values. ``ipopt`` solves the NLP (see ``nlp``) from the guess with IPOPT.
@@ -154,7 +155,8 @@ def solve(
     SolveError
         If the reference of a PD law is not a gait.
     ProblemError
-        If ``reuse`` is given without ``output`` or for an attractor, or if ``start`` is a solution of another problem.
+        If ``reuse`` is given without ``output`` or for an attractor, or if ``start`` is a solution of another problem
+        or a failed solve without a point to go on from.
     StorageError
         If the folder contains other files or cannot be written.
     """
@@ -172,6 +174,10 @@ def solve(
         if known is not None and wanted in (Method.AUTO, known.solver.get("method")) and stated == limits.stated:
             return known
     guessed, begin = (question, start) if start is None or isinstance(start, Gait) else (start.problem, None)
+    if isinstance(start, Gait) and not start.converged:
+        if start.best is None or isinstance(question, Attractor):
+            raise ProblemError(f"start: {start.problem.name} is {start.status}: {start.message}")
+        guessed, begin = loaded.with_guess(start.best), None
     if isinstance(guessed, Problem) and guessed is not loaded and not _same_but_for_guess(guessed, loaded):
         raise ProblemError(f"start: is a solution of another problem, or of other values than those of {loaded.name}")
     with nullcontext() if folder is None else Run(folder).writing(loaded):
@@ -183,6 +189,8 @@ def solve(
         if output and gait.converged:
             gait = gait.verified(verify(gait).to_record())
             save(gait, folder or _folder(gait.problem, output))
+        elif folder is not None and gait.best is not None:
+            save_best_point(gait, folder)
     return gait
 
 

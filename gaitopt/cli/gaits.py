@@ -68,7 +68,8 @@ def solve(
         typer.Option(
             "--start",
             metavar="RUN[@BRANCH.INDEX]",
-            help="Use the gait of a run, or a point of its branch (see branch.csv), as the guess.",
+            help="Use the gait of a run, the point where its design failed, or a point of its branch (see branch.csv), "
+            "as the guess.",
             show_default=False,
         ),
     ] = None,
@@ -139,11 +140,17 @@ def solve(
 
 def _started(problem: "Problem", start: str, terminal: Terminal) -> "Problem":
     """The problem with the gait of ``--start`` as its guess."""
-    from gaitopt.api.stored import load_branch_point
+    from gaitopt.api.stored import best_point_in, load_branch_point
+    from gaitopt.store.run import Run
 
     if "@" in start:
         gait = load_branch_point(start, "--start ").gait
     else:
+        folder = Path(start) if is_folder(start) else Run.of(load(start, None, terminal)).folder
+        best = best_point_in(folder)
+        if best is not None:
+            terminal.say(f"goes on from {folder}, where the design ended")
+            return problem.with_guess(best)
         gait, *_ = gait_of(start, None, None, terminal, keep=False)
     if not gait.converged:
         raise SolveError(f"--start {start}: {gait.status}: {gait.message}")

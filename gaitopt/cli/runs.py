@@ -144,10 +144,13 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
             print_gait(console, record, gait.problem)
             return
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
+        if folder is not None:
+            words = f"the point where it ended is in {folder}; `--start {folder}` goes on from it"
+            console.print(words, soft_wrap=True)
         arguments = terminal.typed.get(gait.problem.name, [gait.problem.name])
         console.print(f"`gaitopt explain {shlex.join(arguments)}` says more", soft_wrap=True)
 
-    folder = folder if gait.converged else None
+    folder = folder if gait.converged or gait.best is not None else None
     record = {**gait.to_record(), "run": None if folder is None else str(folder), **(more or {})}
     terminal.show(record, print_attempt, *([] if folder is None else ["run"]))
     if not gait.converged:

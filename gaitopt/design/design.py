@@ -18,7 +18,7 @@ from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import RADIUS, SMALL, ExactProblem, freed_sizes
 from gaitopt.design.smoothed import SmoothedProblem, conflicts
 from gaitopt.design.sqp import optimise
-from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
+from gaitopt.gait.gait import Cause, Gait, Status, best_point, describe_causes
 from gaitopt.gait.measures import exceeded_limits
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.system import HybridSystem
@@ -85,18 +85,18 @@ class _Design:
             result = smoothed.solve()
             iterations += result.iterations
             solver = {"iterations": float(iterations), "kkt": result.kkt, "objective": result.objective}
+            at = smoothed.motion(result.w)
             if result.status is Status.INTERRUPTED:
-                return self._failed(result.status, result.words, solver)
+                return self._failed(result.status, result.words, solver, at=at)
             if result.status is not Status.CONVERGED:
                 causes = self._conflicts(start)
                 reason = f"{result.words}: {what_limits(smoothed.program.unknowns, smoothed.program.rows, result)}"
                 message = "\n".join(cause.words for cause in causes) or reason
-                return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes)
-            at = smoothed.motion(result.w)
+                return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes, at=at)
             if at.in_order and not smoothed.hits_trust_region(result.w):
                 return self._optimum(at, iterations)
             start = rolled_again(at).on_mesh(self._free)
-        return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver)
+        return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver, at=at)
 
     def start(self, first: Gait) -> Solution:
         """The motion with which a search begins."""
@@ -148,7 +148,7 @@ class _Design:
             if start is None:
                 lost = rejection_reason(refined)
                 message = describe_causes(lost) or "the gait is not found on a finer mesh"
-                return self._failed(status_without_gait(lost), message, {}, lost)
+                return self._failed(status_without_gait(lost), message, {}, lost, at=refined)
             freed, levels = np.split(start.u, [len(self._free)])
             sizes = np.concatenate([freed_sizes(freed, self._bounds), np.maximum(np.abs(levels), SMALL)])
             optimum = optimise(
@@ -161,17 +161,28 @@ class _Design:
                 break
         solver = {"iterations": float(iterations), "kkt": optimum.kkt, "objective": optimum.evaluation.objective}
         if optimum.interrupted:
-            return self._failed(Status.INTERRUPTED, "interrupted", solver)
+            return self._failed(Status.INTERRUPTED, "interrupted", solver, at=solution)
         causes = rejection_reason(refined)
         if causes or optimum.shortcoming:
             message = describe_causes(causes) or str(optimum.shortcoming)
-            return self._failed(status_without_gait(causes), message, solver, causes)
+            return self._failed(status_without_gait(causes), message, solver, causes, at=refined)
         gait = assemble_gait(self._problem, refined, message="", solver=solver)
         return replace(gait, message=_message(gait))
 
     def _failed(
-        self, status: Status, words: str, solver: Mapping[str, float | str], causes: tuple[Cause, ...] = ()
+        self,
+        status: Status,
+        words: str,
+        solver: Mapping[str, float | str],
+        causes: tuple[Cause, ...] = (),
+        *,
+        at: Solution | None = None,
     ) -> Gait:
+        """A failed design, which keeps the point where it ended."""
+        best = None
+        if at is not None and np.isfinite(at.w).all():
+            nodes, durations, freed = at.equations.unpack(at.w)
+            best = best_point(self._problem, nodes[:, 0], durations, dict(zip(self._free, freed.tolist(), strict=True)))
         return Gait(
             problem=self._problem,
             dynamics=self._dynamics,
@@ -179,6 +190,7 @@ class _Design:
             message=words,
             solver=solver,
             causes=causes,
+            best=best,
         )
 
 

@@ -19,7 +19,7 @@ from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.stability import RADIUS, bound_radius, largest_modulus
 from gaitopt.errors import ProblemError
-from gaitopt.gait.gait import Cause, Gait, Status
+from gaitopt.gait.gait import Cause, Gait, Status, best_point
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.system import HybridSystem
@@ -135,8 +135,18 @@ def optimise(
         return collocation, result
 
     def failed(found: _Found, status: Status, words: str, causes: tuple[Cause, ...]) -> Gait:
-        numbers = _numbers(found[1], iterations)
-        return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=numbers, causes=causes)
+        collocation, result = found
+        values, first, lengths = _reached(collocation, result.w)
+        best = best_point(problem, first, lengths, values) if np.isfinite(result.w).all() else None
+        return Gait(
+            problem=problem,
+            dynamics=dynamics,
+            status=status,
+            message=words,
+            solver=_numbers(result, iterations),
+            causes=causes,
+            best=best,
+        )
 
     states, durations = guessed_states(problem, dynamics, start)
     values = np.array([c for row in law.values.values() for c in row], dtype=float)
@@ -221,15 +231,21 @@ def _numbers(result: IpoptResult, iterations: int) -> dict[str, float | str]:
     return {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
 
 
+def _reached(collocation: Collocation, x: Array) -> tuple[dict[str, float], Array, Array]:
+    """Torques and free parameters of a solution by dotted key, its first state, and the durations of its phases."""
+    blocks = collocation.unpack(x)
+    values = (*blocks["values"].tolist(), *blocks["freed"].tolist())
+    known = dict(zip((*collocation.value_keys, *collocation.free), values, strict=True))
+    return known, blocks["states"][0], blocks["durations"]
+
+
 def _optimum(
     problem: Problem, collocation: Collocation, x: Array, solver: Mapping[str, float | str]
 ) -> OpenLoopOptimum:
     """A solution with the torques and the free parameters of the problem fixed."""
-    blocks = collocation.unpack(x)
-    values = (*blocks["values"].tolist(), *blocks["freed"].tolist())
-    known = dict(zip((*collocation.value_keys, *collocation.free), values, strict=True))
-    first = dict(zip(collocation.system.state_names, blocks["states"][0].tolist(), strict=True))
-    durations = blocks["durations"].tolist()
+    known, state, lengths = _reached(collocation, x)
+    first = dict(zip(collocation.system.state_names, state.tolist(), strict=True))
+    durations = lengths.tolist()
     return OpenLoopOptimum(
         problem=problem.with_torques(known, first, durations),
         collocation=collocation,

@@ -259,6 +259,7 @@ class Gait(WalkerMotion):
     verification : record of the last verification, if any.
     causes : why there is no gait, most important cause first; empty for a gait.
     timed : indices of the phases that end at a breakpoint of the control, because the torques jump there.
+    best : of a design that failed, the point where it ended, see ``best_point``; otherwise None.
     """
 
     status: Status
@@ -272,6 +273,7 @@ class Gait(WalkerMotion):
     verification: VerificationRecord | None = None
     causes: tuple[Cause, ...] = ()
     timed: tuple[int, ...] = ()
+    best: Mapping[str, Any] | None = None
 
     def __repr__(self) -> str:
         if not self.steps:
@@ -432,6 +434,22 @@ class Gait(WalkerMotion):
                 for first, step in zip(cycle.first_phases, self.steps, strict=True)
             ]
         return record
+
+
+def best_point(problem: Problem, state: Array, durations: Array, parameters: Mapping[str, float]) -> dict[str, Any]:
+    """The point where a design ends, as ``Problem.with_guess`` takes it: a motion and the freed parameters.
+
+    Parameters
+    ----------
+    state, durations : of the motion, just after the impact and of its phases [s].
+    """
+    phases = zip(problem.cycle.phases, durations.tolist(), strict=True)
+    return {
+        "phases": [{**mode.record, "duration": duration} for mode, duration in phases],
+        "impact": problem.cycle.impact.words,
+        "state": dict(zip(problem.walker.state_names(), state.tolist(), strict=True)),
+        "parameters": dict(parameters),
+    }
 
 
 def require_gait(start: object, call: str) -> None:

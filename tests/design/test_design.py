@@ -1,10 +1,15 @@
 """Designs: free parameters, objectives, constraints; each optimum against an independent road."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from named import named
 
 from gaitopt import simulate, solve, verify
+from gaitopt.cli.main import main
+from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import Status
 from gaitopt.model.curve import BeyondEnd, control_points
 from gaitopt.model.transitions import Ending
@@ -224,3 +229,37 @@ def test_an_optimum_is_reached_although_gaits_end_on_the_way(objective, numbers,
     gait = solve(sticking({"objective": objective, "constraints": constraints}, friction=friction, **guesses))
     assert gait.converged, gait.message
     assert gait.measures[objective] == pytest.approx(least, rel=1e-10)
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
+    """A design that was stopped after a few iterations, and its run folder."""
+    polls, folder = iter(range(100)), tmp_path_factory.mktemp("stopped") / "run"
+    gait = solve("compass-torque-efficient", output=folder, should_stop=lambda: next(polls) > 10)
+    assert gait.status is Status.INTERRUPTED
+    return gait, folder
+
+
+def test_a_design_that_fails_keeps_the_point_where_it_ended_and_goes_on_from_it(stopped):
+    gait, _ = stopped
+    assert {*gait.best["parameters"]} == {"control.ankle", "control.hip"}
+    goes_on = solve(gait.problem.replace({"constraints.speed": 0.41}), start=gait)
+    assert goes_on.converged
+    assert goes_on.measures["speed"] == pytest.approx(0.41)
+    guess = gait.problem.with_guess(gait.best)
+    assert guess.free["control.hip"].guess == gait.best["parameters"]["control.hip"]
+
+
+def test_the_point_is_in_the_run_folder_and_start_names_it(stopped, monkeypatch, capsys):
+    folder = stopped[1]
+    monkeypatch.chdir(folder.parent)
+    assert main(["solve", "compass-torque-efficient", "--start", str(folder), "-o", "after", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "where the design ended" in printed.err
+    assert json.loads(printed.out)["status"] == "converged"
+
+
+def test_an_attempt_without_a_point_is_no_start(cheapest):
+    lost = replace(cheapest, status=Status.NOT_CONVERGED, message="lost", steps=())
+    with pytest.raises(ProblemError, match="start: compass-torque-stick is not_converged: lost"):
+        solve(cheapest.problem, start=lost)
