@@ -15,8 +15,8 @@ from gaitopt.callbacks import Stop, Valued
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait, Status
+from gaitopt.gait.measures import angles_of
 from gaitopt.gait.trajectory import Arc
-from gaitopt.model.buffered import buffered_map
 from gaitopt.model.control import Control
 from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continued, control_points
 from gaitopt.model.dynamics import Dynamics
@@ -180,7 +180,7 @@ def gait_curve(gait: Gait, beyond_end: BeyondEnd, followed: Mapping[str, str]) -
     def piece(arc: Arc) -> Piece:
         angles = arc.states[:, : len(system.walker.shape)]
         if max(tracked, default=0) >= angles.shape[1]:  # not a state, but the angle of a motor or a phase variable
-            angles = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy()
+            angles = angles_of(arc)[0]
         rows = curves.coefficients(angles).T[tracked].tolist()
         return Piece(start=arc.start, end=arc.end, rows=tuple(map(tuple, rows)))
 

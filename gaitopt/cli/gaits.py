@@ -306,7 +306,7 @@ def stabilise(
     file = None if output is None else str(output)
     terminal.show(
         {**made.to_record(), "file": file},
-        lambda console, record: print_stabilised(console, record, made.problem),
+        lambda console, record: print_stabilised(console, record, made.problem, every=terminal.every),
         *([] if file is None else ["file"]),
     )
     return NOT_A_GAIT if made.objections else 0

@@ -53,7 +53,12 @@ JSON_LINES: Shared = (
     Annotated[bool, typer.Option("--json", help="Print one JSON object per line, as soon as it is computed.")],
 )
 QUIET: Shared = ("quiet", Annotated[bool, typer.Option("--quiet", help="Suppress messages and progress on stderr.")])
+ALL: Shared = ("all", Annotated[bool, typer.Option("--all", help="Print tables of many values whole.")])
 DEBUG: Shared = ("debug", Annotated[bool, typer.Option("--debug", help="Print the traceback of an error.")])
+
+
+OF_TERMINAL = {"json": "json", "quiet": "quiet", "all": "every"}
+"""Attributes of the terminal by option."""
 
 
 def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callable[..., int]:
@@ -66,7 +71,8 @@ def with_shared_options(command: Callable[..., int], *shared: Shared) -> Callabl
     @wraps(command)
     def run(**values: Any) -> int:
         given = {option.name: values.pop(option.name) for option in options}
-        return command(**values, terminal=Terminal(json=given.get("json", False), quiet=given.get("quiet", False)))
+        terminal = Terminal(**{OF_TERMINAL[name]: value for name, value in given.items() if name in OF_TERMINAL})
+        return command(**values, terminal=terminal)
 
     run.__annotations__ = {entry.name: entry.annotation for entry in parameters}
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -109,14 +115,14 @@ def options(version: VersionOption = False) -> None:
 
 for _name, _command, *_shared in (
     ("list", list_problems, JSON),
-    ("show", show, JSON),
+    ("show", show, JSON, ALL),
     ("validate", validate, JSON),
     ("schema", schema),
-    ("solve", solve, JSON, QUIET),
+    ("solve", solve, JSON, QUIET, ALL),
     ("simulate", simulate, JSON, QUIET),
     ("verify", verify, JSON, QUIET),
     ("sensitivity", sensitivity, JSON, QUIET),
-    ("stabilise", stabilise, JSON, QUIET),
+    ("stabilise", stabilise, JSON, QUIET, ALL),
     ("find", find, JSON, QUIET),
     ("explain", explain, JSON, QUIET),
     ("continue", continue_, JSON_LINES, QUIET),

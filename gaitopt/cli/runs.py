@@ -141,7 +141,7 @@ def report(gait: "Gait", folder: Path | None, terminal: Terminal, more: "Mapping
 
     def print_attempt(console: "Any", record: "Mapping[str, Any]") -> None:
         if gait.converged:
-            print_gait(console, record, gait.problem)
+            print_gait(console, record, gait.problem, every=terminal.every)
             return
         console.print(f"{gait.problem.name}: {gait.status}: {gait.message}")
         if folder is not None:

@@ -87,11 +87,12 @@ class Terminal:
     Attributes
     ----------
     json : whether results are printed as JSON.
+    every : whether tables print every value, however many there are.
     typed : for each problem by its name, the arguments that named it, with its ``--set`` options.
     """
 
-    def __init__(self, *, json: bool, quiet: bool) -> None:
-        self.json, self._quiet = json, quiet
+    def __init__(self, *, json: bool = False, quiet: bool = False, every: bool = False) -> None:
+        self.json, self._quiet, self.every = json, quiet, every
         self.typed: dict[str, list[str]] = {}
 
     @cached_property

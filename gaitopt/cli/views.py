@@ -78,7 +78,7 @@ def show(
     if terminal.json:
         terminal.print_json({**loaded.resolved(), "hash": loaded.digest})
     else:
-        print_problem(terminal.results, loaded)
+        print_problem(terminal.results, loaded, every=terminal.every)
     return 0
 
 

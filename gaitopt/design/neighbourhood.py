@@ -18,9 +18,8 @@ from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
-from gaitopt.gait.measures import observe
+from gaitopt.gait.measures import angles_of, observe
 from gaitopt.gait.trajectory import Step
-from gaitopt.model.buffered import buffered_map
 from gaitopt.model.open_loop import OpenLoop, Order
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
@@ -231,7 +230,7 @@ def _along(step: Step, name: str, span: Range) -> list[float]:
             rows.append(float(room[inside].min()))
             continue
         system = arc.dynamics.system
-        angles = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0]
+        angles = angles_of(arc)[0]
         angle = angles[:, system.angle_names.index(name.removeprefix(ANGLE))].copy()
         rows += [curves.maximum(-angle)[1] * -1.0 - span.minimum] if np.isfinite(span.minimum) else []
         rows += [span.maximum - curves.maximum(angle)[1]] if np.isfinite(span.maximum) else []

@@ -21,12 +21,11 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import Moving
 from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.frames import data_frame, sample_set
-from gaitopt.gait.measures import contact_record, control_record, observe
+from gaitopt.gait.measures import angles_of, contact_record, control_record, observe
 from gaitopt.gait.records import AttemptRecord, GaitRecord, StepRecord, VerificationRecord, phase_records
 from gaitopt.gait.shares import undetermined_forces
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.gait.zero_dynamics import ConstraintMeasures, constraint_measures
-from gaitopt.model.buffered import buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.declaration import actuator_units
 from gaitopt.model.dynamics import Dynamics
@@ -186,8 +185,7 @@ def trajectory_rows(steps: Iterable[Step], phase: tuple[str, ...] = ()) -> Itera
             header, columns = trajectory_header(system), [arc.states, observed.force, observed.torque]
             if phase:
                 index = system.angle_names.index(phase[0])
-                pair = buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)
-                columns += [values[:, [index]] for values in pair]
+                columns += [values[:, [index]] for values in angles_of(arc)]
             numbers = np.hstack(columns)
             numbers[:, [header.index(name) - 2 for name in undetermined_forces(arc)]] = np.nan
             for t, row in zip(arc.times, numbers, strict=True):

@@ -139,6 +139,12 @@ def measure(steps: Sequence[Step]) -> dict[str, float | None]:
     return values
 
 
+def angles_of(arc: Arc) -> tuple[Array, Array]:
+    """Angles of ``HybridSystem.angle_names`` along an arc and their rates, shape (m, n) each [rad, or m; per s]."""
+    angles, rates = buffered_map(arc.dynamics.system.angles, arc.times.size)(arc.states, arc.dynamics.p)
+    return angles.copy(), rates.copy()
+
+
 def peak_torques(arcs: Sequence[Arc]) -> dict[str, float]:
     """The largest torque of each motor along arcs, by name [N m]."""
     torques, names = [observe(arc).torque for arc in arcs], arcs[0].dynamics.system.walker.actuators
@@ -151,7 +157,7 @@ def exceeded_limits(steps: Sequence[Step]) -> Iterator[str]:
     limits, arcs = joint_limits(system.walker), [arc for step in steps for arc in step.arcs]
     if not any(limit for pair in limits.values() for limit in pair):
         return
-    turned = [buffered_map(system.angles, arc.times.size)(arc.states, arc.dynamics.p)[0].copy() for arc in arcs]
+    turned = [angles_of(arc)[0] for arc in arcs]
     peaks = peak_torques(arcs)
     for name, (span, effort) in limits.items():
         if span is not None:

@@ -27,6 +27,7 @@ from gaitopt.show.gaits import (
     force_ratio,
     method_comparison,
     phase_portrait,
+    phase_variable,
     section_states,
     torques,
 )
@@ -80,6 +81,9 @@ GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "methods")
 """Figures of one or several gaits; ``methods`` is of one."""
 WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
+PHASE = "phase"
+"""Figure of gaits and walks whose control law has a phase variable."""
+DRAWN = {**MOTION_FIGURES, PHASE: phase_variable}
 OVER = "force_over_"
 """Beginning of the name of the force ratio over a shape coordinate."""
 USUAL_BRANCH_FIGURES = ("spectral_radius", "multipliers", "speed", "cost_of_transport")
@@ -155,10 +159,8 @@ def _(result: Branch) -> Figures:
 @figures_of.register
 def _(result: Walk) -> Figures:
     return Figures(
-        draw=lambda name: (
-            section_states(result) if name == "section" else MOTION_FIGURES[name]([motion_of_walk(result)])
-        ),
-        names=WALK_FIGURES,
+        draw=lambda name: section_states(result) if name == "section" else DRAWN[name]([motion_of_walk(result)]),
+        names=(*WALK_FIGURES, *_phase_figures([result])),
         usual=("section", "portrait", "postures"),
         animation=lambda extension: _animation(motion_of_walk(result), result.trajectory.message, extension),
     )
@@ -218,7 +220,7 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
             return method_comparison(motions[0], simulated(first))
         if name.startswith(OVER):
             return force_ratio(motions, name.removeprefix(OVER))
-        return MOTION_FIGURES[name](motions)
+        return DRAWN[name](motions)
 
     empty = set() if alone else {"methods"}
     empty |= {"torques"} if not any(gait.measures["peak_torque"] for gait in gaits) else set()
@@ -228,10 +230,15 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
     common = [name for name in shapes[0] if all(name in shape for shape in shapes)]
     return Figures(
         draw=draw,
-        names=(*GAIT_FIGURES, *(f"{OVER}{name}" for name in common)),
-        usual=tuple(name for name in GAIT_FIGURES if name not in empty),
+        names=(*GAIT_FIGURES, *_phase_figures(gaits), *(f"{OVER}{name}" for name in common)),
+        usual=(*(name for name in GAIT_FIGURES if name not in empty), *_phase_figures(gaits)),
         animation=(lambda extension: _animation(motion_of(first), first.problem.about, extension)) if alone else None,
     )
+
+
+def _phase_figures(motions: Sequence[Gait | Walk]) -> tuple[str, ...]:
+    """The name of the figure of the phase variable, if the control law of every motion has one."""
+    return (PHASE,) if all(motion.system.control.phase_variable for motion in motions) else ()
 
 
 def _animation(motion: Motion, about: str, extension: str) -> bytes:

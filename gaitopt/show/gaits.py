@@ -21,7 +21,7 @@ from matplotlib.ticker import MaxNLocator
 
 from gaitopt.arrays import Array
 from gaitopt.gait import curves
-from gaitopt.gait.measures import ContactObservation, friction_ratio, observe, touching_contacts
+from gaitopt.gait.measures import ContactObservation, angles_of, friction_ratio, observe, touching_contacts
 from gaitopt.gait.trajectory import Step
 from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.section import TOUCHDOWN, cycle_start
@@ -194,6 +194,24 @@ def torques(motions: Sequence[Motion]) -> Figure:
     axes.set_xlabel(time_label(motions))
     axes.set_ylabel(motor_label(motions))
     legend_below(figure, [*handles, *mode_strip(strip, motions)])
+    return figure
+
+
+def phase_variable(motions: Sequence[Motion]) -> Figure:
+    """The phase variable of the control law and its rate over one cycle."""
+    figure, (above, below) = panels(2)
+    colours, handles = cycle(CURVES), list[Line2D]()
+    for motion in motions:
+        name, colour = motion.dynamics.system.control.phase_variable, next(colours)
+        index = motion.dynamics.system.angle_names.index(name)
+        handles.append(entry(f"{motion.name}: {symbol(name)}" if len(motions) > 1 else symbol(name), color=colour))
+        for began, arc in smooth(motion.steps):
+            for axes, values in zip((above, below), angles_of(arc), strict=True):
+                axes.plot(began + arc.times, values[:, index], color=colour, linestyle=dashes(arc.mode))
+    above.set_ylabel("phase [rad]")
+    below.set_ylabel("its rate [rad/s]")
+    below.set_xlabel(time_label(motions))
+    legend_below(figure, [*handles, *mode_legend([mode for motion in motions for mode in motion.modes])])
     return figure
 
 

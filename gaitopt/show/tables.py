@@ -42,6 +42,9 @@ from gaitopt.verification.walk import Walk
 
 Record = Mapping[str, Any]
 
+FOLDED = 12
+"""Largest number of parameters that a table of results lists unless all are asked for."""
+UNFOLD = "--all lists them"
 GAP = 3
 """Characters between two columns."""
 NEGLIGIBLE = 1e-12
@@ -170,8 +173,8 @@ def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]])
     print_table(console, headings, cells)
 
 
-def print_problem(console: Console, problem: Problem) -> None:
-    """A problem: walker, control, mode sequence, guess, unknowns."""
+def print_problem(console: Console, problem: Problem, *, every: bool = True) -> None:
+    """A problem: walker, control, mode sequence, guess, unknowns; ``every`` as for ``print_gait``."""
     console.print(problem.name, style="bold")
     if problem.about:
         console.print(problem.about)
@@ -184,10 +187,12 @@ def print_problem(console: Console, problem: Problem) -> None:
     parameters = problem.parameters.items()
     contact = [(key, number(v), unit_of(key)) for key, v in parameters if key.partition(".")[0] == "friction"]
     contact += [("impact_law", str(problem.impact_law), ""), ("control", problem.control.type, "")]
-    for key, value in parameters:
-        group, _, name = key.partition(".")
-        if group == "control":
-            contact.append((name, number(value), with_degrees(value, unit_of(key, problem))))
+    of_law = [(key, value) for key, value in parameters if key.startswith("control.")]
+    if every or len(of_law) <= FOLDED:
+        for key, value in of_law:
+            contact.append((key.partition(".")[2], number(value), with_degrees(value, unit_of(key, problem))))
+    else:
+        contact.append(("its parameters", str(len(of_law)), UNFOLD))
     if problem.reference is not None:
         ends = {str(getattr(each, "beyond_end", "")) for each in problem.control.targets.values()} - {""}
         contact.append(("reference", problem.reference.name, f"beyond its end: {', '.join(ends)}" if ends else ""))
@@ -213,7 +218,8 @@ def print_problem(console: Console, problem: Problem) -> None:
         section(console, title, ("state", "value", "unit"), state, numbers=(1,))
     if problem.free:
         unknowns = ((key, number(f.lower), number(f.upper), number(f.guess)) for key, f in problem.free.items())
-        section(console, "unknown parameters", ("key", "from", "to", "guess"), unknowns, numbers=(1, 2, 3))
+        columns = ("key", "from", "to", "guess")
+        _folded_section(console, "unknown parameters", columns, [*unknowns], (1, 2, 3), every=every)
     if problem.objective:
         weights = ((name, number(weight)) for name, weight in problem.objective.items())
         section(console, "minimised", ("scalar", "weight"), weights, numbers=(1,))
@@ -222,8 +228,13 @@ def print_problem(console: Console, problem: Problem) -> None:
         section(console, "constraints", ("scalar", "from", "to"), spans, numbers=(1, 2))
 
 
-def print_gait(console: Console, record: Record, problem: Problem) -> None:
-    """A gait of a problem from its JSON object."""
+def print_gait(console: Console, record: Record, problem: Problem, *, every: bool = True) -> None:
+    """A gait of a problem from its JSON object.
+
+    Parameters
+    ----------
+    every : whether tables of many values found are printed too, instead of their number.
+    """
     stable = STABILITY[record["spectral_radius"] < 1]
     console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
     if record["solver"].get("method") in FOUND_BY:  # earlier versions did not say
@@ -235,10 +246,26 @@ def print_gait(console: Console, record: Record, problem: Problem) -> None:
         print_verification(console, record["verification"])
     if record["parameters"]:
         values = record["parameters"].items()
-        freed = ((key, number(value), with_degrees(value, unit_of(key, problem))) for key, value in values)
-        section(console, "values found", ("key", "value", "unit"), freed, numbers=(1,))
+        freed = [(key, number(value), with_degrees(value, unit_of(key, problem))) for key, value in values]
+        _folded_section(console, "values found", ("key", "value", "unit"), freed, (1,), every=every)
     for remark in record["message"].split("; ")[1:]:
         console.print(remark, soft_wrap=True)
+
+
+def _folded_section(
+    console: Console,
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[tuple[str, ...]],
+    numbers: tuple[int, ...],
+    *,
+    every: bool,
+) -> None:
+    """A section, or if its rows are many only their number, unless every row is asked for."""
+    if every or len(rows) <= FOLDED:
+        section(console, title, columns, rows, numbers=numbers)
+    else:
+        console.print(f"\n{title}: {len(rows)}; {UNFOLD}")
 
 
 def print_derivatives(console: Console, record: Record) -> None:
@@ -265,7 +292,7 @@ def print_derivatives(console: Console, record: Record) -> None:
         console.print(f"{key}: {reason}", soft_wrap=True)
 
 
-def print_stabilised(console: Console, record: Record, problem: Problem) -> None:
+def print_stabilised(console: Console, record: Record, problem: Problem, *, every: bool = True) -> None:
     """A gait under a law that was made for it, and how far it is from the given gait; the gait's table comes last."""
     made, given = record["stabilised"], record["stabilised"]["given"]
     over = "the clock" if made["phase"] == "clock" else f"the phase {made['phase']}"
@@ -290,7 +317,7 @@ def print_stabilised(console: Console, record: Record, problem: Problem) -> None
         for name, each in made["torques"].items()
     ]
     section(console, "largest torques [N m]", ("motor", "needed", "available"), limits, numbers=(1, 2))
-    print_gait(console, record, problem)
+    print_gait(console, record, problem, every=every)
 
 
 def print_walk(console: Console, record: Record, problem: Problem) -> None:

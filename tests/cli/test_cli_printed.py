@@ -218,3 +218,12 @@ def test_every_command_works_with_any_encoding_of_its_output(encoding):
     about = json.loads((Path("ü") / "resolved.json").read_text(encoding="ascii"))["about"]
     assert about == "Gåit für µ → 走る 🦿"
     assert about in (Path("ü") / "report.html").read_text(encoding="utf-8")
+
+
+def test_many_parameters_are_folded_unless_all_are_asked_for(capsys):
+    assert main(["show", "rabbit-hzd"]) == 0
+    assert "its parameters 26 --all lists them" in " ".join(capsys.readouterr().out.split())
+    assert main(["show", "rabbit-hzd", "--all"]) == 0
+    assert "reference.swing_knee.5" in capsys.readouterr().out
+    assert main(["show", "compass-torque-stick"]) == 0
+    assert "hip" in capsys.readouterr().out

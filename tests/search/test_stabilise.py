@@ -189,3 +189,13 @@ def test_the_written_problem_has_the_same_gait_and_no_file_is_overwritten(walked
     assert again.problem.digest == walked.problem.digest
     with pytest.raises(StorageError, match="it exists"):
         check_problem_file(file)
+
+
+def test_the_phase_variable_and_its_rate_are_drawn(walked):
+    above, below = walked.gait.plot("phase").figure.axes
+    frame = walked.gait.to_frame()
+    for axes, name in ((above, "stance_leg"), (below, "dstance_leg")):
+        ((_, drawn),) = (line.get_data() for line in axes.lines if line.get_xdata().size > 2)
+        assert drawn[[0, -1]] == pytest.approx(frame[name].to_numpy()[[0, -1]], abs=1e-9)
+    with pytest.raises(ValueError, match="no figure 'phase'"):
+        gait("compass-passive-a").plot("phase")
