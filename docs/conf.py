@@ -15,7 +15,18 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from docutils.nodes import Element, SkipNode, image, literal_block
+from docutils.nodes import (
+    Element,
+    Node,
+    SkipNode,
+    Text,
+    abbreviation,
+    emphasis,
+    image,
+    literal_block,
+    paragraph,
+    reference,
+)
 from latex2mathml.converter import convert
 
 import gaitopt as go
@@ -27,7 +38,7 @@ project = "gaitopt"
 author = "The gaitopt developers"
 release = __version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["examples", "paper"]
+exclude_patterns = ["examples", "paper", "developer"]
 nb_execution_mode = "off"  # the notebook is stored with its outputs; a test runs it
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
@@ -46,6 +57,8 @@ napoleon_use_ivar = True
 napoleon_use_rtype = False  # what is returned has a name and words; its type stands in the signature
 napoleon_attr_annotations = False  # they stand in the signature, in short
 
+CONSTRUCTED = {f"gaitopt.{name}" for name in ("Link", "Mechanism", "Body", "Contact", "Until", "Floor", "Page")}
+"""Classes whose instances a reader makes."""
 FIELD = re.compile(r"^(\*{0,2}\w+(?:, \w+)*) : (.*)$")
 
 
@@ -63,7 +76,7 @@ def split_fields(app: Any, what: str, name: str, obj: Any, options: Any, lines: 
 
 def shorten_signature(app: Any, what: str, name: str, obj: Any, options: Any, signature: Any, returned: Any) -> Any:
     """Leave out the signatures of classes whose fields are listed anyway, and which a reader does not construct."""
-    named = app.env.docname == "api-results" or name.endswith("EquationsOfMotion")
+    named = name not in CONSTRUCTED
     built = what == "class" and signature and ("<factory>" in signature or named)
     return ("", returned) if built and is_dataclass(obj) else None
 
@@ -173,6 +186,8 @@ def draw_start_page(app: Any, failed: Exception | None) -> None:
     go.report(go.continuation(gait, "friction", 0.1, progress=False)).save(page)
     brief(page)
     gait = go.solve(go.load_problem("compass-passive-a"))
+    go.report(gait).save(folder / "report.html")
+    brief(folder / "report.html")
     pushed = {"no push": go.simulate(gait, steps=6)}
     for name, changes in PUSHES.items():
         rate = gait.state[gait.system.state_names.index(name)]
@@ -193,8 +208,96 @@ def brief(page: Path) -> None:
     page.with_name(f"{page.stem}-brief.html").write_text(page.read_text().replace("</head>", BRIEF, 1))
 
 
+MOVED = {
+    "why-slip": "index.html#why-slip-matters",
+    "citing": "index.html",
+    "notebooks": "api.html#in-a-notebook",
+    "knees": "zoo.html#knees",
+    "round-feet": "zoo.html#round-feet",
+    "running": "zoo.html#running",
+    "feet": "zoo.html#several-contacts",
+    "engines": "do-simulators-stick.html#run-a-replay",
+    "verification": "troubleshooting.html#the-claims-of-a-verification",
+    "scope": "comparison.html#what-gaitopt-can-and-cannot-model",
+    "api-problems": "api.html#problems",
+    "api-gaits": "api.html#gaits-walks-and-families",
+    "api-results": "api.html#results",
+    "problem-keys-walker": "problem-keys.html#walkers",
+    "problem-keys-control": "problem-keys.html#control-laws",
+    "performance": "api.html#engines",
+    "reliability": "runs.html",
+}
+"""Where the contents of former pages are."""
+REDIRECT = """<!DOCTYPE html><html lang="en"><meta charset="utf-8"><title>Moved</title>
+<meta http-equiv="refresh" content="0; url={0}"><p>This page is now at <a href="{0}">{0}</a>.</p></html>
+"""
+
+
+def write_redirects(app: Any, failed: Exception | None) -> None:
+    """A page under each former name that leads to the present one."""
+    if failed is None and app.builder.format == "html":
+        for name, target in MOVED.items():
+            (Path(app.outdir) / f"{name}.html").write_text(REDIRECT.format(target))
+
+
+PLAIN = {
+    "walker",
+    "mode",
+    "phase",
+    "step",
+    "cycle",
+    "gait",
+    "family",
+    "branch",
+    "impact",
+    "reset",
+    "section",
+    "reference",
+}
+"""Terms that every page uses and that need no tooltip."""
+
+
+def definitions(source: Path) -> dict[str, str]:
+    """The terms of the glossary with their definitions as plain text."""
+    text = (source / "glossary.md").read_text(encoding="utf-8")
+    found = dict[str, str]()
+    for names, words in re.findall(r"^\*\*(.+?)\*\*\n: (.*?)(?=\n\n)", text, re.MULTILINE | re.DOTALL):
+        plain = " ".join(re.sub(r"[*`]", "", words).split())
+        found |= {name.strip().lower(): plain for name in names.split(",") if name.strip().lower() not in PLAIN}
+    for name, motion in re.findall(r"^\| \*\*(\w+)\*\* \| .* \| (.*) \|$", text, re.MULTILINE):
+        found[f"gait {name.lower()}"] = f"A named gait of Gamus & Or (2013): {motion}"
+    return found
+
+
+def add_tooltips(app: Any, doctree: Any) -> None:
+    """Give each term of the glossary its definition as a tooltip where a page uses it first."""
+    if app.env.docname in ("glossary", "changelog") or app.env.docname.startswith("api"):
+        return
+    terms = definitions(Path(app.srcdir))
+    pattern = re.compile(rf"\b({'|'.join(sorted(map(re.escape, terms), key=len, reverse=True))})(s?)\b", re.IGNORECASE)
+    for text in list(doctree.findall(Text)):
+        if not isinstance(text.parent, (paragraph, emphasis)) or isinstance(
+            text.parent.parent, (reference, abbreviation)
+        ):
+            continue
+        rest, pieces = text.astext(), list[Node]()
+        while (match := pattern.search(rest)) is not None:
+            words = terms.pop(match[1].lower())
+            marked = abbreviation(match[0], match[0], explanation=words)
+            pieces += [Text(rest[: match.start()]), marked]
+            rest = rest[match.end() :]
+            if not terms:
+                break
+            alternatives = "|".join(sorted(map(re.escape, terms), key=len, reverse=True))
+            pattern = re.compile(rf"\b({alternatives})(s?)\b", re.IGNORECASE)
+        if pieces:
+            text.parent.replace(text, [*pieces, Text(rest)])
+
+
 def setup(app: Any) -> None:
     """Register them."""
+    app.connect("doctree-read", add_tooltips)
+    app.connect("build-finished", write_redirects)
     app.connect("autodoc-process-docstring", split_fields, priority=1)
     app.connect("autodoc-process-signature", shorten_signature)
     app.connect("doctree-read", shorten_arrays)

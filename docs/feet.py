@@ -1,4 +1,4 @@
-"""Draws the animations of docs/feet.md, one of each walker with several contacts: ``python docs/feet.py``."""
+"""Draws the animations of docs/zoo.md, one of each walker with several contacts: ``python docs/feet.py``."""
 
 from pathlib import Path
 

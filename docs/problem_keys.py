@@ -1,4 +1,4 @@
-"""Write the reference of the problem file, ``problem-keys*.md``, from the schema: ``python docs/problem_keys.py``."""
+"""Write the reference of the problem file, ``problem-keys.md``, from the schema: ``python docs/problem_keys.py``."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -13,10 +13,9 @@ LIMITS = ("minimum", "maximum")
 PAGE = Path(__file__).with_name("problem-keys.md")
 HEAD = """# Keys of the problem file
 
-A dot leads into a mapping: `gait.phases` is the key `phases` of the mapping `gait`. [Walkers](problem-keys-walker.md)
-and [control laws](problem-keys-control.md) have their own pages. `gaitopt schema > gaitopt.schema.json` writes the
-schema from which `python docs/problem_keys.py` generates these pages. An editor completes keys and shows their units if
-the first line of the file is
+A dot leads into a mapping: `gait.phases` is the key `phases` of the mapping `gait`. `gaitopt schema` prints the schema
+from which `python docs/problem_keys.py` generates this page. After `gaitopt schema > gaitopt.schema.json`, an editor
+completes keys and shows their units if the first line of a file is
 
     # yaml-language-server: $schema=gaitopt.schema.json
 
@@ -25,44 +24,73 @@ the first line of the file is
 | number | number in the unit of the row |
 | angle | number in rad, or a text such as `1 deg` |
 | unknown | `{{free: [lo, hi], guess: value}}`: a design finds the value between these bounds |
-| mode | {modes}; or [a mapping](problem-file.md) for stops, switches or several contacts |
+| mode | {modes}; or [a mapping](problem-file.md#modes) for stops, switches or several contacts |
 | list, mapping | `[a, b]`, `{{key: value}}`; *numbers by name* maps names, such as those of motors, to numbers |
 
-Values outside the range are errors. Unusual values only trigger a warning on stderr. Ranges may be in natural units of
-the walker: l is its leg length (radius), m its total mass, g gravity. All numbers are at most 1e30 in size, and numbers
-that must be more than 0 are at least 1e-30. A key that is neither required nor has a default may be left out.
-"""
-MORE = """# Keys of the problem file: {}
+Values outside the range are errors; unusual values only trigger a warning. Ranges may be in natural units: l is the leg
+length (radius), m the total mass, g gravity; "±100 X" means from -100 X to 100 X. All numbers are at most 1e30 in size,
+and numbers that must be more than 0 are at least 1e-30. A key that is neither required nor has a default may be left
+out.
 
-{} [Keys of the problem file](problem-keys.md) explains types and ranges.
+```{{raw}} html
+<p><input type="search" id="find-key" placeholder="Search keys and meanings" aria-label="Search keys and meanings"></p>
+```
 """
-HEADS = {
-    PAGE: HEAD.format(modes=", ".join(f"`{mode}`" for mode in MODES)),
-    PAGE.with_name("problem-keys-walker.md"): MORE.format("walkers", "`walker.model` selects one of these walkers."),
-    PAGE.with_name("problem-keys-control.md"): MORE.format("control", "`control.type` selects one of these laws."),
+PARTS = {
+    "": HEAD.format(modes=", ".join(f"`{mode}`" for mode in MODES)),
+    "walker": "## Walkers\n\n`walker.model` selects one of these walkers; the table below explains their keys.\n",
+    "control": "## Control laws\n\n`control.type` selects one of these laws.\n",
 }
+"""Parts of the page by the key to which they belong, each with its beginning."""
 TOP = "top level"
 UNIT = re.compile(r" \[((?:(?:, or |[ /])?(?:kg|rad|[NJms1])(?:\^\d)?)+)\]")
 """A unit in a description."""
+SIZE = re.compile(r"at most ([^;]*?) in size")
+"""A range that is symmetric about zero."""
 RANGE = re.compile(r"(usually )?(from|at most|at least) [-+.\de]+ ?.*")
 """A part of a description that is a range."""
 
 
-def pages() -> dict[Path, str]:
-    """The pages as Markdown; places with the same keys share a table."""
+def page() -> str:
+    """The page as Markdown; places with the same keys share a table."""
     sections = dict[tuple[str, str], list[Mapping[str, Any]]]()
     for title, variant in _mappings_below(problem_schema(), ""):
         sections.setdefault((title, variant.get("description", "")), []).append(variant)
-    tables = dict[tuple[Path, str], list[str]]()
+    tables, models = dict[tuple[str, str], list[str]](), dict[str, Mapping[str, Any]]()
     for (title, about), variants in sections.items():
-        place = next((path for path in HEADS if title.startswith(path.stem.removeprefix("problem-keys-"))), PAGE)
+        if model := re.fullmatch(r"walker \{model: (\w+)\}", title):
+            models[model[1]] = variants[0]
+            continue
+        part = next((key for key in PARTS if key and title.startswith(key)), "")
         words = [] if title == TOP or not about else [f"{_sentence(about.replace('``', '`'))}\n"]
-        tables.setdefault((place, "\n".join([*words, *_table(title, variants), ""])), []).append(title)
-    texts: dict[Path, list[str]] = {path: [head] for path, head in HEADS.items()}
-    for (place, table), titles in tables.items():
-        heading = titles[0] if titles == [TOP] else ", ".join(f"`{title}`" for title in dict.fromkeys(titles))
-        texts[place] += [f"## {heading}\n", table]
-    return {path: "\n".join(lines) for path, lines in texts.items()}
+        tables.setdefault((part, "\n".join([*words, *_table(title, variants), ""])), []).append(title)
+    texts = {part: [head] for part, head in PARTS.items()}
+    for (part, table), titles in tables.items():
+        heading, *others = dict.fromkeys(titles)
+        level = "###" if part else "##"
+        also = f"The same keys: {', '.join(f'`{title}`' for title in others)}.\n" if others else ""
+        texts[part] += [f"{level} {heading if heading == TOP else f'`{heading}`'}\n", *([also] if also else []), table]
+    texts["walker"][1:1] = _walkers(models)
+    return "\n".join(line for lines in texts.values() for line in lines)
+
+
+def _walkers(models: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Every walker with its keys, and a table of all keys, in which equal rows of several walkers are one."""
+    rows, about = dict[tuple[str, str], list[str]](), list[str]()
+    for model, variant in models.items():
+        own = {key: value for key, value in variant["properties"].items() if key != "model"}
+        keys = ", ".join(f"`{key}`" for key in own)
+        about.append(f"- **`{model}`**: {_sentence(variant.get('description', '')).rstrip('.')}. Keys: {keys}.")
+        for row in [*_table("", [{**variant, "properties": own}])][1:]:
+            for key, rest in [row[2:].split(" | ", 1)]:
+                for one in key.split(", "):
+                    rows.setdefault((one, rest), []).append(model)
+    several = {key for key, _ in rows if sum(other == key for other, _ in rows) > 1}
+    table = ["| key | type | unit | range | default | meaning |\n|---|---|---|---|---|---|"]
+    for (key, rest), names in sorted(rows.items()):
+        owners = f" of {', '.join(names)}" if key in several else ""
+        table.append(f"| {key}{owners} | {rest}")
+    return [*about, "", *table, ""]
 
 
 def _mappings_below(schema: Mapping[str, Any], path: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -188,7 +216,7 @@ def _range(value: Mapping[str, Any], stated: Sequence[str]) -> str:
     else:
         words = f"at least {least:.6g}" if least is not None else "" if most is None else f"at most {most:.6g}"
     usual = [part.replace("usually from", "usually") for part in stated if part.startswith("usually")]
-    return "; ".join(filter(None, (words, *usual)))
+    return "; ".join(SIZE.sub(r"±\1", part) for part in filter(None, (words, *usual)))
 
 
 def _cell(text: str) -> str:
@@ -196,5 +224,4 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    for path, text in pages().items():
-        path.write_text(text, encoding="utf-8")
+    PAGE.write_text(page(), encoding="utf-8")

@@ -117,22 +117,20 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path):
 
 
 def test_the_pages_name_every_claim_and_every_ending():
-    claims = (ROOT / "docs" / "verification.md").read_text()
+    trouble = (ROOT / "docs" / "troubleshooting.md").read_text()
+    claims = trouble.split("## The claims of a verification")[1]
     named = [cell.strip() for row in re.findall(r"^\| ([a-z ,]+) \|", claims, re.MULTILINE) for cell in row.split(",")]
     gait = solve(load_problem("rimless-wheel-slip"))
     assert {claim.name for claim in verify(gait).claims} <= set(named)
-    trouble = (ROOT / "docs" / "troubleshooting.md").read_text()
     assert all(f"| `{ending}` |" in trouble for ending in Ending if ending is not Ending.COMPLETED)
 
 
 def test_the_reference_of_the_problem_file_is_that_of_the_schema():
     script = runpy.run_path(str(ROOT / "docs" / "problem_keys.py"))
-    pages = script["pages"]()
-    assert {path: path.read_text() for path in script["HEADS"]} == pages
-    rows = [
-        re.split(r" (?<!\\)\| ", line) for text in pages.values() for line in text.splitlines() if line[:3] == "| `"
-    ]
-    assert len(rows) > 300
+    page = script["page"]()
+    assert script["PAGE"].read_text() == page
+    rows = [re.split(r" (?<!\\)\| ", line) for line in page.splitlines() if line[:3] == "| `"]
+    assert len(rows) > 200
     assert all(len(row) == 6 and row[1] and "any" not in row[1] and row[5][:-2].endswith(".") for row in rows)
 
 
@@ -169,6 +167,26 @@ def test_the_pages_build_without_a_warning(tmp_path):
     assert "reached friction = 0.14" in tutorial
     assert all((tmp_path / "_images" / f"{name}.svg").exists() for name in ("portrait", "force"))
     assert "Floquet multipliers" in (tmp_path / "notebooks" / "tour.html").read_text(encoding="utf-8")
+    for page in tmp_path.glob("*.html"):  # of the site, its former pages, and those in frames
+        for target in re.findall(
+            r'<meta http-equiv="refresh" content="0; url=([^#"]+)', page.read_text(encoding="utf-8")
+        ):
+            assert (tmp_path / target).exists(), page
+    frames = re.findall(r'<iframe[^>]* src="([^"#]+)', "".join(page.read_text() for page in tmp_path.glob("*.html")))
+    assert len(frames) >= 4
+    assert all((tmp_path / frame).exists() for frame in frames)
+
+
+def test_the_sidebar_has_four_groups_and_every_page_is_in_one():
+    groups = re.findall(r":caption: ([^\n]+)\n\n(.*?)\n```", (ROOT / "docs" / "index.md").read_text(), re.DOTALL)
+    assert [name for name, _ in groups] == ["Start", "Do", "Understand", "Look up"]
+    listed = [page for _, pages in groups for page in pages.split()]
+    assert sorted(listed) == sorted({page.stem for page in PAGES[1:]} - {"index", "changelog"} | {"notebooks/tour"})
+
+
+def test_the_glossary_explains_each_term_once_and_names_no_unknown_gait():
+    terms = re.findall(r"^\*\*(.+?)\*\*\n: ", (ROOT / "docs" / "glossary.md").read_text(), re.MULTILINE)
+    assert len(terms) == len(set(terms)) > 25
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -13,3 +13,14 @@ for (const block of document.querySelectorAll("div:not(.output) > div.highlight"
   });
   block.append(button);
 }
+
+// The search field of the page of keys: rows that do not contain the words are hidden.
+const field = document.getElementById("find-key");
+field?.addEventListener("input", () => {
+  const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+  for (const table of document.querySelectorAll("article table")) {
+    const rows = [...table.querySelectorAll("tbody tr")];
+    for (const row of rows) row.hidden = !words.every((word) => row.textContent.toLowerCase().includes(word));
+    table.closest("section").hidden = words.length > 0 && !table.closest("section").querySelector("tbody tr:not([hidden])");
+  }
+});

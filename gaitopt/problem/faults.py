@@ -39,7 +39,7 @@ HINTS: Mapping[str, str] = {
     "electric|joule": "electrical work with R/k^2 of the windings: objective: {work: 1, torque_squared: R/k^2}",
     "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
 }
-"""What to use in place of an unknown word, by its pattern; docs/scope.md says the same."""
+"""What to use in place of an unknown word, by its pattern; docs/comparison.md says the same."""
 
 
 SYNONYMS = {"mu": "friction", "mu_s": "static", "mu_k": "kinetic", "g": "gravity", "incline": "slope"}
