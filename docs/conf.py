@@ -9,6 +9,7 @@ import os
 import re
 import runpy
 import shlex
+from collections.abc import Collection
 from dataclasses import is_dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -240,6 +241,8 @@ def write_redirects(app: Any, failed: Exception | None) -> None:
             (Path(app.outdir) / f"{name}.html").write_text(REDIRECT.format(target))
 
 
+NAMED = re.compile(r"gait [A-Z]+")
+"""A named gait among the terms."""
 PLAIN = {
     "walker",
     "mode",
@@ -265,7 +268,7 @@ def definitions(source: Path) -> dict[str, str]:
         plain = " ".join(re.sub(r"[*`]", "", words).split())
         found |= {name.strip().lower(): plain for name in names.split(",") if name.strip().lower() not in PLAIN}
     for name, motion in re.findall(r"^\| \*\*(\w+)\*\* \| .* \| (.*) \|$", text, re.MULTILINE):
-        found[f"gait {name.lower()}"] = f"A named gait of Gamus & Or (2013): {motion}"
+        found[f"gait {name}"] = f"A named gait of Gamus & Or (2013): {motion}"
     return found
 
 
@@ -274,24 +277,27 @@ def add_tooltips(app: Any, doctree: Any) -> None:
     if app.env.docname in ("glossary", "changelog") or app.env.docname.startswith("api"):
         return
     terms = definitions(Path(app.srcdir))
-    pattern = re.compile(rf"\b({'|'.join(sorted(map(re.escape, terms), key=len, reverse=True))})(s?)\b", re.IGNORECASE)
     for text in list(doctree.findall(Text)):
         if not isinstance(text.parent, (paragraph, emphasis)) or isinstance(
             text.parent.parent, (reference, abbreviation)
         ):
             continue
         rest, pieces = text.astext(), list[Node]()
-        while (match := pattern.search(rest)) is not None:
-            words = terms.pop(match[1].lower())
-            marked = abbreviation(match[0], match[0], explanation=words)
-            pieces += [Text(rest[: match.start()]), marked]
+        while terms and (match := pattern_of(terms).search(rest)) is not None:
+            words = terms.pop(match[0] if match[0] in terms else match[1].lower())
+            pieces += [Text(rest[: match.start()]), abbreviation(match[0], match[0], explanation=words)]
             rest = rest[match.end() :]
-            if not terms:
-                break
-            alternatives = "|".join(sorted(map(re.escape, terms), key=len, reverse=True))
-            pattern = re.compile(rf"\b({alternatives})(s?)\b", re.IGNORECASE)
         if pieces:
             text.parent.replace(text, [*pieces, Text(rest)])
+
+
+def pattern_of(terms: Collection[str]) -> re.Pattern[str]:
+    """Any of the terms: a named gait as it is written, another one in either case and with a plural."""
+    ordered = sorted(terms, key=len, reverse=True)  # of two terms, one in the other, the longer one
+    named = [re.escape(term) for term in ordered if NAMED.fullmatch(term)]
+    others = [re.escape(term) for term in ordered if not NAMED.fullmatch(term)]
+    either = "|".join(others)
+    return re.compile(rf"\b(?:{'|'.join([*named, *([f'(?i:({either})s?)'] if others else [])])})\b")
 
 
 def setup(app: Any) -> None:

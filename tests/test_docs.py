@@ -5,6 +5,7 @@ import runpy
 import shlex
 import shutil
 import warnings
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,13 @@ LONG = re.compile(r"--starts|reproduce|find\(|rabbit-optimal|urdf:|my-cheap-walk
 """What is shown and takes long: run with ``-m slow``, as before every merge."""
 LINES = [line for block in blocks("console") for line in block.splitlines()]
 COMMANDS = [*dict.fromkeys(line[2:] for line in LINES if line.startswith("$ "))]
+BEFORE = {
+    after[2:]: first[2:]
+    for block in blocks("console")
+    for first, after in pairwise(block.splitlines())
+    if (folder := re.search(r"-o (\S+)$", first)) and folder[1] in after.split()
+}
+"""The command before one that draws its folder."""
 FILES = {matched[1]: text for text in blocks("yaml") if (matched := re.match(r"name: (\S+)", text))}
 
 
@@ -45,6 +53,8 @@ def test_a_command_that_is_shown_ends_as_it_says(command, tmp_path, monkeypatch,
     for name, text in FILES.items():
         (tmp_path / f"{name}.yaml").write_text(text)
     words, _, code = command.partition("  # exit code ")
+    if command in BEFORE:
+        assert main(shlex.split(BEFORE[command])[1:]) == 0
     program, *arguments = shlex.split(words)
     assert program == "gaitopt"
     assert main(arguments) == int(code or 0)

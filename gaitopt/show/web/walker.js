@@ -8,7 +8,7 @@ const GROUND_AT = 0.84;
 const FORCE_PER_WEIGHT = 0.45; // length of the arrow of a force equal to the weight, in heights of the walker
 const CONE = 0.6;
 const MARK_DEPTH = { slip_forward: 0.025, slip_backward: 0.06 }; // below the ground, in heights of the walker
-const LENS = { left: 12, top: 12, width: 158, height: 132, ground: 0.74, weight: 78 }; // the magnifier; its arrow of the weight is so long
+const LENS = { left: 12, top: 12, width: 158, height: 132, ground: 0.68, weight: 78 }; // the magnifier; its arrow of the weight is so long
 
 class Walker {
   constructor(host, film) {
@@ -65,9 +65,9 @@ class Walker {
     this.rim = svg(this.lens, "rect", { class: "rim", width, height, rx: 8 });
     const step = [0.5, 1, 2, 5, 10, 20, 50, 100, 200].find((mm) => mm * 1e-3 * scale > 18) ?? 500;
     const bar = step * 1e-3 * scale;
-    svg(this.lens, "path", { class: "bar", d: `M${width - 10 - bar} 14v4h${bar}v-4` });
-    svg(this.lens, "text", { x: width - 16 - bar, y: 18, "text-anchor": "end" }).textContent = `${step} mm`;
-    svg(this.lens, "text", { x: 8, y: 18 }).textContent = `×${this.film.magnification}`;
+    svg(this.lens, "path", { class: "bar", d: `M${width - 10 - bar} ${height - 11}v4h${bar}v-4` });
+    svg(this.lens, "text", { x: width - 16 - bar, y: height - 7, "text-anchor": "end" }).textContent = `${step} mm`;
+    svg(this.lens, "text", { x: 8, y: height - 7 }).textContent = `×${this.film.magnification}`;
   }
 
   drawMagnifier(phase, points, offset, frame, step) {
