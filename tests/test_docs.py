@@ -169,7 +169,7 @@ def test_the_pages_build_without_a_warning(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # those of Sphinx's own dependencies; -W counts the pages'
         assert sphinx.build_main(["-q", "-W", "--keep-going", str(ROOT / "docs"), str(tmp_path)]) == 0
-    frame = re.search(r'<iframe[^>]* src="([^"]+)"', (tmp_path / "index.html").read_text(encoding="utf-8"))
+    frame = re.search(r'<iframe[^>]* src="([^"#]+)', (tmp_path / "index.html").read_text(encoding="utf-8"))
     live = (tmp_path / frame[1]).read_text(encoding="utf-8")
     assert "<style>header, .scroll" in live  # the diagram and the walker, without the tables
     tutorial = (tmp_path / "tutorial.html").read_text(encoding="utf-8")
