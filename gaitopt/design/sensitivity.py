@@ -35,7 +35,7 @@ from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import VirtualConstraints
-from gaitopt.problem.scalars import SCALARS, Instant
+from gaitopt.problem.scalars import SCALARS, Instant, phase_of
 from gaitopt.solver.assembly import assemble_steps
 from gaitopt.solver.interval import step_derivatives
 from gaitopt.solver.newton import Solution, section_sensitivity
@@ -279,12 +279,15 @@ class Sensitivity:
         self._smooth: dict[str, Differentiated] = {}
 
     def smooth(self, name: str) -> Differentiated:
-        """A scalar that is not an extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        """A scalar that is no extremum: of the result, ``state.NAME``, ``phases.K.duration``, or a dotted key."""
         t = self.equations
         if name in t.system.parameters:
             return Differentiated(self.dynamics.parameter(name), np.array([float(name == other) for other in t.free]))
         if name.startswith("state."):
             return self._unknown(t.system.state_names.index(name.removeprefix("state.")))
+        phase = phase_of(name)
+        if phase is not None:
+            return self._unknown(t.system.n_z * t.n_nodes + phase)
         if name not in self._smooth:
             formula = SCALARS[name].formula
             assert formula is not None, f"{name} is an extremum"
@@ -458,7 +461,7 @@ class Sensitivity:
     def _evaluated(self, function: Function) -> list[Differentiated]:
         """The values of a function (w, p) -> values and Jacobian by w."""
         values, by = buffered(function)(self.solution.w, self.solution.p)
-        gradients = by.reshape(-1, values.size).T @ self.slopes
+        gradients = by.reshape(len(self.slopes), values.size).T @ self.slopes
         return list(map(Differentiated, values.tolist(), gradients))
 
 
@@ -490,20 +493,34 @@ def _at_start(t: MultipleShooting) -> Function:
     return Function("at_start", [t.w, t.parameters], [rows, densify(jacobian(rows, t.w))])
 
 
-@built_once(maxsize=8)
-def _at_impacts(t: MultipleShooting) -> Function:
-    """(w, p) -> ``OF_WALKER``, ``OF_STEP`` of each step, work of the pushes at landings within; and their Jacobian."""
+class ImpactQuantities(NamedTuple):
+    """Quantities of the walker and of the ends of steps as expressions of the unknowns of a gait.
+
+    Attributes
+    ----------
+    of_walker : ``OF_WALKER``.
+    of_steps : ``OF_STEP`` of every step.
+    of_landings : work of the pushes at landings within the steps.
+    """
+
+    of_walker: list[MX]
+    of_steps: list[list[MX]]
+    of_landings: list[MX]
+
+
+def impact_quantities(t: MultipleShooting) -> ImpactQuantities:
+    """The quantities at the impacts of a cycle."""
     system, mesh, cycle = t.system, t.mesh, t.mesh.cycle
     walker, lands = system.walker, system.cycle_end == TOUCHDOWN
 
     def push_work(z: MX, before: Mode, p: MX) -> MX:
         return system.push(before)(z=z, p=p)["work"] if walker.pushes else MX(0)
 
-    rows: list[MX] = [MX(system.weight(t.p)), MX(system.incline(t.p))]
+    of_steps, of_landings = list[list[MX]](), list[MX]()
     for impact, node, following in zip(cycle.impacts, mesh.impact_nodes, (*cycle.first_phases[1:], 0), strict=True):
         z, before, p = t.Z[:, node], cycle.phases[following - 1], t.phase_parameters[following - 1]
         if not lands:
-            rows += [z[system.n_shape], MX.zeros(3)]
+            of_steps.append([z[system.n_shape], *[MX(0)] * 3])
             continue
         struck = walker.swapped(impact)
         held = struck.with_states(dict.fromkeys(struck.touching, "stick"))
@@ -512,15 +529,22 @@ def _at_impacts(t: MultipleShooting) -> Function:
             system.impact(held, before)(z=z, p=p)["impulse"],
             [*map((walker.contacts or landing).index, landing)],
         )
-        rows.append(system.impact(struck, before)(z=z, p=p)["z_plus"][system.n_shape])
-        rows += [sum((impulse[2 * k + row] for k in places), MX(0)) for row in (0, 1)]
-        rows.append(push_work(z, before, p))
+        length = system.impact(struck, before)(z=z, p=p)["z_plus"][system.n_shape]
+        impulses = [sum((impulse[2 * k + row] for k in places), MX(0)) for row in (0, 1)]
+        of_steps.append([length, *impulses, push_work(z, before, p)])
     for first, step in zip(cycle.first_phases, cycle.steps, strict=True):
         for phase, landed in ((first + k - 1, landed) for k, landed in step.landings if k):
             before = cycle.phases[phase]
             if {*landed.touching} - {*before.touching}:
-                rows.append(push_work(t.Z[:, mesh.last_nodes[phase]], before, t.phase_parameters[phase]))
-    values = vertcat(*rows)
+                of_landings.append(push_work(t.Z[:, mesh.last_nodes[phase]], before, t.phase_parameters[phase]))
+    return ImpactQuantities([MX(system.weight(t.p)), MX(system.incline(t.p))], of_steps, of_landings)
+
+
+@built_once(maxsize=8)
+def _at_impacts(t: MultipleShooting) -> Function:
+    """(w, p) -> the quantities at the impacts, those of each step in turn; and their Jacobian by w."""
+    of_walker, of_steps, of_landings = impact_quantities(t)
+    values = vertcat(*of_walker, *chain.from_iterable(of_steps), *of_landings)
     return Function("at_impacts", [t.w, t.parameters], [values, jacobian(values, t.w)])
 
 

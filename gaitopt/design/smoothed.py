@@ -23,6 +23,7 @@ equations of shooting state for every cycle.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from casadi import DM, MX, Function, horzcat, repmat, reshape, sqrt, sum1, vec, vertcat
@@ -31,14 +32,16 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building
 from gaitopt.callbacks import Stop, Valued
 from gaitopt.design.exact import CLEARANCE, EXTREMA, RADIUS, SMALL, freed_sizes
-from gaitopt.design.sensitivity import invariance
+from gaitopt.design.sensitivity import OF_STEP, OF_WALKER, impact_quantities, invariance
 from gaitopt.design.spectral_radius import certified_radius, zero_dynamics_radius
 from gaitopt.gait.gait import Cause, Status
+from gaitopt.gait.measures import sharing_contacts
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.system import HybridSystem
 from gaitopt.model.units import SI
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import SCALARS, Instant, unit_of
+from gaitopt.problem.scalars import SCALARS, Instant, phase_of, unit_of
 from gaitopt.problem.statement import Range
 from gaitopt.solver.collocation_elements import SMOOTHING
 from gaitopt.solver.interval import LOBATTO_POINTS, LOBATTO_WEIGHTS, sampled_step
@@ -65,6 +68,15 @@ PRESSING = 1e-4
 """A bound with a larger multiplier is in the way; the multipliers of the slacks themselves are of the order of one."""
 
 
+class _Contact(NamedTuple):
+    """A contact on the ground, or contacts that share their forces, at the points of an arc; see ``ContactCurves``."""
+
+    direction: int
+    force_t: MX
+    force_n: MX
+    slip: MX
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
     """Quantities of one arc at its N Lobatto points; ``ahead`` is the swing foot's lead over the stance foot.
@@ -76,7 +88,7 @@ class _Samples:
     phase: int
     nodes: list[int]
     weights: MX
-    force: MX
+    contacts: list[_Contact]
     torque: MX
     power: MX
     height: MX
@@ -84,19 +96,22 @@ class _Samples:
 
 
 class SmoothedScalars:
-    """Scalars of one step as expressions of the NLP's unknowns, and the quantities that their formulas are made of.
+    """Scalars of a cycle as expressions of the NLP's unknowns, and the quantities that their formulas are made of.
 
     Parameters
     ----------
-    equations : of the step.
+    equations : of the cycle.
     width : MX - of the smoothing of |power| [W].
     """
 
     def __init__(self, equations: MultipleShooting, width: MX) -> None:
-        self._t, self._width = equations, width
+        self._t, self._width, self._at_impacts = equations, width, impact_quantities(equations)
 
     def value(self, name: str) -> MX:
-        """A scalar that is not an extremum: a name of the result, ``state.NAME``, or a dotted key."""
+        """A scalar that is no extremum: of the result, ``state.NAME``, ``phases.K.duration``, or a dotted key."""
+        phase = phase_of(name)
+        if phase is not None:
+            return self._t.durations[phase]
         if name in self._t.system.parameters:
             return self._t.p[self._t.system.parameters.index(name)]
         if name.startswith("state."):
@@ -112,39 +127,37 @@ class SmoothedScalars:
 
     @property
     def distance(self) -> MX:
-        """Length of the step [m]."""
-        cycle, system = self._t.mesh.cycle, self._t.system
-        impact = system.impact(system.walker.swapped(cycle.impact), cycle.phases[-1])
-        return impact(z=self._t.Z[:, -1], p=self._t.p)["z_plus"][self._t.system.n_shape]
+        """Length of the cycle [m]."""
+        return self._of_steps("step_length")
 
     @property
     def weight(self) -> MX:
         """m g [N]."""
-        return self._t.system.weight(self._t.p)
+        return self._at_impacts.of_walker[OF_WALKER.index("weight")]
 
     @property
     def transport(self) -> MX:
-        """Weight times step length [J]."""
+        """Weight times distance [J]."""
         return self.weight * self.distance
 
     @property
     def incline(self) -> MX:
         """sin(slope)."""
-        return self._t.system.incline(self._t.p)
+        return self._at_impacts.of_walker[OF_WALKER.index("incline")]
 
     @property
     def push_work(self) -> MX:
-        """Work of the push before the impact [J]."""
-        return self._t.system.push(self._t.mesh.cycle.phases[-1])(z=self._t.Z[:, -1], p=self._t.p)["work"]
+        """Work of the pushes before landings [J]."""
+        return sum(self._at_impacts.of_landings, self._of_steps("push_work"))
 
     @property
     def slip(self) -> MX:
-        """Path of the sliding foot [m]."""
-        distance, x = MX(0), self._t.system.n_shape
-        for i in range(len(self._t.mesh.arcs)):
-            arc, Z, _, _ = self._t.arc(i)
-            distance += arc.mode.direction * (Z[x, -1] - Z[x, 0])
-        return distance
+        """Path of the sliding contacts [m]."""
+        sliding = ((s, contact) for s in self._samples for contact in s.contacts)
+        return sum((contact.direction * contact.slip @ s.weights.T for s, contact in sliding), MX(0))
+
+    def _of_steps(self, name: str) -> MX:
+        return sum((step[OF_STEP.index(name)] for step in self._at_impacts.of_steps), MX(0))
 
     def integral(self, rate: str) -> MX:
         """Integral over time of ``power`` of all motors, ``absolute_power`` or ``squared_torque``."""
@@ -160,20 +173,21 @@ class SmoothedScalars:
 
         The least row is zero if it is the extremum.
         """
-        if name == "impulse_ratio":  # of a sticking impact, also where the impact slips
-            cycle, system = self._t.mesh.cycle, self._t.system
-            sticks = system.impact(system.walker.swapped(Mode.STICK), cycle.phases[-1])
-            impulse = sticks(z=self._t.Z[:, -1], p=self._t.p)["impulse"]
-            label = Label(name=name, mode=cycle.impact, step=len(cycle.steps) - 1, unit=SI["impulse"])
-            at_impact = Instant(impulse[0], impulse[1], None, None)
-            return vertcat(*SCALARS[name].bounded(extremum, at_impact)), (label, label)
+        scalar, rows, labels = SCALARS[name], list[MX](), list[Label]()
+        if name == "impulse_ratio":  # of sticking impacts, also where they slip
+            for k, (step, mode) in enumerate(zip(self._at_impacts.of_steps, self._t.mesh.cycle.impacts, strict=True)):
+                impulse_t, impulse_n = (step[OF_STEP.index(part)] for part in ("impulse_t", "impulse_n"))
+                added = scalar.bounded(extremum, Instant(impulse_t, impulse_n, None, None))
+                rows += added
+                labels += [Label(name=name, mode=mode, step=k, unit=SI["impulse"])] * len(added)
+            return vertcat(*rows), tuple(labels)
         unit = SI["force"] if name == "required_friction" else unit_of(name, self._t.system)
-        rows, labels = list[MX](), list[Label]()
         for s in self._samples:
-            if SCALARS[name].sticking and not s.mode.sticks:
-                continue
-            at = Instant(s.force[0, :], s.force[1, :], s.torque, s.height)
-            for curve in SCALARS[name].bounded(extremum, at):  # a column per point
+            instants = [Instant(None, None, s.torque, s.height)]
+            if name in ("required_friction", "min_normal_force"):
+                known = (each for each in s.contacts if not (scalar.sticking and each.direction))
+                instants = [Instant(each.force_t, each.force_n, None, None) for each in known]
+            for curve in (curve for at in instants for curve in scalar.bounded(extremum, at)):  # a column per point
                 rows.append(vec(curve))
                 at_nodes = [self._t.label(name, s.phase, node, unit=unit) for node in s.nodes]
                 labels += [label for label in at_nodes for _ in range(curve.size1())]
@@ -204,14 +218,14 @@ class SmoothedScalars:
             fractions = (np.arange(arc.intervals)[:, None] + LOBATTO_POINTS).ravel()
             observe = system.observation(arc.mode).map(fractions.size)
             times = start + h * MX(DM(fractions)).T
-            force, torque, power, foot, *_ = observe(times, states, *t.constants(arc, fractions.size))
+            force, torque, power, foot, _, _, _, slip = observe(times, states, *t.constants(arc, fractions.size))
             samples.append(
                 _Samples(
                     mode=arc.mode,
                     phase=arc.phase,
                     nodes=np.repeat(t.mesh.arc_nodes[i][:-1], n).tolist(),
                     weights=h * MX(DM(np.tile(LOBATTO_WEIGHTS, arc.intervals))).T,
-                    force=force,
+                    contacts=[*_contacts(system, arc.mode, force, slip)],
                     torque=torque,
                     power=power,
                     height=foot[1, :],
@@ -219,6 +233,15 @@ class SmoothedScalars:
                 )
             )
         return samples
+
+
+def _contacts(system: HybridSystem, mode: Mode, force: MX, slip: MX) -> Iterator[_Contact]:
+    """The contacts on the ground in a mode, from observed forces and slip velocities with a column per point."""
+    places = {name: k for k, name in enumerate(system.walker.contact_names())}
+    for names in sharing_contacts(system.walker, mode):
+        rows = [places[name] for name in names]
+        force_t, force_n = (sum((force[2 * k + row, :] for k in rows), MX(0)) for row in (0, 1))
+        yield _Contact(mode.directions[names[0]], force_t, force_n, slip[rows[0], :])
 
 
 class SmoothedProblem:
@@ -392,15 +415,11 @@ class SmoothedProblem:
         self, w: Array, p: Array, bounds: Array, extrema: Array, n_slack: int
     ) -> tuple[Array, Array, Array, Array]:
         """Lower and upper bounds, start and typical sizes of all unknowns."""
-        t, n = self.equations, self.equations.system.n_shape
+        t = self.equations
         nodes, durations, freed = t.unpack(w)
-        period, largest = durations.sum(), np.abs(nodes).max(axis=1)
-        landing = t.system.impact(t.system.walker.swapped(t.mesh.cycle.impact), t.mesh.cycle.phases[-1])
-        length = abs(float(landing(z=nodes[:, -1], p=p)["z_plus"][n]))
-        slip = max(largest[-1], length / period)
-        states = np.array([*np.full(n, largest[:n].max()), length, *np.full(n, largest[n + 1 : -1].max()), slip])
+        period, states = durations.sum(), self._state_sizes(w, p)
         reach = states.copy()
-        reach[n] = np.inf
+        reach[t.system.n_shape] = np.inf
         reach = np.tile(reach, t.n_nodes)
         longest, free = np.full(durations.size, LONGEST_PHASE * period), np.full(extrema.size, np.inf)
         start, none = np.concatenate([w, extrema, np.ones(n_slack)]), np.zeros(durations.size)
@@ -410,6 +429,25 @@ class SmoothedProblem:
         duration_sizes = np.full(durations.size, period)
         sizes = [np.tile(states, t.n_nodes), duration_sizes, freed_sizes(freed, bounds), extremum_sizes]
         return lower, upper, start, np.concatenate([*sizes, np.ones(n_slack)])
+
+    def _state_sizes(self, w: Array, p: Array) -> Array:
+        """Typical sizes of the states: the largest value of those with the same unit, shape (n_z,).
+
+        That of x is the length of the cycle. Velocities are not below the speed of the walker.
+        """
+        t, scales = self.equations, Dynamics(self.equations.system, p).scales
+        nodes, durations, _ = t.unpack(w)
+        largest, x = np.abs(nodes).max(axis=1), t.system.n_shape
+        units = np.array([label.unit for label in t.unknown_labels[: largest.size]])
+        length = abs(float(Function("length", [t.w, t.parameters], [self._scalars.distance])(w, p)))
+        least = {"m": SMALL * scales.length, "m/s": max(length / durations.sum(), SMALL * scales.speed)}
+        sizes = np.empty(largest.size)
+        for unit in dict.fromkeys(units.tolist()):
+            alike = units == unit
+            alike[x] = False
+            sizes[units == unit] = max(largest[alike].max(initial=0.0), least.get(unit, SMALL))
+        sizes[x] = max(length, least["m"])
+        return sizes
 
 
 def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -> tuple[Cause, ...]:

@@ -32,7 +32,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.system import HybridSystem
 from gaitopt.problem.problem import Problem
-from gaitopt.problem.scalars import MEASURES, state_unit, unit_of
+from gaitopt.problem.scalars import MEASURES, phase_of, state_unit, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -369,6 +369,8 @@ class Gait(WalkerMotion):
     def scalar(self, name: str) -> float:
         """A measure, ``spectral_radius``, ``state.NAME`` or a parameter by its key; NaN where it is not defined.
 
+        ``phases.K.duration`` is the duration of a phase, counted from 0 [s].
+
         Raises
         ------
         KeyError
@@ -378,6 +380,9 @@ class Gait(WalkerMotion):
             return float(self.state[self.system.state_names.index(name.removeprefix("state."))])
         if name in self.system.parameters:
             return self.dynamics.parameter(name)
+        phase = phase_of(name)
+        if phase is not None:
+            return self.phases[phase][1]
         value = self.spectral_radius if name == "spectral_radius" else self.measures[name]
         return float("nan") if value is None else value
 

@@ -755,7 +755,9 @@ class _StatementReader:
 
     def _objection(self, model: type[Walker], name: str, *, constrains: bool = False) -> str | None:
         """Why an objective or a constraint cannot use a name; None if it can."""
-        names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *self._free)
+        cycle = self._modes if isinstance(self._modes, Cycle) else None
+        durations = () if cycle is None else tuple(f"phases.{k}.duration" for k in range(len(cycle.phases)))
+        names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *durations, *self._free)
         along = name == CLEARANCE or name.startswith(ANGLE)
         if isinstance(self._control, OpenLoop) and self._control.duration is None:
             if name == "foot_clearance":
@@ -771,6 +773,9 @@ class _StatementReader:
             return "is a constraint along the whole step, which only open-loop torques can have: use type: open_loop"
         if name not in names:
             return f"is not a scalar of a gait and no freed parameter{near_miss(name, names)}"
+        if name == "foot_clearance" and (self._cycle_end != TOUCHDOWN or (cycle is not None and cycle.swings[-1] > 0)):
+            swings = "is the least of several largest heights where the foot swings more than once"
+            return f"{swings}, and is not defined without a swing foot: choose another scalar"
         sources = {PUSH} if model.pushes else set()
         sources |= set() if isinstance(self._control, NoControl) else {MOTORS}
         if name in SCALARS and SCALARS[name].needs and not sources.intersection(SCALARS[name].needs):
@@ -874,23 +879,12 @@ class _StatementReader:
         unknowns = len(self._free)
         if self._control and self._model:
             unknowns += len(self._control.unknowns(self._model))
-        if unknowns and isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
-            remedy = "give numbers instead of free parameters, or a gait of one step"
-            self._fault(("gait", "steps"), f"a design cannot have several steps: {remedy}")
-        reason = "" if self._model is None else _no_design(self._model, self._cycle_end)
-        if unknowns and reason:
-            self._fault(tuple(next(iter(self._free), "control").split(".")), f"{reason}: give a number")
         equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
         if not unknowns and (objective or constraints):
             path: Key = ("objective",) if objective else ("constraints",)
             words = "too few unknowns: the gait has no free parameter to choose"
-            if reason:
-                self._fault(path, f"{words}, and {reason}: leave it out")
-            elif isinstance(self._modes, Cycle) and len(self._modes.steps) > 1:
-                self._fault(path, f"{words}, and a design cannot have several steps: leave it out")
-            else:
-                remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
-                self._fault(path, f"{words}; {remedy}")
+            remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
+            self._fault(path, f"{words}; {remedy}")
         elif len(equalities) > unknowns:
             given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {unknowns} free parameters"
             self._fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range")
@@ -904,13 +898,6 @@ def _with(data: Mapping[str, Any], keys: tuple[str, ...], value: object) -> dict
     """The data with another value below some keys."""
     key, *rest = keys
     return {**data, key: _with(data[key], (*rest,), value) if rest else value}
-
-
-def _no_design(model: type[Walker], cycle_end: str) -> str:
-    """Why a gait of a walker cannot be a design; empty if it can."""
-    if model.contacts:
-        return f"a design of the {model.model}, which has several contacts, is not possible"
-    return "" if cycle_end == TOUCHDOWN else "a design of a cycle that ends without a landing is not possible"
 
 
 def _at(section: BaseModel, keys: tuple[str, ...]) -> Any:

@@ -355,6 +355,13 @@ def state_unit(name: str) -> str:
     return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
 
 
+def phase_of(key: str) -> int | None:
+    """The phase, from 0, whose duration a key ``phases.K.duration`` means; None if it means something else."""
+    first, _, rest = key.partition(".")
+    number, _, last = rest.partition(".")
+    return int(number) if (first, last) == ("phases", "duration") and number.isdecimal() else None
+
+
 def unit_of(key: str, of: Driven | None = None) -> str:
     """Unit of a column of results: a scalar, ``state.NAME``, a time, a force, a motor or a parameter; else none.
 
@@ -365,6 +372,8 @@ def unit_of(key: str, of: Driven | None = None) -> str:
     motors, parts = _motor_units(of), key.split(".")
     if key.startswith("state."):
         return state_unit(parts[-1])
+    if phase_of(key) is not None:
+        return "s"
     if key in SCALARS:
         unit, acting = SCALARS[key].unit, {*motors.values()}
     elif key in motors or parts[0] in COLUMN_UNITS:

@@ -24,7 +24,7 @@ from gaitopt.model.open_loop import OpenLoop, Order
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import margin, margin_unit
 from gaitopt.model.units import Scales
-from gaitopt.problem.scalars import CLEARANCE, SCALARS
+from gaitopt.problem.scalars import CLEARANCE, SCALARS, phase_of
 from gaitopt.solver.collocation_elements import (
     IMPULSE,
     POWER,
@@ -151,6 +151,9 @@ class Transcription:
         """The unknown that a name means, None if it is none."""
         if name.startswith("state."):
             return self._system.state_names.index(name.removeprefix("state."))
+        phase = phase_of(name)
+        if phase is not None:
+            return int(self.columns("durations")[phase])
         if name in self.structure.free:
             return int(self.columns("freed")[self.structure.free.index(name)])
         if self._law is not None and name.startswith("control."):
