@@ -79,7 +79,8 @@ class _Design:
 
     def run(self, first: Gait) -> Gait:
         """Solve the smoothed problem until its solution stays in the trust region, and then the exact one."""
-        start, iterations = self.start(first), 0
+        begin = start = self.start(first)
+        iterations = 0
         for _ in range(MAX_ROUNDS):
             smoothed = self.smoothed(start)
             result = smoothed.solve()
@@ -89,12 +90,16 @@ class _Design:
             if result.status is Status.INTERRUPTED:
                 return self._failed(result.status, result.words, solver, at=at)
             if result.status is not Status.CONVERGED:
-                causes = self._conflicts(start)
+                causes = self._conflicts(start) or (() if start is begin else self._conflicts(begin))
                 reason = f"{result.words}: {what_limits(smoothed.program.unknowns, smoothed.program.rows, result)}"
                 message = "\n".join(cause.words for cause in causes) or reason
                 return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes, at=at)
             if at.in_order and not smoothed.hits_trust_region(result.w):
-                return self._optimum(at, iterations)
+                gait = self._optimum(at, iterations)
+                # constraints that no gait meets may be met where a motion degenerates, which is no gait
+                causes = () if gait.status in (Status.CONVERGED, Status.INTERRUPTED) else self._conflicts(begin)
+                words = "\n".join(cause.words for cause in causes)
+                return self._failed(Status.INFEASIBLE, words, gait.solver, causes) if causes else gait
             start = rolled_again(at).on_mesh(self._free)
         return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver, at=at)
 

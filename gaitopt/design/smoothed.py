@@ -433,20 +433,22 @@ class SmoothedProblem:
     def _state_sizes(self, w: Array, p: Array) -> Array:
         """Typical sizes of the states: the largest value of those with the same unit, shape (n_z,).
 
-        That of x is the length of the cycle. Velocities are not below the speed of the walker.
+        That of x is the length of the cycle, which is the least size of other lengths too. Velocities are not below the
+        speed of the walker.
         """
         t, scales = self.equations, Dynamics(self.equations.system, p).scales
         nodes, durations, _ = t.unpack(w)
         largest, x = np.abs(nodes).max(axis=1), t.system.n_shape
         units = np.array([label.unit for label in t.unknown_labels[: largest.size]])
         length = abs(float(Function("length", [t.w, t.parameters], [self._scalars.distance])(w, p)))
-        least = {"m": SMALL * scales.length, "m/s": max(length / durations.sum(), SMALL * scales.speed)}
+        length = max(length, SMALL * scales.length)
+        least = {"m": length, "m/s": length / durations.sum()}
         sizes = np.empty(largest.size)
         for unit in dict.fromkeys(units.tolist()):
             alike = units == unit
             alike[x] = False
             sizes[units == unit] = max(largest[alike].max(initial=0.0), least.get(unit, SMALL))
-        sizes[x] = max(length, least["m"])
+        sizes[x] = length
         return sizes
 
 

@@ -310,7 +310,7 @@ def problem_schema() -> dict[str, Any]:
     }
     head["properties"]["friction"]["anyOf"] = [*laws, of_contacts]
     head["properties"]["friction"]["description"] += "; a mapping has static and kinetic values, or those of contacts"
-    scalars = "scalars of the result, states (state.NAME) and free parameters (their dotted keys)"
+    scalars = "scalars of the result, states (state.NAME), durations (phases.K.duration), free parameters (dotted keys)"
     number, constraints = {"type": "number"}, {}
     for name in DESIGN_SCALARS:  # without the walker only the sign of a scalar can be checked
         scalar = SCALARS[name]

@@ -148,6 +148,3 @@ def test_what_takes_one_step_refuses_several():
     control = {"type": "pd", "kp": 15, "kd": 15, "reference": {"gait": NAME, "beyond_end": "hold"}}
     with pytest.raises(ProblemError, match="has several steps, but its clock restarts at every impact"):
         go.load_problem("compass-passive-b").replace({"control": control})
-    design = {**TWICE, "friction": {"free": [0.1, 0.4], "guess": 0.2}, "objective": "friction"}
-    with pytest.raises(ProblemError, match="a design cannot have several steps"):
-        go.load_problem("compass-passive-stick").replace(design)

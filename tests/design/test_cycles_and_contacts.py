@@ -1,0 +1,156 @@
+"""Designs of walkers with several contacts and of cycles with several steps: closed forms and other gaits."""
+
+from math import cos, exp, pi, sin, sqrt
+from typing import Any
+
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.errors import ProblemError
+
+FREE: dict[str, Any] = {
+    "control.first.drive": {"free": [1, 8], "guess": 5.4},
+    "control.second.drive": {"free": [-8, -1], "guess": -4.6},
+}
+"""Forces of the crawler's motor in the two halves of its period."""
+ADVANCE, SUPPORT = 0.12, 0.2
+"""Stated step length of the crawler [m], and time for which both of its masses rest [s]."""
+
+
+def slide(mass: float, stiffness: float = 20.0, damping: float = 1.5) -> tuple[float, float]:
+    """Time in which a mass of the crawler slides, half an oscillation; and by how much it has decayed then."""
+    decay = damping / (2 * mass)
+    time = pi / sqrt(stiffness / mass - decay**2)
+    return time, exp(-decay * time)
+
+
+def advance(forces: float) -> tuple[float, float]:
+    """Step length of the crawler and its derivative in either force, from the sum of the sizes of both.
+
+    The gaps at the two rests are r_1 - c_1 = -e_1 (r_2 - c_1) and r_2 - c_2 = -e_2 (r_1 - c_2), with the equilibria c.
+    """
+    rear, front, k, g, slope = 1.0, 1.5, 20.0, 9.81, 0.1
+    (_, e_1), (_, e_2) = slide(front), slide(rear)
+    gain = (1 + e_1) * (1 + e_2) / (1 - e_1 * e_2) / k
+    friction = g * cos(slope) * (0.4 * front + 0.6 * rear)
+    return gain * (forces - friction + g * sin(slope) * (front + rear)), gain
+
+
+@pytest.fixture(scope="module")
+def crawler() -> go.Gait:
+    """Least effort for a stated step length."""
+    problem = go.load_problem("crawler").replace(
+        FREE | {"objective": "torque_squared", "constraints": {"step_length": ADVANCE}}
+    )
+    return go.solve(problem)
+
+
+def test_least_effort_of_the_crawler_is_equal_in_both_halves(crawler: go.Gait) -> None:
+    """Its step length depends on the sum of both forces alone."""
+    first, second = (crawler.freed[key] for key in FREE)
+    assert first == pytest.approx(-second, rel=1e-12)
+    assert advance(first - second)[0] == pytest.approx(ADVANCE, rel=1e-11)
+    assert go.verify(crawler).passed
+
+
+def test_step_length_of_the_crawler_grows_alike_with_either_force(crawler: go.Gait) -> None:
+    found = go.sensitivity(crawler)
+    for key, sign in zip(FREE, (1, -1), strict=True):
+        assert sign * found.of("step_length", key) == pytest.approx(advance(10.0)[1], rel=1e-11)
+
+
+def test_least_double_support_makes_the_spring_stiffer() -> None:
+    """A stiffer spring needs more force for the same step, but the mass that slides rests earlier."""
+    free = FREE | {"walker.stiffness": {"free": [15, 60], "guess": 20.0}}
+    constraints = {"step_length": 0.1, "phases.1.duration": {"min": SUPPORT}}
+    gait = go.solve(
+        go.load_problem("crawler").replace(free | {"objective": "torque_squared", "constraints": constraints})
+    )
+    assert gait.scalar("phases.1.duration") == pytest.approx(SUPPORT, abs=1e-10)
+    assert slide(1.5, gait.freed["walker.stiffness"])[0] == pytest.approx(1.0 - SUPPORT, abs=1e-10)
+
+
+def test_double_support_that_no_force_brings_about_is_infeasible() -> None:
+    """How long a mass slides does not depend on the forces; a motion without any slide would be no gait."""
+    changes = FREE | {"objective": "torque_squared", "constraints": {"phases.1.duration": {"min": 0.3}}}
+    gait = go.solve(go.load_problem("crawler").replace(changes))
+    assert gait.status == "infeasible"
+    assert gait.causes[0].available == pytest.approx(1.0 - slide(1.5)[0], abs=1e-6)
+
+
+def test_feet_that_need_the_least_friction_are_walked_and_have_no_better_neighbours() -> None:
+    free = {
+        "walker.heel": {"free": [0.015, 0.08], "guess": 0.02},
+        "walker.toe": {"free": [0.02, 0.12], "guess": 0.06},
+    }
+    design = go.solve(go.load_problem("heel-toe").replace(free | {"objective": "required_friction"}))
+    least = design.scalar("required_friction")
+    assert go.verify(design).passed
+    assert least < named("heel-toe").scalar("required_friction") - 0.005
+    assert design.freed["walker.heel"] == pytest.approx(0.015)
+    for changed in ({"walker.heel": 0.016}, {"walker.toe": 0.98 * design.freed["walker.toe"]},
+                    {"walker.toe": 1.02 * design.freed["walker.toe"]}):  # fmt: skip
+        neighbour = go.solve(go.load_problem("heel-toe").replace(design.freed | changed))
+        assert neighbour.scalar("required_friction") > least + 1e-5
+
+
+TORQUES = {
+    "control": {"type": "constant_torque", "ankle": {"free": [-5, 5], "guess": 0.45},
+                "hip": {"free": [-5, 5], "guess": 0.12}},
+    "walker.slope": 0, "friction": 0.25, "objective": "cost_of_transport", "constraints": {"speed": 0.4},
+}  # fmt: skip
+START = {"theta1": -0.0887, "dtheta1": 0.5055, "dtheta2": -0.4817}
+
+
+def legs(other: float, **changes: Any) -> go.Gait:
+    """Constant torques that walk with a second leg of another mass, over two steps."""
+    guess = {"gait.guess.state": START, "walker.other_leg_mass": other}
+    return go.solve(go.load_problem("compass-unequal").replace(TORQUES | guess | changes))
+
+
+def test_equal_legs_are_designed_over_two_steps_as_over_one() -> None:
+    phases = {"phases": ["stick"], "impact": "stick", "guess": {"state": START}}
+    one = go.solve(go.load_problem("compass-passive-stick").replace(TORQUES | {"gait": phases}))
+    two = legs(4.0)
+    assert two.freed == pytest.approx(one.freed, abs=1e-11)
+    assert two.scalar("cost_of_transport") == pytest.approx(one.scalar("cost_of_transport"), abs=1e-14)
+    assert two.scalar("step_length") == pytest.approx(2 * one.scalar("step_length"), abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def unequal() -> go.Gait:
+    return legs(4.4)
+
+
+@pytest.mark.parametrize("shift", [0.002, 0.01])
+def test_no_other_hip_torque_is_cheaper_with_unequal_legs(unequal: go.Gait, shift: float) -> None:
+    ankle = {"type": "constant_torque", "ankle": TORQUES["control"]["ankle"]}
+    other = legs(4.4, control=ankle | {"hip": unequal.freed["control.hip"] + shift}, objective=None)
+    assert other.scalar("speed") == pytest.approx(0.4, abs=1e-9)
+    assert other.scalar("cost_of_transport") > unequal.scalar("cost_of_transport") + 1e-8
+
+
+def test_a_design_of_two_steps_is_walked_by_the_simulator(unequal: go.Gait) -> None:
+    assert go.verify(unequal).passed
+
+
+def test_spectral_radius_of_two_unequal_steps_is_bounded() -> None:
+    gait = legs(4.4, constraints={"speed": 0.4, "spectral_radius": {"max": 0.5}})
+    assert gait.spectral_radius == pytest.approx(0.5, abs=1e-9)
+    assert go.verify(gait).passed
+
+
+@pytest.mark.parametrize(
+    ("problem", "objective", "words"),
+    [("compass-unequal", "foot_clearance", "the least of several largest heights"),
+     ("crawler", "foot_clearance", "not defined without a swing foot"),
+     ("crawler", "phases.4.duration", "did you mean phases.3.duration")],
+)  # fmt: skip
+def test_what_a_cycle_does_not_have_is_no_objective(problem: str, objective: str, words: str) -> None:
+    changes = {"friction.rear": FRICTION} if problem == "crawler" else {"friction": FRICTION}
+    with pytest.raises(ProblemError, match=words):
+        go.load_problem(problem).replace(changes | {"objective": objective})
+
+
+FRICTION = {"free": [0.1, 0.6], "guess": 0.6}
