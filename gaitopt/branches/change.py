@@ -112,13 +112,11 @@ def transition_at(table: Transitions, cycle: Cycle, key: MonitorKey) -> Transiti
 
 
 def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
-    """The contact, or the group of contacts, to which a vanishing monitor belongs; empty for walkers on one foot.
+    """The label of the contact, or group of contacts, to which a vanishing monitor belongs; empty if it has none.
 
     For the impact that ends a step, it is the name after the feet have swapped roles, like in ``impact``. For a phase
     that vanishes, it is the contact whose state differs from both neighbouring phases.
     """
-    if walker.stands_on_one():
-        return ""
     if "." in key.kind:
         partner = walker.partners()
         names = contact_of(key.kind).split("+")
@@ -129,7 +127,7 @@ def named_contact(cycle: Cycle, key: MonitorKey, walker: type[Walker]) -> str:
     neighbours = [cycle.phases[(key.phase + k) % n].contacts for k in (-1, 1)]
     differing = {name: sum(m[name] != state for m in neighbours) for name, state in mode.contacts.items()}
     contact = max(differing, key=lambda name: differing[name])
-    return contact if differing[contact] else ""
+    return walker.label(contact) if differing[contact] else ""
 
 
 def vanishing_force(point: CurvePoint, key: MonitorKey) -> MonitorKey:

@@ -207,23 +207,22 @@ def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
 
 
 def stride(gait: Gait) -> float:
-    """Largest distance between the feet at a touchdown, in leg lengths, without slip.
+    """Largest distance between the feet where they swap roles on the ground, without slip, in natural units.
 
-    With several contacts it is the largest range of a coordinate, in natural units. It is infinite for a walker on one
-    foot that lands after a flight, because it may land where it took off.
+    If they never do so, because no feet swap or they land after a flight, it is the largest range of a coordinate.
     """
-    if gait.system.walker.contacts:
-        n_q = gait.system.n_z // 2
-        q = np.concatenate([arc.states[:, :n_q] for step in gait.steps for arc in step.arcs])
-        return float((np.ptp(q, axis=0) / gait.dynamics.state_units[:n_q]).max())
     x, table, distances = gait.system.n_shape, gait.system.transitions, list[float]()
     for step in gait.steps:
         landings = [*(float(arc.states[0, x]) for arc in step.arcs[1:]), step.final_impact.step_length]
-        for k, (arc, landing) in enumerate(zip(step.arcs, landings, strict=True)):
-            swaps = table.cycle_end == TOUCHDOWN if k == len(step.arcs) - 1 else step.arcs[k + 1].struck is not None
+        ends = [*(arc.struck is not None and arc.struck.swaps for arc in step.arcs[1:]), table.cycle_end == TOUCHDOWN]
+        for arc, landing, swaps in zip(step.arcs, landings, ends, strict=True):
             if swaps and arc.mode.touching:
                 distances.append(abs(landing - arc.states[-1, x]))
-    return float(max(distances, default=np.inf)) / gait.dynamics.scales.length
+    if distances:
+        return float(max(distances)) / gait.dynamics.scales.length
+    n = gait.system.n_z // 2
+    q = np.concatenate([arc.states[:, :n] for step in gait.steps for arc in step.arcs])
+    return float((np.ptp(q, axis=0) / gait.dynamics.state_units[:n]).max())
 
 
 def _margins(gait: Gait, arc: Arc) -> Array:

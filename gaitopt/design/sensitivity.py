@@ -527,7 +527,7 @@ def impact_quantities(t: MultipleShooting) -> ImpactQuantities:
         landing = [name for name in struck.touching if name not in before.touching]
         impulse, places = (
             system.impact(held, before)(z=z, p=p)["impulse"],
-            [*map((walker.contacts or landing).index, landing)],
+            [*map(walker.struck_contacts(held).index, landing)],
         )
         length = system.impact(struck, before)(z=z, p=p)["z_plus"][system.n_shape]
         impulses = [sum((impulse[2 * k + row] for k in places), MX(0)) for row in (0, 1)]

@@ -90,5 +90,5 @@ def _impact_entry(
         impulses = {name: pair for name, pair in of_contacts.items() if name in mode.touching}
     elif impulse is not None:
         impulses = of_contacts[FOOT]
-    written = mode if walker.labels() or not mode.is_named else walker.swapped(mode)
+    written = dynamics.system.transitions.written_impact(mode)
     return {"time": time, "step": step, "of": of, "impact": written.words, "impulse": impulses}

@@ -328,7 +328,7 @@ def swings(steps: Sequence[list[tuple[Arc, Along]]]) -> list[list[tuple[Arc, Alo
     """
     found = list[list[tuple[Arc, Along]]]()
     for pairs in steps:
-        starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and not arc.struck.is_named]
+        starts = [k for k, (arc, _) in enumerate(pairs) if k and arc.struck is not None and arc.struck.swaps]
         groups = [pairs[i:k] for i, k in pairwise([0, *starts, len(pairs)])]
         found += groups if len(groups) == 1 else [groups[-1] + groups[0], *groups[1:-1]]
     return found

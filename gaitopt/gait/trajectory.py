@@ -134,7 +134,7 @@ def impact_record(
         all_stick = struck.with_states(dict.fromkeys(struck.touching, "stick"))
         state, impulse = (value.copy() for value in buffered(system.impact(struck, before))(z_minus, p))
         sticking = buffered(system.impact(all_stick, before))(z_minus, p)[1].reshape(-1, 2)
-        indices = [(walker.contacts or landing).index(name) for name in landing]
+        indices = [walker.struck_contacts(struck).index(name) for name in landing]
         stick_impulse = sticking[indices].sum(axis=0)
     length, state[x] = float(state[x]), 0.0
     return ImpactRecord(

@@ -382,7 +382,7 @@ def impact(
     places : the massless contacts that land: their coordinates take the values of ``Contact.places``.
     """
     n, dq = len(eom.walker.shape), eom.dq if before is None else before
-    base = next((name for name in mode.touching if name not in eom.walker.massless_contacts), None)
+    base = next((name for name in mode.touching if name not in eom.walker.placed_contacts()), None)
     system = _Constraints(eom, mode, friction.kinetic, base=base)
     v = dq if base is None else vertcat(dq[:n], eom.contacts[base].nominal_J @ dq)
     # coordinates without inertia have no momentum: their rates follow from the constraints alone
@@ -689,10 +689,10 @@ def _eliminated(K: SX, b: SX, order: Sequence[tuple[int, int]], symmetric: Seque
 
 
 def active_coordinates(walker: type[Walker], mode: Mode) -> list[int]:
-    """Indices of the coordinates that move in a mode: all but those of massless contacts, or feet, that are off."""
-    contacts = equations_of_motion(walker).mechanism.contacts
-    resting = {key for name in walker.contacts if name not in mode.touching for key in contacts[name].places}
-    if walker.massless_feet and not mode.touching:
+    """Indices of the coordinates that move in a mode: all but those of massless contacts that are off."""
+    contacts, off = equations_of_motion(walker).mechanism.contacts, {*walker.weightless()} - {*mode.touching}
+    resting = {key for name in off & {*walker.placed_contacts()} for key in contacts[name].places}
+    if walker.base_contact() in off:
         resting = {"x", "y"}
     return [k for k, name in enumerate((*walker.shape, "x", "y")) if name not in resting]
 

@@ -67,11 +67,11 @@ class ModeSequence:
                 continue
             if first is second:
                 raise ValueError(f"phases {k} and {k + 1} are both {first}: merge them into one")
-            if second.touching and not first.touching and not first.is_named:
+            if second.touching and not first.touching:
                 raise ValueError(f"phase {k} is a flight: it ends with the impact of the step, not with {second}")
 
     def __str__(self) -> str:
-        alone = [k for k, landed in self.landings if not landed.is_named]
+        alone = [k for k, landed in self.landings if landed.swaps]
         parts = [self.phases[i:k] for i, k in pairwise([0, *alone, len(self.phases)])]
         if len(parts) == 1:
             return f"{mode_words(self.phases, self.timed)}; {self.impact.brief}"
@@ -100,8 +100,7 @@ class Cycle:
             if impact is None:
                 continue
             for name, word in impact.contacts.items():
-                goes_on = (word, OFF) if impact.is_named else (word,)
-                if impact.directions[name] and first.contacts.get(name) not in goes_on:
+                if impact.directions[name] and first.contacts.get(name) not in (word, OFF):
                     who, follows = ("the foot", "first") if name == FOOT else (name, "next")
                     raise ValueError(
                         f"after an impact with {impact} {who} is already slipping: "
@@ -177,7 +176,7 @@ class Cycle:
             (first, k)
             for first, step in zip(self.first_phases, self.steps, strict=True)
             for k, landed in step.landings
-            if not landed.is_named
+            if landed.swaps
         )
         starts = {*self.first_phases[1:], *(first + k for first, k in within)}
         return tuple(accumulate(phase in starts for phase in range(len(self.phases))))

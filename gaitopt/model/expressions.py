@@ -241,7 +241,7 @@ class Expressions:
                           shares=())  # fmt: skip
         if self._law is ImpactLaw.FRICTIONLESS:
             friction = replace(friction, kinetic=dict(friction.kinetic) | dict.fromkeys(landing, SX(0)))
-        places = [name for name in landing if name in self.walker.massless_contacts]
+        places = [name for name in landing if name in self.walker.placed_contacts()]
         return impact(eom, mode, friction, before=pushed, places=places)
 
     def impulse(self, mode: Mode, before: Mode) -> SX:
@@ -249,8 +249,8 @@ class Expressions:
 
         Arguments as for ``impact``.
         """
-        impulses, (foot, *_) = self.impact(mode, before).impulses, (*mode.touching, FOOT)
-        return vertcat(*(impulses[name] for name in self.walker.contacts or (foot,)))
+        impulses = self.impact(mode, before).impulses
+        return vertcat(*(impulses[name] for name in self.walker.struck_contacts(mode)))
 
     def foot_velocities(self, mode: Mode, before: Mode) -> tuple[SX, SX]:
         """Just after an impact, of a walker on one foot: v_t of the foot on the ground, v_n of the former stance foot.
@@ -273,9 +273,9 @@ class Expressions:
             self._pushes[pushing, off] = BUILT.watch((impulses, *push_off(self.eom, off, pushing)))
         return self._pushes[pushing, off]
 
-    def approach(self, before: Mode) -> SX:
-        """Normal velocity with which the swing foot lands."""
-        return (self.eom.contacts[SWING_FOOT].J @ self.push(before)[1])[1]
+    def approach(self, before: Mode, contact: str = SWING_FOOT) -> SX:
+        """Normal velocity with which a contact lands."""
+        return (self.eom.contacts[contact].J @ self.push(before)[1])[1]
 
     def impact_margins(self, mode: Mode, before: Mode) -> dict[str, SX]:
         """Margins of an impact by name.
@@ -363,7 +363,7 @@ class Expressions:
         strikes = landing or (not ends_step and mode.locked != before.locked)
         z = self.state_after(mode, before) if strikes else SX(self.z)
         ends = self.transitions.cycle_end == TOUCHDOWN
-        swaps = ends_step if ends else bool(landing & {*self.walker.ending_contacts()})
+        swaps = ends_step if ends else bool(landing & {*self.walker.step_ends()})
         return substitute(self.relabelled, self.z, z) if swaps else z
 
     def _on_other_foot(self, mode: Mode, before: Mode) -> SX:

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any, ClassVar
 
-from pydantic_core import PydanticKnownError, core_schema
+from pydantic_core import core_schema
 
 FOOT = "foot"
 """The contact of a walker that stands on one foot at a time; the base point (x, y)."""
@@ -141,6 +141,11 @@ class Mode(str):
         """Whether the contacts are named; otherwise the mode has the short form."""
         return ": " in self
 
+    @property
+    def swaps(self) -> bool:
+        """Of an impact within a cycle: whether the feet swap roles, so that the one that lands is then ``foot``."""
+        return not (self.is_named or self.locked)
+
     def with_states(self, changed: Mapping[str, str]) -> "Mode":
         """Other states of some contacts, with the same stops and switches."""
         contacts = {**self.contacts, **changed}
@@ -153,24 +158,8 @@ class Mode(str):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
-        """In problem files: a word or ``{foot: stick}``, or ``{mode: stick, knee: free}`` for a walker with stops.
-
-        Modes of other contacts are read with the walker at hand, see ``problem.reading``.
-        """
-
-        def read(data: object) -> Mode:
-            contact, stops = data, dict[str, Any]()
-            if isinstance(data, Mode):
-                return data
-            if isinstance(data, dict) and FOOT not in data:
-                contact, stops = data.get("mode"), {name: state for name, state in data.items() if name != "mode"}
-            contact = _short_form(contact)
-            for value, allowed in [(contact, (*_DIRECTIONS,)), *((state, STATES) for state in stops.values())]:
-                if value not in allowed:
-                    raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, allowed))})
-            return Mode.of(str(contact), stops)
-
-        return core_schema.no_info_before_validator_function(read, core_schema.is_instance_schema(cls))
+        """Problem files are read with the walker at hand, see ``problem.reading``; their sections hold modes."""
+        return core_schema.is_instance_schema(cls)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
@@ -235,6 +224,15 @@ class Mode(str):
         """The mode in a problem file: a word, a mapping of named contacts, or a mapping where there are stops."""
         return self.record if self.stops else self.words
 
+    def begun_by(self, impact: "Mode | None") -> str | dict[str, Any]:
+        """A phase in a problem file that begins with an impact, which states what the contacts do just after it."""
+        if impact is None:
+            return self.data
+        if impact.swaps:
+            return {**self.record, IMPACT: impact.words}
+        touching = {name: word for name, word in impact.contacts.items() if word != OFF}
+        return {**(self.record if self.stops else self.contacts), IMPACT: touching}
+
     def with_contact(self, contact: "Mode") -> "Mode":
         """Another state of the foot, with the same stops and switches."""
         return Mode.of(contact, self.stops)
@@ -254,15 +252,6 @@ class Mode(str):
         if value:
             return self.stops.get(name) == value
         return name in self.touching or (name == "contact" and bool(self.touching))
-
-
-def _short_form(contact: object) -> object:
-    """The word for ``{foot: word, swing_foot: off}``, the second of which may be left out; anything else as it is."""
-    if not (isinstance(contact, Mapping) and FOOT in contact and {*contact} <= {FOOT, SWING_FOOT}):
-        return contact
-    if contact.get(SWING_FOOT, OFF) not in (OFF, LEAVES):
-        return contact
-    return _FLIGHT if contact[FOOT] == OFF else contact[FOOT]
 
 
 @lru_cache(maxsize=256)  # one simulated step joins a dozen modes

@@ -235,7 +235,7 @@ def cycle_end(of: Cyclic) -> str:
     """What ends a cycle: an impact, the landing of a massless foot, or its end by a clock or a margin."""
     if of.cycle_end != TOUCHDOWN:
         return "end of cycle"
-    return "landing" if of.walker.massless_feet or of.walker.massless_contacts else "impact"
+    return "landing" if of.walker.weightless() else "impact"
 
 
 def section_of(walker: type[Walker], before: Mode, after: Mode, event: str) -> Section:
@@ -315,7 +315,7 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     names = (*walker.shape, "x", "y")
     on_ground = [name for name in walker.contact_names() if name in before.touching or name in after.touching]
     places = [q[names.index("x")], *(contacts[name].position[1] for name in on_ground)]
-    for name in walker.massless_contacts:
+    for name in walker.placed_contacts():
         if name in after.touching and name not in before.touching:
             places += [q[names.index(key)] - value for key, value in massless[name].places.items()]
     places += gaps
@@ -327,7 +327,7 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
         rates += [velocity[1]] if touching else []
         rates += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
     rates += gap_rates
-    if walker.massless_feet and not on_ground:  # a massless foot keeps its place in flight
+    if walker.base_contact() in walker.weightless() and not on_ground:  # a massless foot keeps its place in flight
         rates.append(dq[names.index("x")])
     places, rates = ([row for row in rows if not SX(row).is_zero()] for rows in (places, rates))
     if event not in (TOUCHDOWN, CLOCK):
@@ -335,7 +335,7 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     if "energy" in walker.model_fields:
         springs = (energy for name, energy in eom.mechanism.potential_while.items() if after.has(name))
         others.append(eom.energy + sum(springs, SX(0)) - eom.parameters.energy)
-    off = [key for name in walker.massless_contacts if name not in after.touching for key in massless[name].places]
+    off = [key for name in walker.placed_contacts() if name not in after.touching for key in massless[name].places]
     stale = [k for key in off for k in (state.index(key), state.index(key) + n)]
     return vertcat(*places, *rates, *others), (len(places), len(rates)), stale
 
@@ -378,7 +378,7 @@ def _solved_coordinates(
     is the energy; the margin that ends a cycle may be solved for either.
     """
     eom, names, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
-    own = [key for name in walker.massless_contacts for key in eom.mechanism.contacts[name].places]
+    own = [key for name in walker.placed_contacts() for key in eom.mechanism.contacts[name].places]
     shape = [name for name in reversed(walker.shape) if name not in own]
 
     def preferred(stated: Sequence[str]) -> list[int]:

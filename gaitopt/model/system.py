@@ -267,9 +267,9 @@ class HybridSystem:
         return {"impacts": horzcat(*columns), "approach": symbols.approach(before)}
 
     @compiled("zp")
-    def approach(self, before: Mode) -> dict[str, SX]:
-        """(z, p) -> normal velocity with which the swing foot lands in a mode [m/s]."""
-        return {"approach": self._symbols.approach(before)}
+    def approach(self, before: Mode, contact: str) -> dict[str, SX]:
+        """(z, p) -> normal velocity with which a contact lands in a mode [m/s]."""
+        return {"approach": self._symbols.approach(before, contact)}
 
     def impact_margins(self, mode: Mode, before: Mode) -> Function:
         """(z, p) -> margins of an impact in the order of ``transitions.impact_margin_names(mode, before)``."""

@@ -382,7 +382,6 @@ class Transitions:
     modes : all modes of the walker.
     cycle_end : as given.
     landed : modes with all stops free and all switches off in which the walker touches the ground.
-    unloaded : margins that are zero where a foot lands and where it takes off: ``GROUND_FORCES`` of massless feet.
     unique : the margin of a unique slip: ``painleve``, the apparent mass of a foot alone, or ``regularity``.
     """
 
@@ -394,7 +393,6 @@ class Transitions:
         self._closing = walker.stops if walker.stands_on_one() else walker.closing_stops
         self.unique = "painleve" if walker.stands_on_one() else "regularity"
         self.landed = tuple(walker.released(contact) for contact in grounded(walker.foot_modes()))
-        self.unloaded = GROUND_FORCES if walker.massless_feet else ()
         self._phases: dict[Mode, Mapping[str, Transition]] = {}
         self._impacts: dict[tuple[Mode, Mode], Mapping[str, Transition]] = {}
         self._landings: dict[tuple[str, Mode], Mapping[Mode, Mode]] = {}
@@ -447,7 +445,25 @@ class Transitions:
 
     def struck_within(self, landed: Mode) -> Mode:
         """An impact within a step, with the contacts as called before it: a lone foot lands as the other one."""
-        return landed if landed.is_named or landed.locked else self.walker.swapped(landed)
+        return self.walker.swapped(landed) if landed.swaps else landed
+
+    def written_impact(self, struck: Mode) -> Mode:
+        """An impact as records name its contacts: a foot on which the walker then stands alone is ``foot``."""
+        base = self.walker.base_contact()
+        return self.walker.swapped(struck) if base and struck.touching and base not in struck.touching else struck
+
+    def stated_impact(self, of: str, after: Mode) -> Mode | None:
+        """The impact of a contact or a stop within a step as the phase that it begins states it; None if it does not.
+
+        Where one foot stands alone, the modes tell the impact of a stop.
+
+        Parameters
+        ----------
+        after : just after the impact, with the contacts as they are called then.
+        """
+        if of in self.walker.stops and self.walker.stands_on_one():
+            return None
+        return after if after.is_named else after.contact
 
     def landings(self, row: Transition, mode: Mode) -> Mapping[Mode, Mode]:
         """The mode after each impact that may end a step in ``mode``, by the impact.
@@ -626,7 +642,7 @@ class Transitions:
             return
         model, start = self.walker.model, self.landed[0].stops
         for step in cycle.steps:
-            swaps = {k for k, landed in step.landings if not landed.is_named}
+            swaps = {k for k, landed in step.landings if landed.swaps}
             if self.cycle_end != TOUCHDOWN and step.phases[-1].stops != start:
                 raise ValueError(f"nothing releases the stops of the {model}: only a landing that swaps the feet does")
             self._check_modes(step, start)
@@ -663,7 +679,7 @@ class Transitions:
 
     def _check_modes(self, step: ModeSequence, start: Mapping[str, str]) -> None:
         """Check that the walker has the modes of a step; ``start`` are the states of stops and switches there."""
-        model, alone, massless = self.walker.model, self.walker.stands_on_one(), self.walker.massless_contacts
+        model, alone, massless = self.walker.model, self.walker.stands_on_one(), self.walker.placed_contacts()
         for mode in (*step.phases, step.impact, *(mode for _, mode in step.landings)):
             if mode.contact not in self._states:
                 words = f"{', '.join(massless)} cannot slip" if massless else "it is not a state of its contacts"
@@ -728,13 +744,12 @@ class Transitions:
             rows.append(self._row(stop, reset=Reset(of=stop, ends_step=False), candidates=struck))
         for switch in mode.off:  # forces may jump, so that a contact at rest may change its mode
             on = mode.with_next(switch)
-            decided = self._candidates(on, rests) if rests or not self.walker.stands_on_one() else (on,)
-            rows.append(self._row(switch, at_rest=rests, candidates=decided))
+            rows.append(self._row(switch, at_rest=rests, candidates=self._candidates(on, rests)))
         return sorted(rows, key=lambda row: kind(row.guard) not in LANDINGS)
 
     def _of_landing(self, mode: Mode, name: str) -> Transition:
         """The row of a contact that is off: it lands, or may not land in this mode."""
-        swaps = name in self.walker.ending_contacts()
+        swaps = name in self.walker.step_ends()
         lands_on_ground = mode.touching or not self.walker.stands_on_one()
         if swaps and lands_on_ground and {*mode.free} & {*self._closing}:
             return self._row(self.name("clearance", name))
@@ -742,7 +757,7 @@ class Transitions:
         if swaps:
             landed = tuple(self.walker.released(self.walker.swapped(after.contact)) for after in landed)
         reset = Reset(of=name, ends_step=swaps and self.cycle_end == TOUCHDOWN, swaps=swaps)
-        return self._row(self.name("gap", name), reset=reset, candidates=landed, zeros_after=self.unloaded)
+        return self._row(self.name("gap", name), reset=reset, candidates=landed)
 
     def _of_contact(self, mode: Mode, name: str, *, is_shared: bool) -> list[Transition]:
         """Rows of a contact on the ground; those of its forces are in the rows of its group if it shares them."""

@@ -197,6 +197,16 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return cls.flies or not cls.stands_on_one()
 
     @classmethod
+    def keeps_height(cls) -> bool:
+        """Whether the foot at (x, y) is always on the ground, or massless and stays there: y is then no state."""
+        return cls.stands_on_one() and (cls.massless_feet or not cls.flies)
+
+    @classmethod
+    def base_contact(cls) -> str:
+        """The contact at the base point (x, y), whose velocity is part of the state; none if that is another point."""
+        return FOOT if cls.stands_on_one() else ""
+
+    @classmethod
     def may_keep_energy(cls) -> bool:
         """Whether it may land without losing energy: on massless feet, or by springs that act in flight or in parts."""
         return cls.flies or bool(cls.weightless() or cls.switches)
@@ -231,11 +241,20 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return f"{what}.{cls.label(contact)}".rstrip(".")
 
     @classmethod
+    def called(cls, contact: str) -> str:
+        """A contact in messages: ``the swing foot``, or ``the contact left`` of one with a label."""
+        return f"the contact {contact}" if cls.label(contact) else f"the {contact.replace('_', ' ')}"
+
+    @classmethod
     def contact_mode(cls, words: Mapping[str, str]) -> Mode:
         """The mode, without stops, in which every contact does what ``words`` say by its name."""
-        if cls.stands_on_one():
-            return Mode.FLIGHT if words[FOOT] == OFF else Mode(words[FOOT])
-        return Mode.of_contacts(words)
+        return Mode.of_feet({SWING_FOOT: OFF, **words}) if cls.stands_on_one() else Mode.of_contacts(words)
+
+    @classmethod
+    def mode_words(cls, *, after_impact: bool = False) -> tuple[str, ...]:
+        """Words that state a mode, in a phase or just after an impact; none if the contacts have labels."""
+        words = (*CONTACTS, Mode.FLIGHT)[: 3 if after_impact else 4]
+        return tuple(map(str, words)) if cls.stands_on_one() else ()
 
     @classmethod
     def step_ends(cls) -> tuple[str, ...]:
@@ -248,14 +267,19 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         return cls.landing_points() if cls.massless_feet else cls.massless_contacts
 
     @classmethod
+    def placed_contacts(cls) -> tuple[str, ...]:
+        """Names of the massless contacts that have coordinates of their own, which take new values where they land."""
+        return cls.massless_contacts
+
+    @classmethod
     def landing_points(cls) -> tuple[str, ...]:
         """Names of all points that may touch the ground: the contacts, or ``foot`` and ``swing_foot``."""
         return cls.contacts or (FOOT, SWING_FOOT)
 
     @classmethod
-    def ending_contacts(cls) -> tuple[str, ...]:
-        """The contacts whose landing ends a step: ``landing_contacts``, or ``swing_foot``."""
-        return cls.landing_contacts if cls.contacts else (SWING_FOOT,)
+    def struck_contacts(cls, mode: Mode) -> tuple[str, ...]:
+        """Contacts with impulses in an impact, as called before it: all, or the one on which it then stands."""
+        return (*mode.touching, FOOT)[:1] if cls.stands_on_one() else cls.contacts
 
     @classmethod
     def pushing(cls) -> tuple[str, ...]:
@@ -324,7 +348,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
     @classmethod
     def coordinates(cls) -> tuple[str, ...]:
         """Names of the coordinates of the state: the shape, the height y of a foot that can fly, and x."""
-        return (*cls.shape, *(("y",) if cls.contacts or (cls.flies and not cls.massless_feet) else ()), "x")
+        return (*cls.shape, *(() if cls.keeps_height() else ("y",)), "x")
 
     @classmethod
     def state_names(cls) -> tuple[str, ...]:

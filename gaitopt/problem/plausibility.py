@@ -117,8 +117,8 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
     except ProblemError as error:
         yield Fault(("control",), str(error))
         return
-    at_margin = problem.cycle_end not in (TOUCHDOWN, CLOCK) and walker.stands_on_one()
-    if at_margin and (law.breakpoints or function.jac_sparsity(0, 0).nnz()):
+    lands_within = problem.cycle_end not in (TOUCHDOWN, CLOCK) and walker.step_ends()
+    if lands_within and (law.breakpoints or function.jac_sparsity(0, 0).nnz()):
         words = f"{type(law).__name__} depends on the time since the last landing, which lies within the cycle"
         yield Fault(("gait", "section"), f"{words}: end the cycle with a landing or the clock")
         return
@@ -288,9 +288,7 @@ def lacks_energy(problem: ProblemStatement) -> bool:
     slides_back = problem.is_open or any("slip_backward" in mode.contacts.values() for mode in modes)
     if downhill > 0 or (downhill < 0 and slides_back):
         return False
-    system, on_ground = _system(type(walker)), Mode.STICK
-    if walker.contacts:
-        on_ground = Mode.of_contacts(dict.fromkeys(walker.contacts, Mode.STICK))
+    system, on_ground = _system(type(walker)), walker.foot_modes()[0]
     push = system.push(on_ground)(np.zeros(system.n_z), [*_values(walker), 0.0])
     return not (walker.pushes and np.asarray(push[0]).any())
 
@@ -406,7 +404,7 @@ def _values(walker: Walker) -> list[float]:
 
 @built_once(maxsize=32)
 def _system(walker: type[Walker]) -> HybridSystem:
-    return HybridSystem(walker, NoControl(), friction=shared_friction(walker.contacts, COULOMB))
+    return HybridSystem(walker, NoControl(), friction=shared_friction(walker.labels(), COULOMB))
 
 
 @built_once(maxsize=32)

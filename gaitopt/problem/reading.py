@@ -22,7 +22,7 @@ from gaitopt.model.control import OWN_PACKAGE, Control, NoControl, is_parameter
 from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.declaration import is_default, joint_limits
 from gaitopt.model.foreign import calling
-from gaitopt.model.modes import CONTACTS, IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
+from gaitopt.model.modes import IMPACT, LEAVES, NAMED, OFF, STOP_STATES, SWITCH_STATES, Mode
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.registry import refused_controls, refused_walkers
 from gaitopt.model.section import CLOCK, TOUCHDOWN, has_stated_sections, section_of
@@ -122,6 +122,11 @@ class _StatementReader:
                 self._check_unknowns(objective, constraints)
             fields |= {"objective": objective, "constraints": constraints | self._joint_ranges(constraints)}
         return fields | {"free": self._free}
+
+    @property
+    def _name(self) -> str:
+        """The walker's model in messages."""
+        return "walker" if self._model is None else self._model.model
 
     def _fault(self, path: Key, message: str) -> None:
         self._faults.append(Fault(path, message))
@@ -347,16 +352,14 @@ class _StatementReader:
         data, path = self._data["gait"], ("gait", "guess")
         if isinstance(data, Mapping) and data.get("phases") == OPEN:
             return self._read_open_gait(data)
-        landings: list[tuple[tuple[int, Mode], ...]] = []
-        if self._model is not None and isinstance(data, Mapping):
-            if self._model.contacts:
-                data, landings = self._with_contacts(self._model, data)
-            elif data.get("section", TOUCHDOWN) != TOUCHDOWN:
-                data, landings = self._with_landings(data)
+        landings, n_faults = list[tuple[tuple[int, Mode], ...]](), len(self._faults)
+        if isinstance(data, Mapping):
+            data, landings = self._with_modes(self._model or Walker, data)
+        has_modes = len(self._faults) == n_faults
         several = isinstance(data, Mapping) and "steps" in data
         section: type[CycleSection] | type[GaitSection] = CycleSection if several else GaitSection
         gait = self._section(section, data, ("gait",))
-        if gait is None:
+        if gait is None or not has_modes:
             return None, None
         steps = gait.steps if isinstance(gait, CycleSection) else (gait,)
         self._cycle_end = self._read_cycle_end(gait.section)
@@ -476,100 +479,94 @@ class _StatementReader:
             self._fault(path, f"lacks {', '.join(missing)}: a posture states every shape coordinate")
         return np.array([posture.get(name, math.nan) for name in model.shape])
 
-    def _with_contacts(
+    def _with_modes(
         self, model: type[Walker], data: Mapping[str, Any]
     ) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
-        """The data of a gait with its mappings of contacts as modes, and the impacts within every step."""
-        landings: list[tuple[tuple[int, Mode], ...]] = []
-        is_step = "steps" not in data
-        stated = [data] if is_step else data["steps"]
-        is_touchdown = bool(model.landing_contacts)
+        """The data of a gait with its modes read, and the impacts within every step.
 
-        steps = []
+        A phase that begins with the landing of a contact, or the lock of a stop, may state the mode just after that
+        impact: ``{mode: stick, impact: stick}``. A foot that stands alone lands at the end of each step; where a cycle
+        ends elsewhere, its landings are stated unless it flies before.
+        """
+        is_step, alone = "steps" not in data, bool(model.base_contact())
+        stated = [data] if is_step else data["steps"]
+        ends_in_landing = bool(model.step_ends()) and not (alone and data.get("section", TOUCHDOWN) != TOUCHDOWN)
+        if alone and not (is_step or ends_in_landing):
+            self._fault(("gait", "steps"), "a cycle that ends without a landing is one step: state all its phases")
+        steps, landings = list[dict[str, Any]](), list[tuple[tuple[int, Mode], ...]]()
         for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
             place: Key = ("gait",) if is_step else ("gait", "steps", number)
-            if not isinstance(step, Mapping) or not isinstance(step.get("phases"), list | tuple):
+            if not isinstance(step, Mapping):
                 return dict(data), []  # the schema says so
+            final = step.get("impact")
+            if final is not None:
+                final = self._mode(model, final, (*place, "impact"), after_impact=ends_in_landing)
+                step = {**step, "impact": final}
+            if not isinstance(step.get("phases"), list | tuple):
+                return {**data, **step} if is_step else dict(data), []
             modes, struck = list[Mode](), list[tuple[int, Mode]]()
             for k, phase in enumerate(step["phases"]):
-                words = dict(phase) if isinstance(phase, Mapping) else phase
+                words, path = dict(phase) if isinstance(phase, Mapping) else phase, (*place, "phases", k)
                 impact = words.pop(IMPACT, None) if isinstance(words, dict) else None
-                modes.append(self._contact_mode(model, words, (*place, "phases", k), *NAMED))
-                before = modes[k - 1] if k else modes[k]
-                locks = modes[k].locked != before.locked
-                lands = locks or (bool(k) and any(name not in before.touching for name in modes[k].touching))
+                modes.append(self._mode(model, words, path))
+                before, after = modes[k - 1] if k else modes[k], modes[k]
+                locks = after.locked != before.locked
                 if impact is not None:
-                    after = self._contact_mode(model, impact, (*place, "phases", k, IMPACT), *NAMED, LEAVES)
-                    after = Mode.of(after, modes[k].stops)
-                    lands = locks or any(name not in before.touching for name in after.touching)
-                    if not k or not lands:
-                        words = "the step begins there" if not k else "no contact lands and no stop locks"
-                        self._fault((*place, "phases", k, IMPACT), f"{words}: leave it out")
-                struck += [(k, after if impact is not None else modes[k])] if lands else []
-            final = step.get("impact")
-            if not is_touchdown and modes:
-                if final is not None and self._contact_mode(model, final, (*place, "impact"), *NAMED) is not modes[-1]:
+                    after = self._mode(model, impact, (*path, IMPACT), after_impact=True)
+                landed = {*(model.swapped(after) if alone and impact is not None else after).touching}
+                lands = bool(k) and bool(landed - {*before.touching})
+                if impact is not None and not (k and (lands or locks)):
+                    words = "no contact lands and no stop locks" if k else "the step begins there"
+                    self._fault((*path, IMPACT), f"{words}: leave it out")
+                if lands and alone and ends_in_landing and impact is not None:
+                    self._fault((*path, IMPACT), f"the landing of the {self._name} ends its step: leave it out")
+                if (lands and not (alone and ends_in_landing)) or (locks and not alone):
+                    struck.append((k, after.contact if alone else Mode.of(after, modes[k].stops)))
+            if not ends_in_landing and modes:
+                if final not in (None, modes[-1].contact):
                     self._fault((*place, "impact"), "the cycle ends without an impact: leave it out")
-                final = modes[-1]
-            elif final is not None:
-                final = self._contact_mode(model, final, (*place, "impact"), *NAMED, LEAVES)
+                final = modes[-1].contact
             steps.append({**step, "phases": modes} | ({} if final is None else {"impact": final}))
             landings.append(tuple(struck))
         return ({**data, **steps[0]} if is_step and steps else {**data, "steps": steps}), landings
 
-    def _with_landings(self, data: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
-        """The data of a gait of a lone foot that ends elsewhere than with a landing, and the landings within it.
+    def _mode(self, model: type[Walker], entry: Any, path: Key, *, after_impact: bool = False) -> Mode:
+        """A mode: a word or a mapping of contacts, or one of these under ``mode`` beside the stops and switches.
 
-        A phase that begins with a landing states it: ``{mode: stick, impact: stick}``.
+        Parameters
+        ----------
+        after_impact : whether it is the mode just after an impact, in which contacts may leave the ground.
         """
-        if not isinstance(data.get("phases"), list | tuple):
-            if "steps" in data:
-                self._fault(("gait", "steps"), "a cycle that ends without a landing is one step: state all its phases")
-            return dict(data), []
-        phases, landings = list[Any](), list[tuple[int, Mode]]()
-        for k, phase in enumerate(data["phases"]):
-            plain = dict(phase) if isinstance(phase, Mapping) else phase
-            if isinstance(plain, dict) and IMPACT in plain:
-                word, path = plain.pop(IMPACT), ("gait", "phases", k, IMPACT)
-                if word not in CONTACTS:
-                    self._fault(path, f"{shown(word)} is not what a foot does when it lands: {', '.join(CONTACTS)}")
-                elif not k:
-                    self._fault(path, "the cycle begins there: leave it out")
-                else:
-                    landings.append((k, Mode(word)))
-            phases.append(plain)
-        last, stated = phases[-1] if phases else None, data.get("impact")
-        word = last.get("mode") if isinstance(last, dict) else last
-        if stated is not None and stated != word:
-            self._fault(("gait", "impact"), "the cycle ends without an impact: leave it out")
-        return {**data, "phases": phases, "impact": word}, [tuple(landings)]
-
-    def _contact_mode(self, model: type[Walker], entry: Any, path: Key, *words: str) -> Mode:
-        """The mode of named contacts, which do one of ``words``: a mapping, or under ``mode`` where there are stops."""
-        devices, nothing = dict[str, str](), Mode.of_contacts(dict.fromkeys(model.contacts, OFF))
-        if isinstance(entry, Mapping) and "mode" in entry and "mode" not in model.contacts:
+        devices, nothing, contacts = dict[str, str](), model.foot_modes()[-1], model.landing_points()
+        if isinstance(entry, Mode):
+            return entry
+        if isinstance(entry, Mapping) and "mode" in entry and "mode" not in contacts:
             devices = {name: state for name, state in entry.items() if name != "mode"}
             choices: Mapping[str, tuple[str, ...]] = dict.fromkeys(model.stops, STOP_STATES) | dict.fromkeys(
                 model.switches, SWITCH_STATES
             )
             for name, state in devices.items():
                 if state not in choices.get(name, ()):
-                    allowed = " or ".join(choices.get(name, ())) or f"no stop or switch of the {model.model}"
+                    allowed = " or ".join(choices.get(name, ())) or f"no stop or switch of the {self._name}"
                     self._fault((*path, name), f"{shown(state)} is not possible: {allowed}")
                     return nothing
             entry, path = entry["mode"], (*path, "mode")
         if not isinstance(entry, Mapping):
-            self._fault(path, f"{shown(entry)} is not a mapping of contacts: {', '.join(model.contacts)}")
+            words = model.mode_words(after_impact=after_impact)
+            if entry in words:
+                return Mode.of(entry, devices)
+            remedy = near_miss(entry, words) if words else f" a mapping of contacts: {', '.join(contacts)}"
+            self._fault(path, f"{shown(entry)} is not{' one of the choices' * bool(words)}{remedy}")
             return nothing
+        words = (*NAMED, LEAVES) if after_impact else (*NAMED,)
         for name, word in entry.items():
-            if name not in model.contacts:
-                near = near_miss(name, model.contacts)
-                self._fault((*path, name), f"is not a contact of the {model.model}{near}")
+            if name not in contacts:
+                self._fault((*path, name), f"is not a contact of the {self._name}{near_miss(name, contacts)}")
             elif word not in words:
                 self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
-        known = {name: entry.get(name, OFF) for name in model.contacts}
-        contacts = {n: w if isinstance(w, str) and w in NAMED else OFF for n, w in known.items()}
-        return Mode.of(Mode.of_contacts(contacts), devices)
+        known = {name: entry.get(name, OFF) for name in contacts}
+        contact = model.contact_mode({n: w if isinstance(w, str) and w in NAMED else OFF for n, w in known.items()})
+        return Mode.of(contact, devices)
 
     def _read_cycle_end(self, section: Any) -> str:
         """What ends a cycle: ``touchdown``, ``clock`` or the name of a margin."""
@@ -584,8 +581,9 @@ class _StatementReader:
             words = "differ, and would swap their roles within a cycle; leave it out"
             self._fault(path, f"{shown(end)} is not possible: the legs of the {model.model} {words}")
             return TOUCHDOWN
-        if model.landing_contacts:
-            landing = " and ".join(model.landing_contacts)
+        labelled = [name for name in model.step_ends() if model.label(name)]
+        if labelled:  # a label would be of another contact from there on
+            landing = " and ".join(labelled)
             words = f"ends with the landing of {landing}, where the feet swap their roles; leave it out"
             self._fault(path, f"{shown(end)} is not possible: a cycle of the {model.model} {words}")
             return TOUCHDOWN
@@ -644,12 +642,17 @@ class _StatementReader:
     def _read_open_gait(self, data: Mapping[str, Any]) -> tuple[OpenSequence | None, Guess | None]:
         """A gait with an open mode sequence; a slip velocity that is left out of the guess is 0."""
         path: Key = ("gait", "guess")
-        several = self._model is not None and self._model.contacts
-        if several and "impact" in data:
-            self._fault(("gait", "impact"), "with several contacts, phases: auto finds the impact: leave it out")
-            return None, None
+        n_faults = len(self._faults)
+        if data.get("impact") is not None:
+            impact = self._mode(self._model or Walker, data["impact"], ("gait", "impact"), after_impact=True)
+            data = {**data, "impact": impact}
         gait = self._section(OpenGaitSection, data, ("gait",))
-        if gait is None:
+        if gait is None or len(self._faults) > n_faults:
+            return None, None
+        self._cycle_end = self._read_cycle_end(gait.section)
+        has_box = self._model is None or has_stated_sections(self._model, self._cycle_end)
+        if gait.impact is not None and not has_box:
+            self._fault(("gait", "impact"), "the section of this walker follows from its impact, which auto finds")
             return None, None
         least = 1 if self._model is None else self._model.steps_per_cycle()
         sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, least))
@@ -659,17 +662,12 @@ class _StatementReader:
         if gait.guess is not None and {*FIRST_KEYS} & {*gait.guess}:
             self._fault(path, "with phases: auto the guess is a state; state the phases, or leave the guess out")
             return sequence, None
-        self._cycle_end = self._read_cycle_end(gait.section)
-        if self._model is not None and self._cycle_end != TOUCHDOWN and not several:
-            words = f"auto ends every cycle of the {self._model.model} with a landing: state the phases"
-            self._fault(("gait", "phases"), f"{words}, or leave section out")
-            return sequence, None
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
-        if several and gait.guess is None:
-            self._fault(path, "is missing: with several contacts the search starts around a guess")
+        if not has_box and gait.guess is None:
+            self._fault(path, "is missing: the search starts around it, since the section differs with the contacts")
         if guess is None or self._model is None:
             return sequence, None
-        if several:
+        if not has_box:
             return sequence, self._read_whole_state(self._model, guess, path)
         if guess.durations is not None:
             self._fault((*path, "durations"), "the phases are open: leave the durations out")
@@ -679,7 +677,7 @@ class _StatementReader:
         return sequence, None if state is None else Guess(state=state, durations=None)
 
     def _read_whole_state(self, model: type[Walker], guess: GuessSection, path: Key) -> Guess | None:
-        """The guess of an open sequence of a walker with several contacts: all coordinates and rates but x."""
+        """The guess of an open sequence whose section follows from the modes: all coordinates and rates but x."""
         state = self._section(state_section(model), guess.state, (*path, "state"))
         if state is None:
             return None
@@ -705,7 +703,7 @@ class _StatementReader:
             if self._model is not None:
                 if self._cycle_end == TOUCHDOWN and len(steps) % self._model.steps_per_cycle():
                     raise ValueError(UNEVEN.format(len(steps)))
-                if not (self._model.contacts and self._faults):  # else a mode of named contacts may not be known
+                if not any(fault.path[0] == "gait" for fault in self._faults):  # else no cycle may end as it is stated
                     transitions(self._model, cycle_end=self._cycle_end).check(cycle)
             return cycle
         except ValueError as error:

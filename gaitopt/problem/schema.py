@@ -59,12 +59,11 @@ MAX_PHASES = 64
 """Phases of one step; known gaits have up to eleven, and the equations grow with their number."""
 FRICTION = Within(usual=(0, 3))
 DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
-RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(5))
-RATE_OF_PART = Within(unit="rate", possible=symmetric(100), usual=symmetric(25))
-"""Rates of walkers with several contacts: their feet and other short parts turn faster than a leg swings."""
+RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(8))
+"""A foot turns faster than a leg swings."""
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
-LENGTH = Within(unit="length", possible=symmetric(1))
+LENGTH = Within(unit="length", possible=symmetric(1000), usual=symmetric(2))
 
 
 class HeadSection(Section):
@@ -259,15 +258,11 @@ def state_section(walker: type[Walker]) -> type[Section]:
             "x": ("position of the foot or base point along the ground [m]", POSITION),
             "dx": ("velocity of the foot or base point along the ground [m/s]", SLIP),
         }
-        known |= dict.fromkeys(
-            (*walker.lengths, "y"), ("length or height [m]", POSITION if walker.contacts else LENGTH)
-        )
+        known |= dict.fromkeys((*walker.lengths, "y"), ("length or height [m]", LENGTH))
         known |= dict.fromkeys(
             (*(f"d{length}" for length in walker.lengths), "dy"), ("rate of a length or height [m/s]", SLIP)
         )
-        words, within = known.get(
-            name, ("rate of a shape coordinate [rad/s]", RATE_OF_PART if walker.contacts else RATE)
-        )
+        words, within = known.get(name, ("rate of a shape coordinate [rad/s]", RATE))
         return Annotated[Finite, Field(description=words), within]
 
     return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)

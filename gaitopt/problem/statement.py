@@ -18,7 +18,7 @@ from gaitopt.errors import ProblemError
 from gaitopt.model.control import Control
 from gaitopt.model.cycle import BREAKPOINT, UNTIL, Cycle
 from gaitopt.model.friction import COULOMB, STATIC_KINETIC, ContactFriction, Friction, ImpactLaw, shared_friction
-from gaitopt.model.modes import IMPACT, OFF, Mode
+from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, has_stated_sections, section_of
 from gaitopt.model.units import parse_count
 from gaitopt.model.walker import Walker
@@ -234,7 +234,7 @@ class ProblemStatement(Tabulated):
         """One coefficient, or static, kinetic and viscous friction; of every contact where they have names."""
         if not isinstance(self.friction, Mapping):
             return shared_friction(
-                self.walker.contacts, COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
+                self.walker.labels(), COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
             )
         contacts = self.walker.contact_names()
         keys = {name: f"friction.{name}" for name in contacts}
@@ -279,20 +279,6 @@ class ProblemStatement(Tabulated):
     def section_names(self) -> tuple[str, ...]:
         """Names of the section coordinates of its gait; none if they follow from modes that are open."""
         return () if self.section is None else self.section.names
-
-    def check_one_foot(self, what: str) -> None:
-        """Check that the walker stands on one foot at a time; ``what`` needs it, such as ``find``.
-
-        Raises
-        ------
-        ProblemError
-            If it has several contacts, or its cycle ends elsewhere than with the landing of a foot.
-        """
-        if "several contacts" in self.walker.features():
-            words = f"{what} is for walkers that stand on one foot at a time"
-            raise ProblemError(f"{self.name}: {words}; the {self.walker.model} has several contacts")
-        if self.cycle_end != TOUCHDOWN:
-            raise ProblemError(f"{self.name}: {what} is for cycles that end with a landing; leave gait.section out")
 
     def check_gait(self) -> None:
         """Check that the problem states a gait.
@@ -390,7 +376,7 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
     steps = [
         {
             "phases": [
-                {**mode.record, UNTIL: BREAKPOINT} if k in step.timed else _phase_data(mode, landings.get(k))
+                {**mode.record, UNTIL: BREAKPOINT} if k in step.timed else mode.begun_by(landings.get(k))
                 for k, mode in enumerate(step.phases)
             ],
             "impact": step.impact.words,
@@ -398,17 +384,6 @@ def cycle_data(cycle: Cycle) -> dict[str, Any]:
         for step, landings in ((step, dict(step.landings)) for step in cycle.steps)
     ]
     return steps[0] if len(steps) == 1 else {"steps": steps}
-
-
-def _phase_data(mode: Mode, struck: Mode | None) -> str | dict[str, Any]:
-    """A phase as in a problem file; ``struck`` are the contacts just after an impact at its start."""
-    data = mode.data
-    if struck is None:
-        return data
-    if not struck.is_named:
-        return {**mode.record, IMPACT: struck.words}
-    assert isinstance(data, dict)
-    return {**data, IMPACT: {name: word for name, word in struck.contacts.items() if word != OFF}}
 
 
 def _flat(key: str, data: Any) -> dict[str, float]:

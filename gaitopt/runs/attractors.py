@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gaitopt.arrays import Array
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Plotted, counted
@@ -22,6 +23,7 @@ from gaitopt.gait.branch import BranchPoint
 from gaitopt.gait.frames import data_frame
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import AttractorsRecord, SettledRecord
+from gaitopt.model.dynamics import Dynamics
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import state_unit, unit_of
 from gaitopt.requests import AttractorsRequest, entries
@@ -30,7 +32,7 @@ from gaitopt.runs.jobs import Plan, ResultFile
 from gaitopt.search.attractors import settled
 from gaitopt.search.candidates import family
 from gaitopt.search.solve import solve
-from gaitopt.search.starts import start_box
+from gaitopt.search.starts import around_guess, on_ground, start_box
 from gaitopt.simulation.engine import choose_engine
 from gaitopt.store.formats import json_file, validated
 from gaitopt.store.run import Run
@@ -85,7 +87,7 @@ class Attractors(Plotted):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the section coordinates, the columns of ``states``."""
-        return self.problem.map_section.names
+        return _names(self.problem)
 
     def to_records(self) -> list[dict[str, Any]]:
         """One JSON object per attractor, and one per value and ending of the other walks; the command prints these."""
@@ -149,7 +151,6 @@ class AttractorsPlan(Plan[Attractors], AttractorsRequest):
 
     def check(self) -> None:
         """Refuse an axis that is not over a parameter, an invalid value, or too many states."""
-        self.problem.check_one_foot("the search for attractors")
         Grid((self.axis,)).check_keys(tuple(self.problem.parameters), f"a parameter of {self.problem.name}")
         check_room(self.axis.count * self.keep, self.folder, disk=STATE_BYTES, memory=STATE_BYTES, what="states")
         _ = self.jobs
@@ -187,15 +188,15 @@ def settle_job(
     origin, axis, problem, request, number, value = argument
     mapped = step_map(problem, None, request.engine)
     rng = np.random.default_rng([request.seed, number])
-    names = problem.map_section.names
+    names = _names(problem)
     known = [np.array(run["states"][-1]) for run in (neighbour or {}).get("attractors", [])]
     for gait in gaits_on_branch(origin, axis, problem, value, should_stop):
         known.append(gait.state[[gait.system.state_names.index(name) for name in names]])
     if problem.start is not None:
         known.append(np.array([problem.start.state[name] for name in names]))
-    xi = section_coordinates(
-        problem, np.array([*islice(_starts(problem, mapped.dynamics, known, rng), request.starts)])
-    )
+    starts = _starts if mapped.is_stated else _starts_on_ground
+    xi = np.array([*islice(starts(problem, mapped.dynamics, known, rng), request.starts)])
+    xi = section_coordinates(problem, xi) if mapped.is_stated else xi
     runs, endings = settled(mapped, xi, transient=request.transient, keep=request.keep, should_stop=should_stop)
     found = [
         {
@@ -263,7 +264,7 @@ def _branch(along: _Family) -> tuple[BranchPoint, ...]:
     return tuple(points)
 
 
-def _starts(problem: Problem, dynamics: Any, known: Sequence[Any], rng: Any) -> Iterator[Any]:
+def _starts(problem: Problem, dynamics: Dynamics, known: Sequence[Array], rng: Any) -> Iterator[Array]:
     """Start states: the ``known`` ones, then in turn states around each of them, and random ones."""
     box = start_box(problem, dynamics, {})
     yield from known
@@ -276,3 +277,20 @@ def _starts(problem: Problem, dynamics: Any, known: Sequence[Any], rng: Any) -> 
         anywhere = rng.uniform(box.lower, box.upper)
         anywhere[-1] *= not sticks
         yield anywhere
+
+
+def _starts_on_ground(problem: Problem, dynamics: Dynamics, known: Sequence[Array], rng: Any) -> Iterator[Array]:
+    """Whole states: those ``known``, then others around them in which the same contacts are on the ground."""
+    yield from known
+    while True:
+        for state in known:
+            for spread in START_DISTANCES:
+                near = on_ground(dynamics, state, spread * dynamics.state_units * rng.uniform(-1, 1, state.size))
+                yield near if np.isfinite(near).all() else state
+        anywhere = around_guess(problem, dynamics, 1, rng, exact=False, within={})
+        yield from anywhere[np.isfinite(anywhere).all(axis=1)]
+
+
+def _names(problem: Problem) -> tuple[str, ...]:
+    """Names of the coordinates of the states of attractors: of the section if the class states it, or all."""
+    return problem.walker.state_names() if problem.section is None else problem.map_section.defining_names

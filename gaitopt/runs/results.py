@@ -102,14 +102,16 @@ def restore_walk(folder: Path) -> Walk:
 
 
 def _with_strikes(steps: tuple[Step, ...], impacts: Sequence[ImpactEntry]) -> tuple[Step, ...]:
-    """The steps, in which arcs that begin with the impact of a named contact state it."""
-    struck = {(entry["step"], entry["time"]): Mode.from_record(entry["impact"]) for entry in impacts}
+    """The steps, in which arcs that begin with an impact state it."""
+    struck = {(entry["step"], entry["time"]): (entry["of"], Mode.from_record(entry["impact"])) for entry in impacts}
     begins = np.cumsum([0.0, *(step.period for step in steps)])
 
     def arc(number: int, began: float, arc: Arc) -> Arc:
         keys = [key for key in struck if key[0] == number and abs(key[1] - began - arc.start) <= SAME_TIME * key[1]]
-        is_strike = bool(keys) and struck[keys[0]].is_named
-        return replace(arc, struck=struck[keys[0]]) if is_strike else arc
+        if not keys:
+            return arc
+        of, after = struck[keys[0]]
+        return replace(arc, struck=arc.dynamics.system.transitions.stated_impact(of[0], after))
 
     return tuple(
         replace(step, arcs=tuple(arc(number, float(began), each) for each in step.arcs))

@@ -17,8 +17,8 @@ import numpy as np
 
 from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.callbacks import Stop
-from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
+from gaitopt.model.section import Section, section_of
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.verification.return_map import ReturnMap
 from gaitopt.verification.step_map import StepMap
@@ -39,7 +39,7 @@ class Attractor(ReadOnlyArrays):
     Attributes
     ----------
     states : ndarray, shape (n, n_xi) - section coordinates after the impacts of a cycle, or after all recorded steps of
-        a motion that does not repeat itself.
+        a motion that does not repeat itself. They are whole states if the class of the walker states no section.
     period_steps : number of steps of the cycle; None if the motion does not repeat itself.
     lyapunov : largest Lyapunov exponent per step.
     starts : number of walks that settle on it.
@@ -59,12 +59,13 @@ def settled(
     Parameters
     ----------
     mapped : the return map.
-    xi : ndarray, shape (n, n_xi) - section coordinates with ``dx``.
+    xi : ndarray, shape (n, n_xi) - section coordinates with ``dx``, or whole states.
     transient, keep : numbers of cycles that are discarded first, and that are recorded after them.
     """
     dynamics, endings, found = mapped.dynamics, Counter[str](), list[Attractor]()
-    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
-    per_cycle, walking = dynamics.system.walker.steps_per_cycle(), np.asarray(xi, dtype=float)
+    walk_on, walking = mapped.closed(np.asarray(xi, dtype=float))
+    units = dynamics.state_units[mapped.indices] if mapped.is_stated else dynamics.state_units
+    per_cycle = dynamics.system.walker.steps_per_cycle()
     for attempt in range(MOST_TRANSIENTS):
         path = np.empty((keep + 1, len(walking), len(units)))
         alive, states = np.arange(len(walking)), walking
@@ -75,7 +76,7 @@ def settled(
                 break
             if should_stop is not None and should_stop():
                 raise KeyboardInterrupt
-            outcomes = mapped(states)
+            outcomes = walk_on(states)
             endings.update(str(name) for name in outcomes.outcomes[~outcomes.completed])
             alive, states = alive[outcomes.completed], outcomes.states[outcomes.completed]
         remaining = list[int]()
@@ -86,9 +87,9 @@ def settled(
                 period = None
             if attempt == MOST_TRANSIENTS - 1 and period is None:
                 period = _period(orbit, SAME_DISTANCE)
-                cycle = None if period is None else _slow_cycle(dynamics, orbit, period)
+                cycle = None if period is None else _slow_cycle(mapped, orbit * units, period)
                 if cycle is not None:
-                    orbit, period = cycle, len(cycle)
+                    orbit, period = cycle / units, len(cycle)
             if period is None and attempt < MOST_TRANSIENTS - 1:
                 remaining.append(walk)
                 continue
@@ -98,7 +99,7 @@ def settled(
                 found[same] = replace(found[same], starts=found[same].starts + 1)
                 continue
             length = (period or max(keep, AVERAGED_CYCLES)) * per_cycle
-            rate = lyapunov(dynamics, orbit[-1] * units, length, cyclic=period is not None)
+            rate = lyapunov(mapped, orbit[-1] * units, length, cyclic=period is not None)
             steps = None if period is None else period * per_cycle
             found.append(Attractor(states=orbit * units, period_steps=steps, lyapunov=rate, starts=1))
         walking = path[-1, remaining]
@@ -107,28 +108,31 @@ def settled(
     return found, dict(endings)
 
 
-def lyapunov(dynamics: Dynamics, xi: Array, steps: int, *, cyclic: bool) -> float:
-    """Largest Lyapunov exponent per step of the walk from section coordinates; -inf if all deviations vanish.
+def lyapunov(mapped: StepMap, place: Array, steps: int, *, cyclic: bool) -> float:
+    """Largest Lyapunov exponent per step of the walk from a place of an orbit; -inf if all deviations vanish.
 
     Parameters
     ----------
-    xi : ndarray, shape (n_xi,) - section coordinates with ``dx``.
+    place : ndarray, shape (n_xi,) - section coordinates with ``dx``, or a whole state.
     steps : number of steps over which the exponent is averaged; for a cycle, its number of steps gives the exact value.
     cyclic : whether the walk is a cycle.
     """
-    mode = Mode.STICK if xi[-1] == 0 else Mode.SLIP_FORWARD if xi[-1] > 0 else Mode.SLIP_BACKWARD
-    simulator = Simulator(dynamics)
-    mapped = ReturnMap(simulator, mode, steps)
-    outcome = mapped(xi if mode.slips else xi[:-1])
+    dynamics, simulator = mapped.dynamics, Simulator(mapped.dynamics)
+    on_section = _on_section(mapped, simulator, place)
+    if on_section is None:
+        return np.nan
+    section, z = on_section
+    returns = ReturnMap(simulator, section, steps, z)
+    outcome = returns(z[section.indices])
     complete = [step for step in outcome.steps if step.impact is not None]
     if cyclic and outcome.xi is not None:
-        radius = float(np.abs(np.linalg.eigvals(mapped.jacobian(complete))).max(initial=0.0))
+        radius = float(np.abs(np.linalg.eigvals(returns.jacobian(complete))).max(initial=0.0))
         return float(np.log(radius)) / steps if radius > 0 else -np.inf
     unit, total = dynamics.state_units[:, None], 0.0
-    deviation = mapped.section.tangent(complete[0].arcs[0].states[0], dynamics.p)
+    deviation = section.tangent(complete[0].arcs[0].states[0], dynamics.p)
     for number, step in enumerate(complete):
         turn = number % len(simulator.per_step)
-        deviation = mapped.propagated([step], deviation, simulator.per_step[turn:])
+        deviation = returns.propagated([step], deviation, simulator.per_step[turn:])
         # an orthonormal basis in natural units, whose first direction grows the most
         basis, triangle = np.linalg.qr(deviation / unit)
         growth = abs(triangle[0, 0])
@@ -136,6 +140,21 @@ def lyapunov(dynamics: Dynamics, xi: Array, steps: int, *, cyclic: bool) -> floa
             return -np.inf if growth == 0 else np.nan
         total, deviation = total + float(np.log(growth)), basis * unit
     return total / len(complete)
+
+
+def _on_section(mapped: StepMap, simulator: Simulator, place: Array) -> tuple[Section, Array] | None:
+    """The section on which a place of an orbit lies, and the whole state there; None if the walk ends.
+
+    Where sections differ with the contacts, the place is the one that follows after a cycle of the walker.
+    """
+    system = simulator.system
+    if mapped.is_stated:
+        section = system.section(Mode.slip(place[-1]) if place[-1] else Mode.STICK)
+        return section, section.lift(place[: section.indices.size], mapped.dynamics.p)
+    last = simulator.run(place, steps=system.walker.steps_per_cycle()).steps[-1]
+    if last.impact is None:
+        return None
+    return section_of(system.walker, last.arcs[-1].mode, last.impact.mode, system.cycle_end), last.impact.state
 
 
 def _period(orbit: Array, tolerance: float) -> int | None:
@@ -146,26 +165,28 @@ def _period(orbit: Array, tolerance: float) -> int | None:
     return None
 
 
-def _slow_cycle(dynamics: Dynamics, orbit: Array, period: int) -> Array | None:
-    """The stable cycle that an orbit, in natural units, still approaches while it seems to repeat itself.
+def _slow_cycle(mapped: StepMap, orbit: Array, period: int) -> Array | None:
+    """The stable cycle that an orbit still approaches while it seems to repeat itself.
 
     If an orbit spirals into a cycle and one turn takes a whole number of cycles, it seems to have the period of a turn.
     Newton's method finds the cycle in the middle of the spiral; None if it finds no stable cycle.
     """
-    units = dynamics.state_units[dynamics.system.section(Mode.SLIP_FORWARD).indices]
-    slips = orbit[-1, -1] != 0
-    mode = Mode.STICK if not slips else Mode.slip(orbit[-1, -1])
-    n, per_cycle = orbit.shape[1] - (not slips), dynamics.system.walker.steps_per_cycle()
-    mapped = ReturnMap(Simulator(dynamics), mode, period * per_cycle)
-    point = mapped.fixed_point(orbit[-period:].mean(axis=0)[:n] * units[:n])
+    simulator, per_cycle = Simulator(mapped.dynamics), mapped.dynamics.system.walker.steps_per_cycle()
+    on_section = _on_section(mapped, simulator, orbit[-1])
+    if on_section is None:
+        return None
+    section, near = on_section
+    middle = near.copy()
+    middle[mapped.indices if mapped.is_stated else slice(None)] = orbit[-period:].mean(axis=0)
+    point = ReturnMap(simulator, section, period * per_cycle, near).fixed_point(middle[section.indices])
     if not point.converged or point.jacobian is None or np.abs(np.linalg.eigvals(point.jacobian)).max(initial=0.0) >= 1:
         return None
-    states = [step.final_impact.state for step in point.cycle.steps[per_cycle - 1 :: per_cycle]]
-    cycle = np.array(states)[:, dynamics.system.section(Mode.SLIP_FORWARD).indices] / units
-    width = np.ptp(orbit, axis=0)
+    states = np.array([step.final_impact.state for step in point.cycle.steps[per_cycle - 1 :: per_cycle]])
+    cycle, width = states[:, mapped.indices] if mapped.is_stated else states, np.ptp(orbit, axis=0)
     if not np.all((orbit.min(axis=0) - width <= cycle) & (cycle <= orbit.max(axis=0) + width)):
         return None
-    return cycle[-(_period(np.vstack([cycle, cycle]), REPEAT_DISTANCE) or period) :]
+    units = mapped.dynamics.state_units[mapped.indices] if mapped.is_stated else mapped.dynamics.state_units
+    return cycle[-(_period(np.vstack([cycle, cycle]) / units, REPEAT_DISTANCE) or period) :]
 
 
 def _closest(states: Array) -> float:

@@ -24,9 +24,8 @@ from gaitopt.errors import ProblemError, SolveError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import CandidateRecord, SearchRecord
-from gaitopt.model.cycle import Cycle, ModeSequence
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import Section, has_stated_sections
+from gaitopt.model.section import Section, has_stated_sections, section_of
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import Engine, Method
 from gaitopt.search.candidate import cycle_record, guessed_values
@@ -125,15 +124,12 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
         if not walking.size:
             break
 
-    def section_of_cycle(z: Array, codes: NDArray[np.int64]) -> Section | None:
-        """The section on which a state lies after steps with these codes; None if their modes do not form a cycle."""
+    def section_after(z: Array, codes: NDArray[np.int64]) -> Section:
+        """The section on which a state lies after a step with these codes."""
         if step.is_stated:
             return dynamics.system.section(Mode.SLIP_FORWARD if z[-1] else Mode.STICK)
-        try:
-            steps = (ModeSequence(phase_names(of, modes), impacts[impact]) for of, impact in codes.T.tolist())
-            return dynamics.system.section(Cycle(tuple(steps)))
-        except ValueError:
-            return None
+        of, impact = codes.tolist()
+        return section_of(walker, phase_names(of, modes)[-1], impacts[impact], dynamics.system.cycle_end)
 
     modes, impacts = walker.modes(), walker.foot_modes()
     simulator = Simulator(dynamics, stepper_class(step.engine))
@@ -151,9 +147,7 @@ def _from_walks(job: SearchJob, should_stop: Callable[[], bool]) -> tuple[list[C
             z, scale = np.zeros((2, dynamics.system.n_z))
             z[indices], scale[indices] = history[k, row], sizes
             after = (k or n_returns) + 1
-            section = section_of_cycle(z, ends[:, after - n_returns : after, row])
-            if section is None:
-                continue
+            section = section_after(z, ends[:, after - 1, row])
             returns = ReturnMap(simulator, section, n_returns * per_cycle, z)
             steps = returns.damped_fixed_point(z[section.indices], scale[section.indices])
             if steps is not None and steps[0].period > shortest:
@@ -198,7 +192,7 @@ def _starts(job: SearchJob) -> tuple[StepMap, Array, Array, int]:
             states[0] = [problem.start.state[name] for name in box.names]
         return step, states, box.sizes, WALK_STEPS + job.n_steps - 1
     step = step_map(problem, None, choose_engine(Engine.AUTO, steps=STARTS_AROUND_GUESS * CYCLES_AROUND_GUESS))
-    states = around_guess(problem, step.dynamics, STARTS_AROUND_GUESS, rng, exact=job.number == 0)
+    states = around_guess(problem, step.dynamics, STARTS_AROUND_GUESS, rng, exact=job.number == 0, within=job.within)
     return step, states, step.dynamics.state_units, CYCLES_AROUND_GUESS * job.n_steps
 
 

@@ -26,7 +26,7 @@ from gaitopt.problem.problem import Problem
 from gaitopt.requests import Method, SearchRequest
 from gaitopt.search.candidate import SAME
 from gaitopt.search.candidates import SearchJob, find_candidates, walks_of
-from gaitopt.search.starts import StartBox, Within, box_around, natural_limits, start_box
+from gaitopt.search.starts import StartBox, Within, box_around, guess_of, natural_limits, section_near, start_box
 from gaitopt.systems import problem_dynamics, solve_sequence
 from gaitopt.verification.verify import recorded_claims, verify
 from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, Workers, key_of
@@ -234,12 +234,14 @@ class SearchPlan(SearchRequest):
         Raises
         ------
         ProblemError, UnknownNameError
-            If the walker has several contacts, or ``within`` has a key that is not a section coordinate.
+            If ``within`` has a key that is not a section coordinate, or there is no guess around which it lies.
         """
         if not self.within:
             return
-        self.problem.check_one_foot("a range of start states")
-        names = self.problem.map_section.names
+        section, dynamics = self.problem.section, problem_dynamics(self.problem)
+        if section is None or not section.stated:
+            section = section_near(dynamics, guess_of(self.problem, dynamics))
+        names = () if section is None else section.every_step.names
         unknown = [name for name in self.within if name not in names]
         if unknown:
             raise UnknownNameError(
@@ -319,11 +321,8 @@ def search(
         return replace(jobs, progress=finished).complete(find_candidates, pending, len(pending))
 
     problem, dynamics, walks = plan.problem, problem_dynamics(plan.problem), -(-plan.starts // walks_of(plan.problem))
-    if not has_stated_sections(type(problem.walker), problem.cycle_end):  # there is no box, and there are no families
-        results += complete([plan.job(problem, "simulation", number) for number in range(walks)])
-        gaits = list_gaits(results)
-        return replace(gaits, searched={**gaits.searched, "complete": len(results) == walks})
-    boxes = [start_box(problem, dynamics, plan.within)]
+    has_box = has_stated_sections(type(problem.walker), problem.cycle_end)
+    boxes = [start_box(problem, dynamics, plan.within)] if has_box else []
     pending = [plan.job(problem, "simulation", number) for number in range(walks)]
     n_followed, n_jobs = 0, 0
     while True:
@@ -337,6 +336,8 @@ def search(
             n_followed, n_jobs = n_followed + len(new), n_jobs + len(families)
             results += complete(families)
             gaits = list_gaits(results, known=gaits)
+        if not has_box:  # starts lie around a guess
+            return replace(gaits, searched={**gaits.searched, "complete": len(results) == n_jobs})
         box = grown_box(plan, dynamics, boxes[-1], gaits)
         if len(boxes) == MOST_BOXES or box.ranges == boxes[-1].ranges or len(results) < n_jobs:
             break

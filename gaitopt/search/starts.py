@@ -1,7 +1,7 @@
 """Start states of the walks of a search: in a box of section coordinates, or around the state of a guess.
 
 A walker whose class states its section has a box of start states. For other walkers the section depends on the states
-of the contacts, so that starts are sampled around the state of the guess.
+of the contacts, so that starts are sampled around the state of the guess, or in given ranges of its section.
 """
 
 from collections.abc import Mapping
@@ -16,6 +16,7 @@ from gaitopt.model.buffered import RowMap
 from gaitopt.model.checks import swing_foot
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import OFF, Mode
+from gaitopt.model.section import Section
 from gaitopt.problem.problem import Problem
 
 Within = Mapping[str, tuple[float, float]]
@@ -130,18 +131,33 @@ def _turn_forward(dynamics: Dynamics, xi: Array) -> None:
     xi[feet[:, 0] > 0, : len(walker.section)] *= -1
 
 
-def around_guess(problem: Problem, dynamics: Dynamics, count: int, rng: np.random.Generator, *, exact: bool) -> Array:
+def around_guess(
+    problem: Problem, dynamics: Dynamics, count: int, rng: np.random.Generator, *, exact: bool, within: Within
+) -> Array:
     """Start states around that of the guess, shape (count, n_z); NaN if there is no such state.
 
     The first one is the state of the guess itself if ``exact``.
+
+    Parameters
+    ----------
+    within : ranges of section coordinates, see ``section_near``, in place of those around the guess.
     """
-    guess = np.array([problem.guess.state[name] for name in dynamics.system.state_names])
+    guess, names = guess_of(problem, dynamics), dynamics.system.state_names
     spread = dynamics.state_units * np.repeat([NEAR_COORDINATE, NEAR_RATE], guess.size // 2)
     states = np.empty((count, guess.size))
     for k in range(count):
         size = 0.0 if exact and k == 0 else rng.uniform(SMALLEST_SCALE, 1.0)
-        states[k] = on_ground(dynamics, guess, size * spread * rng.uniform(-1, 1, guess.size))
+        change = size * spread * rng.uniform(-1, 1, guess.size)
+        for name, span in within.items() if size else ():
+            index = names.index(name)
+            change[index] = rng.uniform(*span) - guess[index]
+        states[k] = on_ground(dynamics, guess, change)
     return states
+
+
+def guess_of(problem: Problem, dynamics: Dynamics) -> Array:
+    """The state of the guess of a problem, shape (n_z,)."""
+    return np.array([problem.guess.state[name] for name in dynamics.system.state_names])
 
 
 def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
@@ -149,6 +165,16 @@ def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
 
     Contacts that stick or slip in ``state`` do the same in the new state.
     """
+    section = section_near(dynamics, state)
+    if section is None:
+        return np.full(state.size, np.nan)
+    near = state.copy()
+    near[section.indices] += change[section.indices]
+    return section.lift(near[section.indices], dynamics.p, near)
+
+
+def section_near(dynamics: Dynamics, state: Array) -> Section | None:
+    """The section of states in which contacts do what they do in ``state``; None if they cannot do so together."""
     system, scales, p = dynamics.system, dynamics.scales, dynamics.p
     heights, velocities, _ = (np.asarray(value).ravel() for value in system.contact_points(state, p))
     states = dict[str, str]()
@@ -159,9 +185,6 @@ def on_ground(dynamics: Dynamics, state: Array, change: Array) -> Array:
         states[name] = ("stick" if name in system.walker.weightless() else slip) if touches else OFF
     mode = system.walker.contact_mode(states)
     try:
-        section = system.section(mode)
+        return system.section(mode)
     except ProblemError:  # the contacts cannot reach the ground together
-        return np.full(state.size, np.nan)
-    near = state.copy()
-    near[section.indices] += change[section.indices]
-    return section.lift(near[section.indices], p, near)
+        return None

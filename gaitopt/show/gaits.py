@@ -223,15 +223,14 @@ def contact_rows(motions: Sequence[Motion]) -> list[tuple[Motion, str]]:
 def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
     """Draw what every contact does versus time as coloured bars, a row each; returns the legend's entries.
 
-    A slip too short to be seen has a mark above its bar. A foot without a name is shown in flight too; a named contact
-    that is off leaves its row empty.
+    A slip too short to be seen has a mark above its bar. A contact that is off leaves its row empty, except in flight.
     """
     rows, present, narrow = contact_rows(motions), set[Mode](), False
     whole = max(motion.period for motion in motions)
     for row, (motion, name) in enumerate(rows):
         for began, step in with_start_times(motion.steps):
             for arc in step.arcs:
-                word = arc.mode.contacts[name] if arc.mode.is_named else arc.mode.contact
+                word = arc.mode.contacts[name] if arc.mode.touching else Mode.FLIGHT
                 if word != OFF:
                     begin, colour = began + arc.start, MODE_COLOURS[Mode(word)]
                     axes.barh(row, arc.duration, left=begin, height=BAR, color=colour, linewidth=0)

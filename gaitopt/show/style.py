@@ -164,7 +164,7 @@ def mode_legend(modes: Sequence[Mode], *, each: bool = False) -> list[Line2D]:
         styles += [FLIGHT_DOTS] * any(not mode.touching for mode in modes)
     else:
         styles = [dashes(mode) for mode in modes]
-    several = not each and any(mode.is_named for mode in modes)
+    several = not each and any(len(mode.touching) > 1 for mode in modes)
     words = ("a foot sticks", "all feet on the ground slip") if several else ("foot sticks", "foot slips")
     known = zip(("-", SLIP_DASHES, FLIGHT_DOTS), (*words, "flight"), strict=True)
     return [entry(text, linestyle=style) for style, text in known if style in styles]

@@ -38,8 +38,8 @@ class ClearCases:
         friction = dynamics.contact_friction
         self._friction, self._landing_friction = friction[FOOT], friction.get(SWING_FOOT, friction[FOOT])
         self._stick_first = dynamics.stick_comes_first
-        self._speed, self._has_mass = dynamics.scales.speed, not walker.massless_feet
-        self._lifts = self._has_mass and not walker.flies
+        self._speed, self._has_mass = dynamics.scales.speed, not walker.weightless()
+        self._lifts = self._has_mass and not walker.leaves_ground()
         stuck, slips = table.margin_names(table.landed[0]), table.margin_names(table.landed[-1])
         self._normal_force, self._cone = stuck.index("normal_force"), [stuck.index(name) for name in CONE.values()]
         self._painleve = slips.index("painleve") if self._has_mass else 0

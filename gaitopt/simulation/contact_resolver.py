@@ -17,9 +17,13 @@ cases the motion ends, with an ending that says whether no combination is consis
 contacts is accepted even if its ``regularity`` is not positive: it satisfies the laws of contact and friction, although
 not as their only solution.
 
-**A foot that stands alone** never begins a slip in Painleve's paradox. If friction wedges it in, it could stick as well
-as lift off. It sticks, because the plastic impact, or the phase before, has loaded it, and the force of a slightly
-compliant contact tends to that of sticking. ``ClearCases`` decides the cases that rounding cannot change.
+**A contact that rests alone on the ground** never begins a slip in Painleve's paradox. If friction wedges it in, it
+could stick as well as lift off. It sticks, because the plastic impact, or the phase before, has loaded it, and the force
+of a slightly compliant contact tends to that of sticking. For a walker that stands on one foot at a time,
+``ClearCases`` decides the cases that rounding cannot change.
+
+A walker may declare that it never leaves the ground (``Walker.leaves_ground``). If all its contacts would leave it, the
+motion ends with ``lift_off``.
 
 Some control laws compute torques for a motion in which contacts are held. While motions are compared, they hold all
 contacts that touch just before. If the chosen mode implies other torques, because a contact leaves, the decision is
@@ -36,7 +40,7 @@ from gaitopt.gait.trajectory import ImpactRecord, impact_record
 from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.friction import ImpactLaw
-from gaitopt.model.modes import FOOT, OFF, SWING_FOOT, Mode
+from gaitopt.model.modes import OFF, Mode
 from gaitopt.model.transitions import AT_REST, CANNOT_SLIP, CONE, PHASE_MARGINS, Ending, Transition, grounded
 from gaitopt.simulation.clear_cases import ClearCases, is_within_cone
 from gaitopt.simulation.contact_forces import ContactForces, ContactInstant, Solutions
@@ -140,14 +144,14 @@ class ContactResolver:
     Attributes
     ----------
     system : the walker under its control law.
-    clear : decides clear cases of a lone foot; None for other walkers.
+    clear : decides clear cases if the table has the margin ``painleve``; else None.
     """
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self.system = dynamics, dynamics.system
         walker, scales = dynamics.system.walker, dynamics.scales
         self._speed, self._impulse = scales.speed, scales.impulse
-        self._names, self._alone = walker.landing_points(), walker.stands_on_one()
+        self._names, self._base = walker.landing_points(), walker.base_contact()
         self._number = {name: k for k, name in enumerate(self._names)}
         self._massless = walker.weightless()
         self._weightless = np.array([name in self._massless for name in self._names])
@@ -156,7 +160,7 @@ class ContactResolver:
         self._forces = ContactForces(dynamics)
         self._points = Buffers(dynamics.system.contact_points)
         self._natural = NaturalDynamics(dynamics)
-        self.clear = ClearCases(dynamics) if self._alone else None
+        self.clear = ClearCases(dynamics) if dynamics.system.transitions.unique == "painleve" else None
         self._pushes: dict[Mode, Buffers] = {}
         self._impacts: dict[tuple[Mode, tuple[Mode, ...]], Buffers] = {}
 
@@ -172,14 +176,14 @@ class ContactResolver:
     def settled(self, z: Array, *, stopped: Mode | None = None) -> Array:
         """A state in which slip velocities that only consist of rounding errors are exactly zero.
 
-        The slip velocity of a lone foot is a coordinate of the state. For other walkers, after a contact has come to
+        The slip velocity of a foot at the base point is part of the state. For other walkers, after a contact comes to
         rest, the rates are changed by the smallest amount that also stops the contacts that stop at the same instant.
 
         Parameters
         ----------
         stopped : the mode that a contact has just left by coming to rest.
         """
-        if self._alone:
+        if self._base:
             if stopped is None and abs(z[-1]) > SLIPS_NO_MORE * self._speed:
                 return z
             z = z.copy()
@@ -201,14 +205,14 @@ class ContactResolver:
         Parameters
         ----------
         anywhere : whether the state may be any state, and not only one just after an impact. Stops are then locked if
-            their gap and its rate are zero, and a lone foot may be in flight.
+            their gap and its rate are zero.
         """
         reason = self.below_ground(z)
         if reason is not None:
             return Termination(Ending.SCUFFING, reason)
         walker, table = self.system.walker, self.system.transitions
-        states, landing = self._contact_states(z, anywhere=anywhere)
-        contact = Mode.of_feet({**states, SWING_FOOT: OFF}) if self._alone else Mode.of_contacts(states)
+        states, landing = self._contact_states(z)
+        contact = walker.contact_mode(states)
         if contact not in walker.foot_modes():
             return Termination(Ending.PAINLEVE, CANNOT_SLIP)
         mode = walker.released(contact)
@@ -226,43 +230,35 @@ class ContactResolver:
             return Termination(Ending.IMPACT_INCONSISTENT, reason)
         return mode, row
 
-    def _contact_states(self, z: Array, *, anywhere: bool) -> tuple[dict[str, str], list[str]]:
+    def _contact_states(self, z: Array) -> tuple[dict[str, str], list[str]]:
         """The state of every contact, and the names of the contacts on the ground that come down."""
         heights, velocities, counts = (values.copy() for values in self._points(z, self._dynamics.p))
-        length, still = self._dynamics.scales.length, 0.0 if self._alone else TOUCHING
-        states, landing = dict[str, str](), list[str]()
+        length, states, landing = self._dynamics.scales.length, dict[str, str](), list[str]()
         for k, name in enumerate(self.system.walker.contact_names()):
             v_t, v_n = velocities[2 * k : 2 * k + 2] / self._speed
             on_ground = abs(heights[k]) <= TOUCHING * length
+            still = 0.0 if name == self._base else TOUCHING  # ``settled`` leaves no rounding at the base point
             states[name] = "stick" if abs(v_t) <= still else str(Mode.slip(v_t))
             if on_ground and v_n < -TOUCHING and counts[k] > 0 and name not in self._massless:
                 landing.append(name)
-            cannot_slip = not self._alone and name in self._massless and abs(v_t) > TOUCHING
+            cannot_slip = name in self.system.walker.placed_contacts() and abs(v_t) > TOUCHING
             if not on_ground or abs(v_n) > TOUCHING or cannot_slip:  # a massless contact that slips is off the ground
                 states[name] = OFF
-        if self._alone and self.system.walker.massless_feet and anywhere:  # it is off if the force would pull
-            value, rate = margin_and_rate(self._dynamics, "normal_force", self.system.transitions.landed[0], z)
-            size = TOUCHING * self._dynamics.scales.force
-            if value < -size or (value <= size and rate < 0):
-                states[FOOT] = OFF
         return states, landing
 
     def following(self, transition: Transition, t: float, z: Array, segment: int) -> Mode | Termination:
-        """The mode after an event without a reset: forces decide, unless there is only one candidate.
-
-        If a jump of the torques lifts off a lone foot that slips, the slip ends with the first event of the next arc.
-        """
+        """The mode after an event without a reset: forces decide, unless there is only one candidate."""
         if self.is_decided(transition):
             return transition.candidates[0]
         return self.mode_at_rest(transition.candidates, t, z, segment)
 
     def is_decided(self, transition: Transition) -> bool:
         """Whether the first candidate follows an event without a reset, whatever the forces."""
-        return len(transition.candidates) == 1 or (self._alone and not transition.at_rest)
+        return len(transition.candidates) == 1
 
     def mode_at_rest(self, candidates: tuple[Mode, ...], t: float, z: Array, segment: int) -> Mode | Termination:
         """The one of ``candidates`` that is consistent with the forces at time ``t`` in state ``z``."""
-        if self.clear is not None:
+        if self.clear is not None and candidates[0].sticks:
             ground = grounded(candidates)
             point, slips = self._natural.rest(
                 ground[0], ground[1:], segment, t / self._natural.time, z / self._natural.state
@@ -287,14 +283,14 @@ class ContactResolver:
             candidates = tuple(mode for mode in candidates if {*mode.touching} <= {*chosen.touching})
 
     def _with_leaving(self, candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
-        """The candidates, and for a lone foot of a walker that cannot fly its flight, which ends the motion."""
-        if self._alone and not self.system.walker.flies and grounded(candidates):
+        """The candidates, and the flight that ends the motion of a walker that never leaves the ground."""
+        if not self.system.walker.leaves_ground() and grounded(candidates):
             return (*candidates, candidates[0].with_contact(Mode.FLIGHT))
         return candidates
 
     def _kept(self, mode: Mode, reason: str) -> Mode | Termination:
-        """A mode, unless the walker leaves the ground in it and cannot fly."""
-        leaves = self._alone and not mode.touching and not self.system.walker.flies
+        """A mode, unless a walker that never leaves the ground would leave it."""
+        leaves = not mode.touching and not self.system.walker.leaves_ground()
         return Termination(Ending.LIFT_OFF, reason) if leaves else mode
 
     def _chosen(
@@ -318,12 +314,13 @@ class ContactResolver:
             if self._holds(instant, found, k, touching, held)
         ]
         kinetic = self._forces.friction.kinetic
-        if self._alone:
+        rests_alone = len(touching) == 1 and candidates[0].sticks
+        if rests_alone:
             slips = [option.mode for option in options if option.mode.slips]
             paradox = {m for m in slips if self._forces.regularity(instant.mechanics, (m,), kinetic).item() <= 0}
             options = [option for option in options if option.mode not in paradox]
         different = self._different(options)
-        if len(different) == 1 or (different and (self._drops or self._alone)):
+        if len(different) == 1 or (different and (self._drops or rests_alone)):
             return self._preferred(different).mode
         if different:
             names = " and ".join(option.mode.brief for option in different)
@@ -413,8 +410,7 @@ class ContactResolver:
         for name, (p_t, p_n) in zip(pushing, impulses, strict=True):
             friction = self._forces.friction.static[self._number[name]]
             if not is_within_cone(p_t, p_n, friction):
-                who = "foot" if self._alone else f"contact {name}"
-                reason = f"the {who} that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
+                reason = f"{self.system.walker.called(name)} that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
                 return Termination(Ending.PUSH_SLIPS, f"{reason}, has {friction:g}")
         return None
 
@@ -451,16 +447,17 @@ class ContactResolver:
         before, size, number = mechanics.velocities, TOUCHING * self._dynamics.scales.length, self._number
         if fault := self._arrival_fault(landing, heights, before):
             return fault
-        massless = landing & {*self._massless}
-        if massless and self._alone:
-            return candidates[0]
+        massless, possible = landing & {*self._massless}, {*self.system.walker.foot_modes()}
         touching = {name for candidate in candidates for name in candidate.touching}
-        for name in {*self.system.walker.contacts} - touching - {*self._massless}:
+        for name in {*self._names} - touching - {*self._massless}:
             if abs(heights[number[name]]) <= size and before[number[name], 1] < -TOUCHING:
                 landing = landing | {name}
                 touching.add(name)
-                candidates = tuple(m.with_states({name: state}) for m in candidates for state in AT_REST)
+                joined = (m.with_states({name: state}) for m in candidates for state in AT_REST)
+                candidates = tuple(mode for mode in joined if mode in candidates or mode.contact in possible)
         conceivable = [candidate for candidate in candidates if massless <= {*candidate.touching}]
+        if len(conceivable) == 1 and landing == massless:  # a massless contact lands without an impulse
+            return conceivable[0]
         known = [candidate for candidate in conceivable if not self._forces.is_undetermined(candidate)]
         kinetic = self._forces.friction.kinetic
         if self._frictionless:
@@ -470,7 +467,8 @@ class ContactResolver:
             _Option(k, known[k], mechanics.dq + found.motion[k]) for k in self._following(found, touching, mechanics.J)
         ]
         different = self._different(options)
-        if len(different) == 1 or (different and (self._stick_first or (self._alone and not landing))):
+        is_wedged = len(touching) == 1 and not landing
+        if len(different) == 1 or (different and (self._stick_first or is_wedged)):
             chosen = self._preferred(different)
             after, is_regular = chosen.mode, not chosen.mode.slips
             regularity = 1.0 if is_regular else self._forces.regularity(mechanics, (after,), kinetic).item()
@@ -493,8 +491,8 @@ class ContactResolver:
 
     def _arrival_fault(self, landing: set[str], heights: Array, velocities: Array) -> Termination | None:
         """The end of the motion if a contact would land from below the ground; None if none does."""
-        for name in landing if self._alone else landing - {*self._massless}:
-            contact, k = f"the {name.replace('_', ' ')}" if self._alone else name, self._number[name]
+        for name in landing - {*self.system.walker.placed_contacts()}:  # which are on the ground only from then on
+            contact, k = self.system.walker.called(name), self._number[name]
             if heights[k] < -TOUCHING * self._dynamics.scales.length:
                 where = f"it is {-heights[k]:.3g} m below the ground where it begins to count as a contact"
                 return Termination(Ending.SCUFFING, f"{contact} scuffs: {where}")

@@ -135,7 +135,7 @@ class OnTiles:
             for what, column in columns.items():
                 if (place := self._place.get(f"{FLOOR}.{name}.{what}")) is not None:
                     p[:, place] = column
-        if self.system.uneven and self.system.walker.stands_on_one():
+        if self.system.uneven and self.system.walker.base_contact():
             is_higher = (tiles[SWING_FOOT].height != 0) | (tiles[FOOT].slope != 0)
             p[:, self._place[f"{FLOOR}.{SWING_FOOT}.is_higher"]] = is_higher
             p[:, self._place[f"{FLOOR}.{TRAILING}"]] = self.trailing(states)
@@ -175,8 +175,8 @@ class Ground:
 
     def start(self, z: Array) -> dict[str, int]:
         """The tiles of the contacts that are on the ground where a walk begins with the state ``z``, shape (n_z,)."""
-        if self._walker.stands_on_one():
-            return {FOOT: 0}
+        if base := self._walker.base_contact():
+            return {base: 0}
         low = LEVEL * self._nominal.scales.length
         return {name: 0 for name, height in self._heights(z).items() if height <= low}
 
@@ -207,12 +207,12 @@ class Ground:
         """
         floor, on_tiles, states = self.floor, self.on_tiles, z[None]
         tiles = {name: on_ground.get(name, self._next(n, name)) for name in self._walker.landing_points()}
-        first = floor.tile(n if self._walker.stands_on_one() else 0).height
+        first = floor.tile(n if self._walker.base_contact() else 0).height
         heights = {name: floor.tile(tile).height - first for name, tile in tiles.items()}
-        if not self._walker.stands_on_one() and on_tiles.system.uneven:  # they may have slid along their tiles
+        if not self._walker.base_contact() and on_tiles.system.uneven:  # they may have slid along their tiles
             heights |= {name: height for name, height in self._heights(z).items() if name in on_ground}
         before = floor.tile(max(n - 1, 0))
-        level = [*heights.values(), first - before.height if self._walker.stands_on_one() else 0.0]
+        level = [*heights.values(), first - before.height if self._walker.base_contact() else 0.0]
         flat = not any(level) and not any(tile.slope for tile in (before, *map(floor.tile, tiles.values())))
         same = all(on_tiles.is_nominal(n, name, floor.tile(tile).friction) for name, tile in tiles.items())
         if flat and same and not on_tiles.trailing(states).any():
@@ -231,7 +231,7 @@ class Ground:
         found, touching = list[Arc](), tuple[str, ...]()
         for arc in arcs:
             dynamics = found[-1].dynamics if found else self.dynamics(n, on_ground, arc.states[0])
-            if found and arc.mode.is_named and arc.mode.touching != touching:
+            if found and not self._walker.base_contact() and arc.mode.touching != touching:
                 now = self.within(n, on_ground, arc.mode)
                 on_ground.clear()
                 on_ground.update(now)
@@ -270,7 +270,7 @@ def check_floor(system: HybridSystem, floor: Floor) -> None:
     """
     walker = system.walker
     never = system.cycle_end == CLOCK or not (walker.step_ends() or system.cycle_end != TOUCHDOWN)
-    if never or (walker.stands_on_one() and system.cycle_end != TOUCHDOWN):
+    if never or (walker.base_contact() and system.cycle_end != TOUCHDOWN):
         raise ProblemError(
             f"floor: no landing ends a step of the {walker.model}, so that no tile is under a foot; "
             "set the friction of its contacts instead"

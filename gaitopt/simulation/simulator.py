@@ -142,9 +142,11 @@ class Simulator:
     ) -> "Simulator":
         """The simulator after an event within step ``n`` of a walk, see ``step``, whose tiles it updates.
 
-        It is another one where other named contacts touch the ground.
+        It is another one where other contacts touch the ground. A foot at the base point stays on the tile of its step.
         """
-        if walk is None or not isinstance(after, Mode) or not after.is_named or after.touching == before.touching:
+        if walk is None or not isinstance(after, Mode) or after.touching == before.touching:
+            return self
+        if self.system.walker.base_contact():
             return self
         (whole, tiles), ground = walk, walk[0]._ground
         assert ground is not None
@@ -376,7 +378,7 @@ class Simulator:
             if isinstance(landed, Termination):
                 return landed, z, None
             after, z = landed
-            struck = after if after.is_named else after.contact if transition.reset.swaps else None
+            struck = self.system.transitions.stated_impact(transition.reset.of, after)
             return self._continued(after, time, z, segment), z, struck
         return self._resolver.following(transition, time, z, segment), z, struck
 

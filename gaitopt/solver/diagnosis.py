@@ -216,11 +216,9 @@ def _lands_from_below(at: Solution) -> Cause | None:
     """A phase at whose end the swing foot moves away from the ground; None if there is none.
 
     The guard of touchdown vanishes where two legs have opposite angles. The foot then comes down in a step forward, and
-    comes up through the ground in a step backward. Named contacts land where their height falls to zero.
+    comes up through the ground in a step backward.
     """
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
-    if equations.system.walker.contacts:
-        return None
     per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
     last_arcs = {arc.phase: index for index, arc in enumerate(equations.mesh.arcs)}
     for phase, index in last_arcs.items():
@@ -228,10 +226,11 @@ def _lands_from_below(at: Solution) -> Cause | None:
         if reset is None or not reset.swaps:
             continue
         times, states = equations.sample(at.w, at.p, index, SAMPLES)
-        landing = buffered(equations.system.approach(cycle.phases[phase]))
+        landing = buffered(equations.system.approach(cycle.phases[phase], reset.of))
         approach = landing(states[-1], per_phase[phase].p)[0].item()
         if not approach < 0:
-            words = f"the swing foot touches the ground from below, {times[-1]:.4f} s after the impact"
+            foot = equations.system.walker.called(reset.of)
+            words = f"{foot} touches the ground from below, {times[-1]:.4f} s after the impact"
             return Cause(
                 what="landing", words=f"{words}: its normal velocity is {approach:.4g} m/s", phase=phase,
                 step=cycle.step_of(phase), time=float(times[-1]), needed=0.0, available=approach,
@@ -293,7 +292,9 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
         normal = replace(label, name=named(NORMAL[kind(label.name)], label.name))
         forward, backward = margins[i], margins[rows[partner]]
         f_n = margins[rows[normal]] if normal in rows else (forward + backward) / (2 * friction or np.inf)
-        if min(forward, backward) < 0 < f_n:
+        if (
+            min(forward, backward) < -RESIDUAL_TOLERANCE * units[i] and f_n > 0
+        ):  # massless contacts land without impulses
             needed = float(abs(forward - backward) / (2 * f_n))
             who = f"{contact_of(label.name)} " if "." in label.name else ""
             words = f"{who}needs friction {{}}, has {{}}".format(*distinguished(needed, friction))

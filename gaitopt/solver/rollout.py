@@ -23,7 +23,7 @@ from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
-from gaitopt.model.section import CLOCK, has_stated_sections
+from gaitopt.model.section import CLOCK, TOUCHDOWN
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import LANDINGS
 from gaitopt.problem.problem import Problem
@@ -310,11 +310,11 @@ def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
     """Time of a step [s] at the rates of ``state``, until the first joint reaches the shape that the impact maps back.
 
     If no joint moves, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so that A and b
-    follow from any one state, unless the walker itself places its massless feet; then, and where no class states the
-    section, it is the natural unit of time as well.
+    follow from any one state, unless massless feet are placed anew; then, and where no landing ends the cycle, it is
+    the natural unit of time as well.
     """
     system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
-    if system.walker.massless_feet or not has_stated_sections(system.walker, system.cycle_end):
+    if system.walker.weightless() or system.cycle_end != TOUCHDOWN:
         return time
     n, rates = len(system.walker.shape), np.abs(state[system.n_shape + 1 :])
     struck, last = system.walker.swapped(cycle.impact), cycle.phases[-1]

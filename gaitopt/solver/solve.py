@@ -21,7 +21,7 @@ from gaitopt.gait.gait import Cause, Gait, Status, describe_causes
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import contact_of, kind
+from gaitopt.model.transitions import kind
 from gaitopt.problem.plausibility import NO_ENERGY, lacks_energy
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
@@ -288,7 +288,9 @@ def _foot_below_ground(guess: Rollout) -> Cause | None:
         ]
         if max(heights) > 0 > heights[-1] + AIRBORNE * guess.dynamics.margin_units(mode)[row]:
             passed = times[max(k for k, height in enumerate(heights) if height > 0)]
-            foot = f"the contact {contact_of(ending)}" if mode.is_named else "the swing foot"
+            reset = system.transitions.ending(cycle, phase).reset
+            assert reset is not None
+            foot = system.walker.called(reset.of)
             words = (
                 f"{cycle.phase_words(phase)}: at the landing of the guess, {time:.4g} s after the impact, {foot} is "
                 f"below the ground, which it reaches about {passed:.4g} s after the impact; guess a shorter step"

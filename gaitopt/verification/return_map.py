@@ -362,8 +362,8 @@ def _has_modes_of(cycle: StepModes, walked: StepModes) -> bool:
 
 
 def _lies_between(mode: Mode, before: Mode, after: Mode) -> bool:
-    """Whether every contact has in ``mode`` its state of ``before`` or of ``after``."""
-    return mode.is_named and all(
+    """Whether every contact has in ``mode`` its state of ``before`` or of ``after``, and not all those of one."""
+    return mode.contacts not in (before.contacts, after.contacts) and all(
         state in (before.contacts[name], after.contacts[name]) for name, state in mode.contacts.items()
     )
 

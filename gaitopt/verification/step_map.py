@@ -133,11 +133,13 @@ class StepMap:
         return self._lift(xi, self.dynamics.p, self._near)
 
     def closed(self, xi: Array) -> tuple[Callable[[Array], StepOutcomes], Array]:
-        """A map that can follow every walk, and the states in its terms for section coordinates.
+        """A map that can follow every walk, and the states in its terms for section coordinates or whole states.
 
         A walk may leave the section of a gait if more contacts slip or touch. In that case the map takes whole states.
         """
-        return (self, xi) if self.is_stated else (self.walk, self.lift(xi))
+        if self.is_stated:
+            return self, xi
+        return self.walk, xi if xi.shape[1] == self.dynamics.system.n_z else self.lift(xi)
 
     def walk(self, states: Array) -> StepOutcomes:
         """Walk one step from whole states, shape (n, n_z), to whole states, which may lie off the section."""

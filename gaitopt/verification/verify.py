@@ -439,7 +439,7 @@ def _state_error(gait: Gait, walked: Sequence[Step]) -> float:
     def between_impacts(step: Step) -> Iterator[tuple[Arc, tuple[object, ...]]]:
         landed = 0
         for arc in step.arcs:
-            landed += arc.struck is not None and not arc.struck.is_named
+            landed += arc.struck is not None and arc.struck.swaps
             yield arc, (landed, arc.mode.locked, arc.mode.touching)
 
     def states_at(step: Step, ours: Arc, key: tuple[object, ...]) -> Array:

@@ -231,7 +231,7 @@ def _check_state(dynamics: Dynamics, z: Array) -> None:
     undefined = [f"{name} = {value}" for name, value in values.items() if not isfinite(value)]
     if undefined:
         raise ProblemError(f"state {undefined[0]}: is not a number")
-    if dynamics.system.walker.contacts or "y" not in values:
+    if not dynamics.system.walker.base_contact() or "y" not in values:  # no foot is at (x, y)
         return
     height, rate = values["y"] / dynamics.scales.length, values["dy"] / dynamics.scales.speed
     if height < -ON_GROUND or (height <= ON_GROUND and rate < -ON_GROUND):

@@ -44,6 +44,26 @@ def test_the_exponent_of_a_cycle_is_the_logarithm_of_its_multiplier():
     assert run.lyapunov == pytest.approx(np.log(gait.spectral_radius), abs=1e-9)
 
 
+@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
+@pytest.mark.parametrize("name", ["crawler", "heel-toe", "inchworm"])
+def test_the_exponent_of_a_walker_with_several_contacts_is_the_logarithm_of_its_multiplier(name, engine):
+    if engine == "heyoka":
+        pytest.importorskip("heyoka")
+    gait = named(name)
+    mapped = step_map(gait.problem, None, Engine(engine))
+    (run,), endings = settled(mapped, gait.state[None] * (1 + 1e-9), transient=20, keep=4)
+    assert (run.period_steps, run.starts, endings) == (1, 1, {})
+    assert run.lyapunov == pytest.approx(np.log(gait.spectral_radius), abs=1e-8)
+
+
+def test_walks_of_a_crawler_settle_on_its_gait_from_starts_around_it():
+    found = go.attractors(
+        "crawler", {"friction.rear": (0.59, 0.6, 2)}, **(FEW | {"starts": 3, "transient": 20, "keep": 4})
+    )
+    assert [[run["period_steps"] for run in record["attractors"]] for record in found.records] == [[1], [1]]
+    assert found.names == go.load_problem("crawler").walker.state_names()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-two-step", "compass-unequal"])
 def test_exponents_of_slipping_of_two_step_and_of_unequal_cycles(name):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import gaitopt as go
 from gaitopt import Status, find, load_problem, solve
 from gaitopt.errors import GaitoptWarning, UnknownNameError
 from gaitopt.search.candidates import SearchJob, find_candidates
@@ -18,7 +19,7 @@ from gaitopt.search.find import (
     near_walls,
     with_open_modes,
 )
-from gaitopt.search.starts import box_around, natural_limits, start_box
+from gaitopt.search.starts import around_guess, box_around, natural_limits, start_box
 from gaitopt.systems import problem_dynamics
 from gaitopt.workers.jobs import FailedJob
 
@@ -226,6 +227,19 @@ def test_start_states_lie_within_the_box_that_is_given():
 def test_a_box_of_a_coordinate_that_is_not_there_is_refused():
     with pytest.raises(UnknownNameError, match=r"within phi.*use theta1"):
         find(open_problem("compass-passive-a"), within={"phi": (0, 1)})
+
+
+def test_starts_of_a_walker_with_several_contacts_lie_in_the_ranges_that_are_given():
+    problem = go.load_problem("crawler")
+    dynamics, spans = problem_dynamics(problem), {"gap": (0.4, 0.41)}
+    states = around_guess(problem, dynamics, 5, np.random.default_rng(0), exact=False, within=spans)
+    heights = np.array([np.asarray(dynamics.system.contact_points(state, dynamics.p)[0]).ravel() for state in states])
+    assert heights == pytest.approx(0, abs=1e-9)
+    for name, (lower, upper) in spans.items():
+        column = states[:, dynamics.system.state_names.index(name)]
+        assert ((lower <= column) & (column <= upper)).all()
+    with pytest.raises(UnknownNameError, match=r"within height: not a coordinate just after an impact; use gap"):
+        go.find(problem, within={"height": (0, 1)}, progress=False)
 
 
 def test_a_closed_problem_has_the_sequence_and_the_motion_of_the_record():

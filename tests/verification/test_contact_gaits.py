@@ -9,7 +9,7 @@ import pytest
 from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_problem, with_point_feet
 from named import named
 
-from gaitopt.api.verbs import attractors, prove
+from gaitopt.api.verbs import prove
 from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.mechanism import Contact, polar
@@ -244,8 +244,6 @@ def test_the_return_map_of_many_states_is_that_of_each(name: str) -> None:
 def test_what_does_not_cover_several_contacts_says_so(name: str, tmp_path: Path) -> None:
     problem = contact_problem(name)
     several = f"the {problem.walker.model}[ ,].*has several contacts"
-    with pytest.raises(ProblemError, match=several):
-        attractors(problem, {"walker.gravity": (9.8, 9.9, 2)}, output=tmp_path)
     with pytest.raises(ProblemError, match=several):
         parse_problem(problem.text.replace("gravity: 9.81", "gravity: {free: [9, 10], guess: 9.81}"))
     proof = prove(contact_gait(name), output=tmp_path / "proof.json")

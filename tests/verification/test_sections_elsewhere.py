@@ -226,10 +226,10 @@ def test_a_law_whose_time_restarts_at_landings_ends_no_cycle_at_a_margin() -> No
 def test_a_landing_at_the_start_of_the_cycle_or_in_an_unknown_word_is_refused_with_its_place() -> None:
     data = problem_data(mid_stride())
     for phase, words in (
-        ({"mode": "stick", "impact": "stick"}, r"gait.phases\[0\].impact: the cycle begins there: leave it out"),
+        ({"mode": "stick", "impact": "stick"}, r"gait.phases\[0\].impact: the step begins there: leave it out"),
         (
             {"mode": "stick", "impact": "flight"},
-            r"gait.phases\[0\].impact: .flight. is not what a foot does",
+            r"gait.phases\[0\].impact: .flight. is not one of the choices",
         ),
     ):
         data["gait"]["phases"] = [phase, "slip_backward", SLIP, "stick"]
@@ -237,11 +237,19 @@ def test_a_landing_at_the_start_of_the_cycle_or_in_an_unknown_word_is_refused_wi
             parse_problem(json.dumps(data), walkers=[MidCompass])
 
 
-def test_designs_and_searches_of_cycles_without_a_final_landing_are_refused_by_name() -> None:
-    data = problem_data(mid_stride())
-    with pytest.raises(ProblemError, match=r"auto ends every cycle of the mid_compass with a landing"):
-        parse_problem(
-            json.dumps(data | {"gait": {"phases": "auto", "section": {"margin": "middle"}}}), walkers=[MidCompass]
-        )
-    with pytest.raises(ProblemError, match="attractors is for cycles that end with a landing"):
-        go.attractors(mid_stride(), over={"friction": (0.13, 0.14, 2)}, progress=False)
+def test_walks_settle_on_the_stable_gait_from_mid_stride_to_mid_stride() -> None:
+    gait = go.solve(mid_stride(), progress=False)
+    found = go.attractors(
+        mid_stride(), over={"friction": (0.139, 0.14, 2)}, starts=2, transient=60, keep=6, workers=1, progress=False
+    )
+    (run,) = found.records[1]["attractors"]
+    assert (run["period_steps"], run["starts"]) == (1, 2)
+    assert run["states"][0] == pytest.approx(gait.state, abs=1e-6)
+    assert run["lyapunov"] == pytest.approx(np.log(gait.spectral_radius), abs=1e-7)
+
+
+@pytest.mark.slow
+def test_a_search_from_mid_stride_finds_the_gaits_a_and_b_that_one_from_landing_to_landing_finds() -> None:
+    found = go.find(mid_stride(), starts=12, workers=1, progress=False)
+    expected = [named(name).scalar("period") for name in ("compass-passive-a", "compass-passive-b")]
+    assert [gait.scalar("period") for gait in found] == pytest.approx(expected, rel=1e-9)
