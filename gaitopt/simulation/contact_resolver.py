@@ -18,8 +18,8 @@ contacts is accepted even if its ``regularity`` is not positive: it satisfies th
 not as their only solution.
 
 **A contact that rests alone on the ground** never begins a slip in Painleve's paradox. If friction wedges it in, it
-could stick as well as lift off. It sticks, because the plastic impact, or the phase before, has loaded it, and the force
-of a slightly compliant contact tends to that of sticking. For a walker that stands on one foot at a time,
+could stick as well as lift off. It sticks, because the plastic impact, or the phase before, has loaded it, and the
+force of a slightly compliant contact tends to that of sticking. For a walker that stands on one foot at a time,
 ``ClearCases`` decides the cases that rounding cannot change.
 
 A walker may declare that it never leaves the ground (``Walker.leaves_ground``). If all its contacts would leave it, the
@@ -410,8 +410,9 @@ class ContactResolver:
         for name, (p_t, p_n) in zip(pushing, impulses, strict=True):
             friction = self._forces.friction.static[self._number[name]]
             if not is_within_cone(p_t, p_n, friction):
-                reason = f"{self.system.walker.called(name)} that pushes off slips: its push needs friction {abs(p_t) / p_n:.6g}"
-                return Termination(Ending.PUSH_SLIPS, f"{reason}, has {friction:g}")
+                reason = f"its push needs friction {abs(p_t) / p_n:.6g}, has {friction:g}"
+                who = self.system.walker.called(name)
+                return Termination(Ending.PUSH_SLIPS, f"{who} that pushes off slips: {reason}")
         return None
 
     def _clear_impact(self, mode: Mode, candidates: tuple[Mode, ...], z_minus: Array) -> Mode | None:
