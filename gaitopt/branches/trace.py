@@ -28,9 +28,9 @@ from gaitopt.branches.codimension_two import (
     others_are_complex,
 )
 from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
-from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH
+from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH, VANISHED, VANISHING
 from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through
-from gaitopt.branches.monitors import MonitorKey, monitor_values
+from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
 from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
@@ -49,6 +49,8 @@ from gaitopt.verification.verify import confirm
 
 LARGEST_LENGTH = 0.05
 """At least twenty points for the range of the second parameter."""
+BESIDE = 1e-6
+"""Arclength from the first point up to which a codimension-two point is the one at which the curve begins."""
 AT_MARGIN = 1e-6
 """Largest difference of the simulated cycle on a margin, in natural units: the simulator may take either sequence."""
 CONSTANT = 1e-9
@@ -233,6 +235,9 @@ class CurveWalk:
                     return
             if self.should_stop is not None and self.should_stop():
                 return
+            if stride(self.point.gait) < VANISHED:
+                yield self._special("end", self.point, reason=VANISHING)
+                return
             reached = self._reached() if self.index else None
             reason = reached or self.request.exhausted(self.count, time.monotonic() - began)
             if reason is not None:
@@ -368,7 +373,7 @@ class CurveWalk:
         for location, name in sorted(zeros, key=lambda zero: (zero[0].length, zero[1])):
             local, kappa = location.point.local, self._condition.kappa
             values = (at.curve_test(name, here) for at in (location.point, here, point))
-            if not is_zero(*values):
+            if not is_zero(*values) or (not self.index and location.length < BESIDE):  # or the point that it begins at
                 continue
             if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
                 continue
