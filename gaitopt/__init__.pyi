@@ -26,6 +26,7 @@ from gaitopt.api.verbs import solve as solve
 from gaitopt.api.verbs import stabilise as stabilise
 from gaitopt.api.verbs import sweep as sweep
 from gaitopt.api.verbs import trace as trace
+from gaitopt.api.verbs import trace_records as trace_records
 from gaitopt.api.verbs import verify as verify
 from gaitopt.design.derivatives import Derivatives as Derivatives
 from gaitopt.display import Page as Page

@@ -54,6 +54,7 @@ VERBS = {
     "continuation": (ContinueRequest, "continue"),
     "continuation_records": (ContinueRequest, "continue"),
     "trace": (TraceRequest, "trace"),
+    "trace_records": (TraceRequest, "trace"),
     "sweep": (SweepRequest, "sweep"),
     "attractors": (AttractorsRequest, "attractors"),
     "basin": (BasinRequest, "basin"),
@@ -77,7 +78,8 @@ def test_signatures_have_the_defaults_of_the_request_and_docstrings_its_fields(v
     call, options = (inspect.signature(each).parameters for each in (getattr(go, verb), commands[command]))
     for name, entry in entries(request).items():
         assert name in call, f"gaitopt.{verb} lacks {name}"
-        assert verb == "continuation_records" or re.search(rf"^    .*\b{name}\b.* : ", getattr(go, verb).__doc__, re.M)
+        stated = re.search(rf"^    .*\b{name}\b.* : ", getattr(go, verb).__doc__, re.M)
+        assert verb.endswith("_records") or stated
         if call[name].default is not inspect.Parameter.empty:
             assert (call[name].default or None) == (entry.default or None), f"{verb}({name})"
         if name in options and options[name].default is not inspect.Parameter.empty:

@@ -5,9 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gaitopt.errors import GaitoptError, StorageError, UnknownNameError
+from gaitopt.errors import GaitoptError, ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.branch import BranchPoint, SpecialPoint
 from gaitopt.gait.gait import Attractor, Gait
+from gaitopt.gait.trace import CurveStart
 from gaitopt.problem.faults import shown
 from gaitopt.problem.problem import Controls, Problem, Walkers, passing
 from gaitopt.problem.source import SUFFIXES
@@ -216,11 +217,13 @@ def load_records(path: str | Path) -> list[dict[str, Any]]:
     """
     from gaitopt.runs.branch import read_branch
     from gaitopt.runs.results import KINDS, kind_of, refuse_other_results
+    from gaitopt.runs.trace import read_trace
 
     folder = Path(path)
     kind = kind_of(folder)
-    if kind == "branch":
-        request, records = read_branch(Run(folder), Run(folder).problem())
+    if kind in ("branch", "trace"):
+        read = read_branch if kind == "branch" else read_trace
+        request, records = read(Run(folder), Run(folder).problem())
         return [dict(record) for record in (request, *records) if record is not None]
     if not kind:
         refuse_other_results(folder)
@@ -253,6 +256,34 @@ def load_special_point(place: str) -> tuple[SpecialPoint, str]:
             "of the table"
         )
     return special_point(motionless_gait(problem, parameter), parameter, specials[index]), parameter
+
+
+def load_curve_start(place: str) -> SpecialPoint | CurveStart:
+    """Where the trace of ``RUN@special.K`` begins: a special point of a branch, or a curve in ``next`` of a trace's.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such special point.
+    ProblemError
+        If no other curve begins at a special point of a trace.
+    """
+    from gaitopt.runs.results import kind_of
+    from gaitopt.runs.trace import restore_trace
+
+    run, at, index = place.rpartition(SPECIAL)
+    if not at:
+        raise UnknownNameError(f"{place} is not a special point: write RUN@special.K, from 0 in the order of the table")
+    if kind_of(Path(run)) != "trace":
+        return load_special_point(place)[0]
+    specials = restore_trace(Path(run)).specials
+    if index not in map(str, range(len(specials))):
+        known = f"0 to {len(specials) - 1}" if specials else "none"
+        raise UnknownNameError(f"{run} has no special point {shown(index)}: those of its trace are {known}")
+    special = specials[int(index)]
+    if not special.next:
+        raise ProblemError(f"{place}: no other curve begins at a special point of type {special.type}")
+    return special.next[0]
 
 
 def load_branch_point(place: str, label: str = "") -> BranchPoint:

@@ -690,15 +690,7 @@ def _stored_records(
     kind = start.type if isinstance(start, SpecialPoint) else ""
     folder = None if output is None else Path(output)
     plan = BranchPlan(problem=gait.problem, request=request, start_type=kind, output=folder)
-
-    def records() -> Iterator[dict[str, Any]]:
-        with plan.run.writing(plan.problem):
-            stored, new = plan.walk(start, should_stop=should_stop)
-            yield {**plan.head, "folder": str(plan.folder), "stored": len(stored)}
-            yield from map(dict, stored)
-            yield from map(dict, new)
-
-    return records()
+    return plan.records(start, should_stop=should_stop)
 
 
 def trace(
@@ -711,6 +703,7 @@ def trace(
     max_points: int = 2000,
     max_seconds: float | None = None,
     verify_every: int = 10,
+    output: Output = False,
     progress: ValueProgress = True,
     should_stop: Stop = None,
 ) -> Trace:
@@ -727,8 +720,10 @@ def trace(
     lower, upper : bounds of the parameter of the branch.
     max_points, max_seconds : limits per target; a curve that ends at a limit is ``open``.
     verify_every : verify every N-th point by simulation; 0 for none.
+    output : run folder in which every point is stored as soon as it is found; points of earlier calls are read from
+        it. True for a folder in ``results`` that is named after gait, special point and targets.
     progress : whether to show it, or a function of the number of points and the second parameter.
-    should_stop : polled before every point; True ends the trace there.
+    should_stop : polled before every point; True ends the trace there, or raises KeyboardInterrupt with ``output``.
 
     Returns
     -------
@@ -743,6 +738,8 @@ def trace(
         reached.
     SolveError
         If there is no gait at the special point, or Newton's method fails there.
+    StorageError
+        If the folder belongs to something else or cannot be written.
 
     References
     ----------
@@ -760,11 +757,74 @@ def trace(
         verify_every=verify_every,
     )
     with shown(progress, value_progress, "tracing", key) as show:
-        records = list[TracePoint | TraceSpecial]()
-        for record in follow_curve(special, request, should_stop=should_stop):
-            records.append(record)
-            show(len(records), record.values[key])
-        return collected_trace(special, key, records)
+        if not output:
+            found = list[TracePoint | TraceSpecial]()
+            for point in follow_curve(special, request, should_stop=should_stop):
+                found.append(point)
+                show(len(found), point.values[key])
+            return collected_trace(special, key, found)
+        from gaitopt.runs.trace import restore_trace
+
+        records = _kept_trace(special, request, None if output is True else output, should_stop)
+        head = next(records)
+        for number, record in enumerate(records, start=1):
+            if number > head["stored"]:
+                show(number, record["values"][key])
+        return restore_trace(Path(head["folder"]))
+
+
+def trace_records(
+    special: SpecialPoint | CurveStart,
+    key: str,
+    to: float | Sequence[float],
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    max_points: int = 2000,
+    max_seconds: float | None = None,
+    verify_every: int = 10,
+    output: str | Path | None = None,
+    should_stop: Stop = None,
+) -> Iterator[dict[str, Any]]:
+    """Follow a special point as ``trace`` does, and yield each point as a JSON object once it is stored on disk.
+
+    Parameters
+    ----------
+    output : run folder of the points, by default that of ``trace`` with ``output=True``.
+
+    Returns
+    -------
+    records : first the request (``record: "trace"``), with the run folder ``folder`` and the number ``stored`` of
+        records of earlier calls; then all records, with the keys of the command line.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError, StorageError, KeyboardInterrupt
+        As ``trace``.
+    """
+    request = TraceRequest(
+        key=key,
+        to=(to,) if isinstance(to, int | float) else tuple(to),
+        lower=lower,
+        upper=upper,
+        max_points=max_points,
+        max_seconds=max_seconds,
+        verify_every=verify_every,
+    )
+    return _kept_trace(special, request, output, should_stop)
+
+
+def _kept_trace(
+    special: SpecialPoint | CurveStart, request: TraceRequest, output: str | Path | None, should_stop: Stop
+) -> Iterator[dict[str, Any]]:
+    from gaitopt.branches.trace import traced_start
+    from gaitopt.runs.trace import TracePlan
+
+    start = traced_start(special, request)  # raises what is wrong before a folder is written
+    folder = None if output is None else Path(output)
+    return TracePlan(problem=start.gait.problem, request=request, start=start, output=folder).records(
+        start, should_stop=should_stop
+    )
 
 
 def prove(

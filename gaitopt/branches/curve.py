@@ -195,11 +195,13 @@ class CurvePoint:
     def state(self) -> ContinuationState:
         """The state from which the continuation can be resumed at this point."""
         equations, curve = self.at.equations, self.curve
+        origins = [float(curve.p[equations.system.parameters.index(key)]) for key in equations.free]
         return ContinuationState(
             unknowns=self.at.w,
             direction=self.tangent,
             arcs=tuple((arc.phase, int(arc.segment), arc.start, arc.end, arc.intervals) for arc in equations.mesh.arcs),
-            origin=float(curve.p[equations.system.parameters.index(curve.parameter)]),
+            origin=origins[-1],
+            others=tuple(origins[:-1]),
             metric=curve.metric.to_array(),
             earlier=int(self.point.earlier is not None),
         )

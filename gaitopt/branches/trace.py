@@ -11,10 +11,10 @@ too: that of a margin does, that of a bifurcation only if the multipliers are co
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import count
+from itertools import count, zip_longest
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from gaitopt.branches.codimension_two import (
 )
 from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
 from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH, VANISHED, VANISHING
-from gaitopt.branches.curve import CurvePoint, Location, Metric, curve_through
+from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through
 from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
 from gaitopt.branches.request import Request
@@ -37,6 +37,7 @@ from gaitopt.callbacks import Stop
 from gaitopt.errors import ProblemError, SolveError, UnknownNameError
 from gaitopt.gait.branch import SpecialPoint
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import ConditionRecord
 from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.model.cycle import Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -45,6 +46,8 @@ from gaitopt.requests import TraceRequest
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.arclength import next_length
 from gaitopt.solver.rollout import retraced, roll_out
+from gaitopt.store.branch import StoredPoint
+from gaitopt.store.trace import StoredTrace
 from gaitopt.verification.verify import confirm
 
 LARGEST_LENGTH = 0.05
@@ -100,12 +103,13 @@ def curve_start(special: SpecialPoint) -> CurveStart:
     return CurveStart(type="margin", parameter=special.parameter, gait=gait, margin=(key.kind, key.phase, key.step))
 
 
-def condition_of(start: CurveStart) -> Condition:
-    """The condition that holds along a curve."""
-    if start.margin is not None:
-        return MarginZero(MonitorKey(*start.margin))
-    critical = KINDS[start.type]
-    return Pair(start.kappa) if critical is None else Eigenvalue(critical)
+def condition_of(record: ConditionRecord) -> Condition:
+    """The condition that holds along a curve, from the record of its start."""
+    if "margin" in record:
+        kind, phase, step = record["margin"]
+        return MarginZero(MonitorKey(kind, phase, step))
+    critical = KINDS[record["type"]]
+    return Pair(record["kappa"]) if critical is None else Eigenvalue(critical)
 
 
 def vanishing_monitor(gait: Gait) -> MonitorKey:
@@ -149,6 +153,7 @@ def follow_curve(
     start: CurveStart | SpecialPoint,
     request: TraceRequest,
     *,
+    done: Sequence[StoredTrace] = (),
     should_stop: Stop = None,
 ) -> Iterator[TracePoint | TraceSpecial]:
     """The points and special points of a curve, one by one, towards each target in turn; see ``gaitopt.trace``.
@@ -156,32 +161,23 @@ def follow_curve(
     Parameters
     ----------
     start : where it begins.
+    done : what is stored of the walk to each target, of an unfinished trace.
 
     Raises
     ------
     UnknownNameError, ProblemError, SolveError
         If there is no such curve, parameter or target.
     """
-    first = start.parameter
-    if isinstance(start, SpecialPoint):
-        curve_start(start)  # what has no curve is refused first
-    towards = Request(
-        parameter=request.key,
-        to=request.to,
-        max_points=request.max_points,
-        max_seconds=request.max_seconds,
-        verify_every=request.verify_every,
-    )
-    gait = towards.first_gait(start if isinstance(start, SpecialPoint) else start.gait)
-    if first not in gait.system.parameters or first == request.key:
-        words = "its friction law no longer has it" if first != request.key else "choose another second one"
-        raise UnknownNameError(f"{first} is the parameter of the branch: {words}").concerning("parameter")
-    origin = curve_start(replace(start, gait=gait)) if isinstance(start, SpecialPoint) else replace(start, gait=gait)
+    origin, first, towards = traced_start(start, request), start.parameter, _towards(request)
+    gait = origin.gait
     second, other = (gait.dynamics.parameter(key) for key in (request.key, first))
     lower = -np.inf if request.lower is None else request.lower
     upper = np.inf if request.upper is None else request.upper
-    span, numbers = upper - lower if np.isfinite(upper - lower) else abs(other) or 1.0, count()
-    for to in request.to:
+    span = upper - lower if np.isfinite(upper - lower) else abs(other) or 1.0
+    numbers = count(1 + max((stored.largest for stored in done), default=-1))
+    for to, stored in zip_longest(request.to, done):
+        if stored is not None and stored.is_complete:
+            continue
         yield from CurveWalk(
             start=origin,
             request=towards.towards((to,), gait),
@@ -190,10 +186,40 @@ def follow_curve(
             metric=Metric.of(origin.gait, abs(to - second), (span,)),
             sign=float(np.sign(to - second)),
             numbers=numbers,
+            stored=stored,
             should_stop=should_stop,
         )
         if should_stop is not None and should_stop():
             return
+
+
+def traced_start(start: CurveStart | SpecialPoint, request: TraceRequest) -> CurveStart:
+    """The start of a trace, whose gait has the friction law with both parameters.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, SolveError
+        As ``follow_curve``.
+    """
+    begin = curve_start(start) if isinstance(start, SpecialPoint) else start
+    gait, first = _towards(request).first_gait(begin.gait), begin.parameter
+    if first == request.key:
+        raise UnknownNameError(f"{first} is the parameter of the branch: choose another second one").concerning("key")
+    if first not in gait.system.parameters:
+        words = f"the friction law of {request.key} lacks {first}, the parameter of the branch"
+        raise UnknownNameError(words).concerning("key")
+    return replace(begin, gait=gait)
+
+
+def _towards(request: TraceRequest) -> Request:
+    """The targets and limits of a trace as those of a continuation in its second parameter."""
+    return Request(
+        parameter=request.key,
+        to=request.to,
+        max_points=request.max_points,
+        max_seconds=request.max_seconds,
+        verify_every=request.verify_every,
+    )
 
 
 @dataclass(kw_only=True, eq=False)
@@ -208,6 +234,7 @@ class CurveWalk:
     metric : scales of arclength.
     sign : of the first step in the second parameter.
     numbers : of the curves to come.
+    stored : what is stored of it, if it was interrupted.
     should_stop : polled before every step.
     """
 
@@ -218,6 +245,7 @@ class CurveWalk:
     metric: Metric
     sign: float
     numbers: Iterator[int]
+    stored: StoredTrace | None = None
     should_stop: Stop = None
     point: CurvePoint = field(init=False)
     number: int = field(init=False)
@@ -226,8 +254,13 @@ class CurveWalk:
     count: int = field(init=False, default=0)
 
     def __iter__(self) -> Iterator[TracePoint | TraceSpecial]:
-        self._begin()
-        began, records = time.monotonic(), self._point_records()
+        records: Iterator[TracePoint | TraceSpecial] = iter(())
+        if self.stored is not None and self.stored.last is not None:
+            self._restore(self.stored.last)
+        else:
+            self._begin()
+            records = self._point_records()
+        began = time.monotonic()
         while True:
             for record in records:
                 yield record
@@ -260,7 +293,7 @@ class CurveWalk:
         intervals = () if gait.shooting is None else gait.shooting.intervals
         curve, w = curve_through(
             gait.problem, self.request.parameter, self.metric, retraced(gait), intervals,
-            others=(self.first,), condition=condition_of(self.start),
+            others=(self.first,), condition=condition_of(self.start.to_record()),
         )  # fmt: skip
         point = curve.start(w, curve.solutions.ahead(self.sign))
         name = "margin" if self.start.margin is not None else self.start.type
@@ -268,9 +301,19 @@ class CurveWalk:
             raise SolveError(f"{gait.problem.name}: the {name} cannot be traced: Newton's method fails at its gait")
         if abs(point.direction[-2]) < CONSTANT:
             words = f"lies at {self.first} = {point.values[self.first]:.10g} whatever {self.request.parameter} is"
-            raise ProblemError(f"the {name} {words}; choose another second parameter").concerning("parameter")
+            raise ProblemError(f"the {name} {words}; choose another second parameter").concerning("key")
         self.number = next(self.numbers)
         self._move(point, moved=False)
+
+    def _restore(self, last: StoredPoint) -> None:
+        """Go on from a stored point, to the last bit."""
+        assert self.stored is not None
+        at, key, metric = last.solution, self.request.parameter, Metric.from_array(self.stored.metric, others=1)
+        curve = Curve(last.problem, key, at.equations, at.p, metric, condition_of(self.stored.condition))
+        assert last.direction is not None
+        conditioned = curve.solutions.equations.at(at.w)
+        self.point = curve.with_gait(curve.solutions.point(conditioned, last.direction, last.iterations, last.earlier))
+        self.number, self.index, self.length, self.count = last.branch, last.index, last.length, self.stored.count
 
     @property
     def own(self) -> MonitorKey | None:
@@ -543,10 +586,17 @@ class CurveWalk:
             index=self.index,
             values=self.point.values,
             gait=gait,
+            condition=self._start_at(self.point).to_record(),
             tangent=self.point.direction,
             length=self.length,
             walk=self.point.state,
         )
+
+    def _start_at(self, point: CurvePoint) -> CurveStart:
+        """The curve as it begins at a point."""
+        own = None if self.own is None else (self.own.kind, self.own.phase, self.own.step)
+        kappa = self._condition.kappa
+        return CurveStart(type=self.kind, parameter=self.first, gait=point.gait, margin=own, kappa=kappa)
 
     def _special(self, kind: str, point: CurvePoint, status: str = "converged", reason: str = "") -> TraceSpecial:
         values = {} if self.kind == "margin" else coefficients(point.local, self.kind, self._condition.kappa)

@@ -46,6 +46,10 @@ SHOWN = ("record", "branch", "n_steps", "value", "type", "status", "reason", "ne
 """Keys of a record that its line and the summary show. The rest of the record is not kept in memory."""
 
 
+TRACED = ("record", "curve", "values", "type", "status", "reason", "next", "coefficients")
+"""The same of a trace."""
+
+
 def continue_(
     terminal: Terminal,
     problem: Annotated[
@@ -160,7 +164,13 @@ def _live(terminal: Terminal, parameter: str) -> Iterator[Callable[[Record], Non
 
 def trace(
     terminal: Terminal,
-    run: Annotated[str, typer.Argument(metavar="RUN@special.K", help="The K-th special point of a branch.")],
+    run: Annotated[
+        str,
+        typer.Argument(
+            metavar="RUN@special.K",
+            help="The K-th special point of a branch; or of a trace, for the curve that begins there.",
+        ),
+    ],
     param: Annotated[str, option(TraceRequest, "key", "--param", metavar="KEY")],
     to: Annotated[list[str], option(TraceRequest, "to", metavar="VALUE")],
     lower: Annotated[str | None, option(TraceRequest, "lower", metavar="VALUE")] = None,
@@ -168,33 +178,45 @@ def trace(
     max_points: Annotated[int, option(TraceRequest, "max_points")] = 2000,
     max_seconds: Annotated[float | None, option(TraceRequest, "max_seconds")] = None,
     verify_every: Annotated[int, option(TraceRequest, "verify_every")] = 10,
+    output: OutOption = None,
 ) -> int:
     """Follow a special point of a branch in two parameters.
 
     Folds, period doublings, Neimark-Sacker points and changes of the mode sequence are followed. Codimension-two points
     are located on the curve, with the normal form of its bifurcation and the curves that begin there.
+    Every point is stored as soon as it is found. Repeat the command to resume.
     """
     from gaitopt.api import stored, verbs
-    from gaitopt.show.tables import print_trace
+    from gaitopt.show.tables import event, print_trace, sequence
 
-    if stored.SPECIAL not in run:
-        raise typer.BadParameter(f"{run} is no special point: write RUN@special.K, from 0 in the order of the table")
-    special, _ = stored.load_special_point(run)
+    start, targets = stored.load_curve_start(run), [number(value, "--to") for value in to]
+    least = None if lower is None else number(lower, "--lower")
+    largest = None if upper is None else number(upper, "--upper")
+    summary = list[dict[str, Any]]()
     with interruptible() as interrupted, terminal.narration.status("tracing") as status:
-        traced = verbs.trace(
-            special, param, [number(value, "--to") for value in to],
-            lower=None if lower is None else number(lower, "--lower"),
-            upper=None if upper is None else number(upper, "--upper"),
-            max_points=max_points, max_seconds=max_seconds, verify_every=verify_every,
-            progress=lambda points, value: status.update(f"{points} points, {param} = {value:.6g}"),
-            should_stop=interrupted,
+        records = verbs.trace_records(
+            start, param, targets, lower=least, upper=largest, max_points=max_points, max_seconds=max_seconds,
+            verify_every=verify_every, output=output, should_stop=interrupted,
         )  # fmt: skip
-    if terminal.json:
-        for record in traced.to_records():
-            terminal.print_json(record)
-    else:
-        print_trace(terminal.results, traced.to_records(), traced.parameters)
-    return 0
+        head = next(records)
+        if head["stored"]:
+            terminal.say(f"resumed from {head['folder']} after {head['stored']} records")
+        for record in records:
+            shown = {key: record[key] for key in TRACED if key in record}
+            place = ", ".join(f"{key} = {value:.9g}" for key, value in record["values"].items())
+            if record["record"] == "point":
+                shown["sequence"] = sequence(record)
+                status.update(place)
+            elif len(summary) >= head["stored"]:
+                terminal.say(f"  {place}: {event(record)}")
+            summary.append(shown)
+            if terminal.json:
+                terminal.print_json(record)
+    if not terminal.json:
+        print_trace(terminal.results, summary, (head["parameter"], head["key"]))
+        terminal.results.print(f"run: {head['folder']}", soft_wrap=True)
+    refuted = any(s["record"] == "special" and s["reason"].startswith("the simulator disagrees") for s in summary)
+    return NOT_VERIFIED if refuted else 0
 
 
 def front(

@@ -32,6 +32,7 @@ from gaitopt.errors import ArgumentError, GaitoptError, GaitoptWarning, StorageE
 PREFIXES = {
     "over": "--over ",
     "parameter": "--param ",
+    "key": "--param ",
     "to": "--to ",
     "what": "--what ",
     "engine": "--engine ",
@@ -40,7 +41,7 @@ PREFIXES = {
 """Text before a message, by the argument of the library function that the error concerns."""
 SUFFIXES = {"output": " with -o"}
 """Text after a message, likewise."""
-FLAGS = {"time_steps": "--dt", "parameter": "--param"}
+FLAGS = {"time_steps": "--dt", "parameter": "--param", "key": "--param"}
 """Options that have another name than the argument of the library function."""
 
 Shared = tuple[str, Any]

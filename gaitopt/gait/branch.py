@@ -60,6 +60,7 @@ class ContinuationState(ReadOnlyArrays):
     metric : ndarray, shape (n_z + 2,) - scales of arclength: sizes of the states, the period [s], and the span of the
         parameter.
     earlier : number of points before this one that the extrapolation to the next point uses.
+    others : as ``origin``, of the parameters before the last one, on a curve in two parameters.
     """
 
     unknowns: Array
@@ -68,6 +69,7 @@ class ContinuationState(ReadOnlyArrays):
     origin: float
     metric: Array
     earlier: int
+    others: tuple[float, ...] = ()
 
     @staticmethod
     def from_record(record: ContinuationStateRecord) -> "ContinuationState":
@@ -89,11 +91,12 @@ class ContinuationState(ReadOnlyArrays):
             origin=record["origin"],
             metric=np.array(record["metric"], dtype=float),
             earlier=record["earlier"],
+            others=tuple(record.get("others", ())),
         )
 
     def to_record(self) -> ContinuationStateRecord:
         """One JSON object, with enough digits for every bit."""
-        return {
+        record: ContinuationStateRecord = {
             "unknowns": self.unknowns.tolist(),
             "direction": self.direction.tolist(),
             "arcs": list(self.arcs),
@@ -101,6 +104,9 @@ class ContinuationState(ReadOnlyArrays):
             "metric": self.metric.tolist(),
             "earlier": self.earlier,
         }
+        if self.others:
+            record["others"] = list(self.others)
+        return record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

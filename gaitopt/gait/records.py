@@ -342,6 +342,7 @@ class ContinuationStateRecord(TypedDict):
     origin: Number
     metric: Numbers
     earlier: Annotated[Count, Le(1)]
+    others: NotRequired[Numbers]
 
 
 class PointRecord(GaitRecord):
@@ -414,6 +415,64 @@ class RequestRecord(TypedDict):
     lower: NotRequired[Number | None]
     upper: NotRequired[Number | None]
     start: NotRequired[Word]
+
+
+class ConditionRecord(TypedDict):
+    """What vanishes along a curve of special points; see ``trace.CurveStart``."""
+
+    type: Word
+    margin: NotRequired[tuple[Word, Count | None, Count]]
+    kappa: NotRequired[Number]
+
+
+Values = Annotated[dict[Word, Number], Len(2, 2)]
+
+
+class TracePointRecord(GaitRecord):
+    """A point of a curve in two parameters: its gait and its place."""
+
+    record: Literal["point"]
+    curve: Count
+    index: Count
+    values: Values
+    condition: ConditionRecord
+    tangent: Numbers
+    length: Number
+    intervals: NotRequired[list[Count]]
+    walk: ContinuationStateRecord
+
+
+CheckedTracePoint = Annotated[TracePointRecord, *Complete]
+TraceSpecialRecord = TypedDict(
+    "TraceSpecialRecord",
+    {
+        "record": Literal["special"],
+        "curve": Count,
+        "type": Word,
+        "values": Values,
+        "codimension": Count,
+        "status": Literal["converged", "guess"],
+        "reason": Text,
+        "coefficients": Annotated[dict[Word, Number | None], Len(max_length=10)],
+        "next": Annotated[list[ConditionRecord], Len(max_length=10)],
+        "bound": NotRequired[Flag],
+        "open": NotRequired[Flag],
+        "from": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
+        "to": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
+        "gait": Annotated[GaitRecord, AfterValidator(_consistent)],
+    },
+)
+TraceRecord = TracePointRecord | TraceSpecialRecord
+
+
+class TraceRequestRecord(TypedDict):
+    """The first line of a trace: its request."""
+
+    record: Literal["trace"]
+    type: Word
+    parameter: Word
+    key: Word
+    to: Annotated[list[Number], Len(1, 1000)]
 
 
 class SectionRecord(TypedDict):

@@ -10,7 +10,9 @@ from gaitopt.arrays import Array, ReadOnlyArrays
 from gaitopt.display import counted
 from gaitopt.gait.branch import ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import ConditionRecord, TraceRecord
 from gaitopt.model.cycle import Cycle
+from gaitopt.model.modes import Mode
 from gaitopt.problem.statement import cycle_data
 
 
@@ -34,11 +36,26 @@ class CurveStart:
     margin: tuple[str, int | None, int] | None = None
     kappa: float = 0.0
 
-    def to_record(self) -> dict[str, Any]:
+    @staticmethod
+    def from_record(record: ConditionRecord, parameter: str, gait: Gait) -> "CurveStart":
+        """The start that ``to_record`` has written."""
+        margin = record.get("margin")
+        return CurveStart(
+            type=record["type"],
+            parameter=parameter,
+            gait=gait,
+            margin=None if margin is None else (margin[0], margin[1], margin[2]),
+            kappa=record.get("kappa", 0.0),
+        )
+
+    def to_record(self) -> ConditionRecord:
         """One JSON object, without the gait."""
-        record: dict[str, Any] = {"type": self.type}
-        record |= {} if self.margin is None else {"margin": list(self.margin)}
-        return record | ({"kappa": self.kappa} if self.type == "neimark_sacker" else {})
+        record: ConditionRecord = {"type": self.type}
+        if self.margin is not None:
+            record["margin"] = self.margin
+        if self.type == "neimark_sacker":
+            record["kappa"] = self.kappa
+        return record
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +68,7 @@ class TracePoint(ReadOnlyArrays):
     index : number of the point within its curve.
     values : both parameters by dotted key.
     gait : the gait, in full.
+    condition : what vanishes along the curve, as in the record of a ``CurveStart``.
     tangent : ndarray - direction of the curve in scaled section coordinates, durations and parameters, of unit length.
     length : arclength to the next trial point.
     walk : state of the walk along the curve here.
@@ -60,6 +78,7 @@ class TracePoint(ReadOnlyArrays):
     index: int
     values: Mapping[str, float]
     gait: Gait
+    condition: ConditionRecord
     tangent: Array
     length: float
     walk: ContinuationState | None = None
@@ -75,6 +94,7 @@ class TracePoint(ReadOnlyArrays):
             "index": self.index,
             "values": dict(self.values),
             **self.gait.to_record(),
+            "condition": self.condition,
             "tangent": self.tangent.tolist(),
             "length": self.length,
             "walk": None if self.walk is None else self.walk.to_record(),
@@ -188,6 +208,22 @@ def collected_trace(start: SpecialPoint | CurveStart, key: str, records: Sequenc
         points=tuple(record for record in records if isinstance(record, TracePoint)),
         specials=tuple(record for record in records if isinstance(record, TraceSpecial)),
     )
+
+
+def trace_table(records: Sequence[TraceRecord]) -> tuple[list[str], list[list[Any]]]:
+    """Header and rows of the table of a trace: points and special points in the order of their records."""
+    first = next(record for record in records if record["record"] == "point")
+    scalars = [k for k, v in first.items() if isinstance(v, int | float) and k not in ("curve", "index")]
+    states = [f"state.{name}" for name in first["state"]]
+    header, rows = ["curve", "index", *first["values"], "type", "phases", "impact", *states, *scalars], []
+    for record in records:
+        gait: Mapping[str, Any] = record if record["record"] == "point" else record["gait"]
+        row: dict[str, Any] = {**gait, **record, **record["values"]}
+        row["type"] = "point" if record["record"] == "point" else record["type"]
+        row |= {f"state.{name}": value for name, value in gait["state"].items()}
+        row["phases"] = " ".join(Mode.from_record(phase).brief for phase in gait["phases"])
+        rows.append([row.get(column) for column in header])
+    return header, rows
 
 
 def _place(values: Mapping[str, float]) -> str:

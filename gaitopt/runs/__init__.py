@@ -10,5 +10,6 @@ and ``KeyboardInterrupt`` when ``should_stop`` returns True.
 - ``sweep``, ``front``, ``multistart``: plans of problems on grids, in chains and from random starts
 - ``basin``: plan of states walked until they settle
 - ``attractors``: plan of long walks at many values of a parameter
-- ``branch``: a continuation, record by record
+- ``lines``: ``LinesPlan``, the common form of work that grows line by line, to the last bit
+- ``branch``, ``trace``: a continuation in one parameter, a special point in two
 """

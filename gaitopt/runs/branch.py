@@ -1,17 +1,11 @@
-"""A branch that is stored in a run folder: every record is on the disk before it is used.
-
-The first line of the file is the request; every further line is a point or special point. The line of a point holds all
-bits of the solution, the tangent, the mesh and the step length. An interrupted continuation resumes from its last
-point; special points after that point are located again. On the same machine the branch then has the same bits as
-without the interruption.
-"""
+"""A branch that is stored in a run folder, and read back from it."""
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from gaitopt.branches.request import Request, motionless_gait
 from gaitopt.callbacks import Stop
@@ -21,9 +15,9 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, CheckedPoint, RequestRecord, SpecialRecord
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import ContinueRequest, entries
+from gaitopt.runs.lines import LinesPlan
 from gaitopt.store.branch import resumable, stored_continuations
-from gaitopt.store.files import lines_text
-from gaitopt.store.formats import Table, csv_text, damaged, validated
+from gaitopt.store.formats import damaged, validated
 from gaitopt.store.gaits import branch_point, closing_error, special_point, with_stored_torques
 from gaitopt.store.run import Run
 
@@ -39,100 +33,58 @@ EFFORT = tuple(name for name, entry in entries(ContinueRequest).items() if entry
 
 
 @dataclass(frozen=True, kw_only=True)
-class BranchPlan:
+class BranchPlan(LinesPlan[Gait | SpecialPoint, BranchRecord]):
     """A branch to be continued, and the run folder in which it is stored.
-
-    It is not a ``Plan`` of jobs, because the number of points and branches is only known at the end, every point starts
-    from the one before, and a continuation resumes from the end of its file instead of a set of results.
 
     Attributes
     ----------
-    problem : problem of the gait from which the branch starts.
     request : the request of the continuation.
     start_type : type of the special point from which the branch starts; empty if it starts from a gait.
-    output : the folder; None for the default folder of problem and request.
     """
 
-    problem: Problem
+    noun: ClassVar[str] = "branch"
+    file: ClassVar[str] = BRANCH_FILE
+    table: ClassVar[str] = BRANCH_TABLE
+    effort: ClassVar[tuple[str, ...]] = EFFORT
+
     request: Request
     start_type: str = ""
-    output: Path | None = None
 
     @property
     def head(self) -> dict[str, Any]:
-        """The first line of the file: the request, and the type of the special point from which the branch starts."""
+        """The request, and the type of the special point from which the branch starts."""
         return self.request.to_record() | ({"start": self.start_type} if self.start_type else {})
 
     @property
-    def run(self) -> Run:
-        """The run folder; the default name consists of the gait's folder, parameter, targets, start and doublings."""
-        if self.output is not None:
-            return Run(self.output)
-        head, folder = self.head, Run.of(self.problem).folder
+    def name(self) -> str:
+        """Parameter, targets, start and doublings."""
+        head = self.head
         targets = "_".join(f"{to:g}" for to in head["to"])
         follow = f"doublings{head['doublings']}" if head.get("doublings") else ""
         names = (head["parameter"], self.start_type, follow)
         parameter, start, follow = (re.sub(r"[^0-9A-Za-z.]+", "-", name) for name in names)
-        return Run(folder.with_name("-".join(filter(None, (folder.name, parameter, targets, start, follow)))))
+        return "-".join(filter(None, (parameter, targets, start, follow)))
 
-    @property
-    def folder(self) -> Path:
-        """The run folder."""
-        return self.run.folder
+    def read(self) -> tuple[Mapping[str, Any] | None, list[BranchRecord]]:
+        """See ``LinesPlan``."""
+        return read_branch(self.run, self.problem)
 
-    def stored(self) -> list[BranchRecord]:
-        """All records that are on the disk, without the request; empty if there are none.
+    def resumable(self, records: list[BranchRecord]) -> list[BranchRecord]:
+        """See ``LinesPlan``."""
+        return resumable(records, self.request.exhausted)
 
-        Raises
-        ------
-        StorageError
-            If the folder contains other results, or a branch with another request.
-        """
-        self.run.check(self.problem)
-        if not self.run.path(BRANCH_FILE).is_file():
-            return []
-        request, records = read_branch(self.run, self.problem)
-        if request is None:
-            return []
-        before, now = ({k: v for k, v in head.items() if k not in EFFORT} for head in (request, self.head))
-        if before != now:
-            stated = ", ".join(f"{key} {value}" for key, value in before.items() if value is not None)
-            raise StorageError(
-                f"{self.folder} contains another branch ({stated}); it was not changed: delete it, or choose another"
-            ).concerning("output")
-        return records
-
-    def walk(
-        self, start: Gait | SpecialPoint, *, should_stop: Stop = None
-    ) -> tuple[list[BranchRecord], Iterator[BranchRecord]]:
-        """The stored records, and an iterator over new ones, which are on the disk before they are yielded.
-
-        The caller must hold the lock of the folder.
-        """
-        done = resumable(self.stored(), self.request.exhausted)
-        with self.run.begun(self.problem):
-            self.run.write({BRANCH_FILE: lines_text((self.head, *done))})
-        return done, self._new(start, done, should_stop)
-
-    def _new(self, start: Gait | SpecialPoint, done: list[BranchRecord], should_stop: Stop) -> Iterator[BranchRecord]:
+    def follow(
+        self, start: Gait | SpecialPoint, done: list[BranchRecord], should_stop: Stop
+    ) -> Iterable[BranchPoint | SpecialPoint]:
+        """See ``LinesPlan``."""
         from gaitopt.branches.continuation import follow_family  # reading a stored branch needs no continuation
 
-        try:
-            stored = stored_continuations(self.request.first_gait(start), self.request.parameter, done) if done else []
-        except StorageError as error:  # the continuation cannot be resumed from a stored point
-            raise StorageError(
-                f"{self.run.path(BRANCH_FILE)}: {error}; delete the folder, or name another one"
-            ) from error
-        with self.run.appending(BRANCH_FILE) as lines:
-            for point in follow_family(start, self.request, done=stored, should_stop=should_stop):
-                record = point.to_record()
-                lines.append(record)
-                yield record
-        if should_stop is not None and should_stop():
-            raise KeyboardInterrupt
-        _, records = read_branch(self.run, self.problem)
-        header, rows = branch_table(records)
-        self.run.write({BRANCH_TABLE: csv_text(Table(header=tuple(header), rows=rows))})
+        stored = stored_continuations(self.request.first_gait(start), self.request.parameter, done) if done else []
+        return follow_family(start, self.request, done=stored, should_stop=should_stop)
+
+    def rows(self, records: list[BranchRecord]) -> tuple[list[str], list[list[Any]]]:
+        """See ``LinesPlan``."""
+        return branch_table(records)
 
 
 def stored_branch(folder: Path) -> tuple[Problem, str, list[BranchRecord]]:

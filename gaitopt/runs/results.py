@@ -18,6 +18,7 @@ from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, Status, trajectory_header, trajectory_rows
 from gaitopt.gait.measures import measure
 from gaitopt.gait.records import CheckedGait, ImpactEntry, WalkRecord
+from gaitopt.gait.trace import Trace
 from gaitopt.gait.trajectory import SAME_TIME, Arc, Step, Trajectory
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
@@ -28,6 +29,7 @@ from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
+from gaitopt.runs.trace import TRACE_FILE, restore_trace
 from gaitopt.store.formats import MODE_COLUMN, Table, check_agrees, damaged, validated
 from gaitopt.store.gaits import freed_values, gait_from_record, tabulated_steps, with_stored_torques
 from gaitopt.store.lock import wait_for_writer
@@ -38,7 +40,7 @@ from gaitopt.verification.walk import Walk
 RECOMPUTED = 1e-7
 """Largest relative difference between a stored force or torque and its value at the stored state."""
 
-Result = Gait | Branch | Walk | Sweep | Basin | Attractors | Front
+Result = Gait | Branch | Trace | Walk | Sweep | Basin | Attractors | Front
 
 
 def restore_gait(folder: Path) -> Gait:
@@ -160,6 +162,7 @@ def _only_front(folder: Path) -> Front:
 
 KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
     "branch": (BRANCH_FILE, restore_branch),
+    "trace": (TRACE_FILE, restore_trace),
     "gait": (GAIT_FILE, restore_gait),
     "walk": (WALK_FILE, restore_walk),
     "front": (front_file("*"), _only_front),
@@ -233,7 +236,7 @@ def refuse_other_results(folder: Path) -> None:
     """
     if not (folder / MANIFEST_FILE).is_file() or GAIT_FILE in Run(folder).manifest().files:
         return
-    others = [f"a {kind}" for kind in ("branch", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
+    others = [f"a {kind}" for kind in ("branch", "trace", "walk", "front") if any(folder.glob(KINDS[kind][0]))]
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
     subfolders = sorted(

@@ -515,7 +515,7 @@ def print_trace(console: Console, records: Sequence[Record], parameters: tuple[s
     for curve in sorted({record["curve"] for record in points}):
         own = [record for record in points if record["curve"] == curve]
         ends = (number(own[k]["values"][key]) for key in parameters for k in (0, -1))
-        rows.append((str(curve), sequence(own[0]), *ends, str(len(own))))
+        rows.append((str(curve), own[0].get("sequence") or sequence(own[0]), *ends, str(len(own))))
     columns = [f"{key} {end}" for key in parameters for end in ("from", "to")]
     section(console, "curves", ("curve", "mode sequence", *columns, "points"), rows, numbers=(2, 3, 4, 5, 6))
     for k, special in enumerate(specials):

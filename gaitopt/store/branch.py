@@ -186,7 +186,7 @@ def _last_point(family: Gait, parameter: str, points: Sequence[PointRecord]) -> 
             state = _state(record)
             if state.unknowns[-1] != value:
                 raise ValueError(f"value {value} is not the last of walk.unknowns, {state.unknowns[-1]}")
-            solution, direction = _solution(family, problem, cycle, parameter, state), state.direction
+            solution, direction = stored_solution(family, problem, cycle, (parameter,), state), state.direction
             if state.earlier:
                 before = _state(points[-1 - state.earlier])
                 if {before.unknowns.size, before.direction.size} != {state.unknowns.size}:
@@ -214,8 +214,10 @@ def _state(point: PointRecord) -> ContinuationState:
     return ContinuationState.from_record(state)
 
 
-def _solution(family: Gait, problem: Problem, cycle: Cycle, parameter: str, state: ContinuationState) -> Solution:
-    """The unknowns of a state with their equations.
+def stored_solution(
+    family: Gait, problem: Problem, cycle: Cycle, free: tuple[str, ...], state: ContinuationState
+) -> Solution:
+    """The unknowns of a state with their equations, in which some parameters are free.
 
     Raises
     ------
@@ -226,19 +228,23 @@ def _solution(family: Gait, problem: Problem, cycle: Cycle, parameter: str, stat
     n_nodes = sum(intervals for *_, intervals in state.arcs) + len(cycle.resets)
     if [*dict.fromkeys(arc[0] for arc in state.arcs)] != list(range(len(cycle.phases))):
         raise ValueError(f"walk.arcs do not cover the {len(cycle.phases)} phases in order")
-    if {state.unknowns.size, state.direction.size} != {n_nodes * system.n_z + len(cycle.phases) + 1}:
+    if {state.unknowns.size, state.direction.size} != {n_nodes * system.n_z + len(cycle.phases) + len(free)}:
         raise ValueError("walk.unknowns or walk.direction do not have the size that walk.arcs require")
-    if state.metric.size != system.n_z + 2 or state.metric.min() <= 0:
-        raise ValueError(f"walk.metric is not {system.n_z + 2} positive numbers")
-    objection = problem.objection(parameter, state.origin)
-    if objection is not None:
-        raise ValueError(f"walk.origin: {objection}")
+    size = system.n_z + 1 + len(free)
+    if state.metric.size != size or state.metric.min() <= 0:
+        raise ValueError(f"walk.metric is not {size} positive numbers")
+    if len(state.others) != len(free) - 1:
+        raise ValueError(f"walk.others are {len(state.others)} values, must be {len(free) - 1}")
+    origins = dict(zip(free, (*state.others, state.origin), strict=True))
+    for key, origin in origins.items():
+        if (objection := problem.objection(key, origin)) is not None:
+            raise ValueError(f"walk.origin: {objection}")
     arcs = (
         MeshArc(phase=phase, mode=cycle.phases[phase], segment=segment, start=start, end=end, intervals=intervals)
         for phase, segment, start, end, intervals in state.arcs
     )
-    equations = transcribe(system, Mesh(cycle=cycle, arcs=tuple(arcs)), (parameter,))
-    solution = Solution(equations, state.unknowns, family.dynamics.at({parameter: state.origin}).p)
+    equations = transcribe(system, Mesh(cycle=cycle, arcs=tuple(arcs)), free)
+    solution = Solution(equations, state.unknowns, family.dynamics.at(origins).p)
     if not solution.size < SOLVED:
         raise ValueError("walk.unknowns are not a gait with these phases")
     durations = solution.durations

@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from gaitopt.gait import curves
 from gaitopt.gait.branch import BranchPoint, ContinuationState, SpecialPoint
 from gaitopt.gait.gait import Gait, Status
-from gaitopt.gait.records import GaitRecord, PointRecord, SpecialRecord, StepRecord, special_gait
+from gaitopt.gait.records import (
+    GaitRecord,
+    PointRecord,
+    SpecialRecord,
+    StepRecord,
+    TracePointRecord,
+    TraceSpecialRecord,
+    special_gait,
+)
+from gaitopt.gait.trace import CurveStart, TracePoint, TraceSpecial
 from gaitopt.gait.trajectory import Arc, Step, impact_record
 from gaitopt.model.cycle import UNTIL, Cycle
 from gaitopt.model.dynamics import Dynamics
@@ -94,10 +103,15 @@ def with_stored_torques(problem: Problem, record: GaitRecord) -> Problem:
     return problem.with_torques(freed_values(record), record["state"], durations, known)
 
 
-def branch_gait(family: Gait, parameter: str, value: float, record: GaitRecord) -> Gait:
-    """The gait of a point or special point, from its record; ``family`` is any gait of the family."""
-    dynamics = family.dynamics.at({**freed_values(record), parameter: value})
-    problem = family.problem.replace({parameter: value}).with_modes(Cycle.from_record(record), record["state"])
+def branch_gait(family: Gait, values: Mapping[str, float], record: GaitRecord) -> Gait:
+    """The gait of a point or special point, from its record; ``family`` is any gait of the family.
+
+    Parameters
+    ----------
+    values : of the parameters of the branch.
+    """
+    dynamics = family.dynamics.at({**freed_values(record), **values})
+    problem = family.problem.replace(dict(values)).with_modes(Cycle.from_record(record), record["state"])
     return gait_from_record(problem, dynamics, record, integrated_steps(dynamics, record))
 
 
@@ -108,7 +122,7 @@ def branch_point(family: Gait, parameter: str, record: PointRecord) -> BranchPoi
         branch=record["branch"],
         index=record["index"],
         value=record["value"],
-        gait=branch_gait(family, parameter, record["value"], record),
+        gait=branch_gait(family, {parameter: record["value"]}, record),
         tangent=np.array(record["tangent"], dtype=float),
         length=float(record["length"]),
         walk=None if state is None else ContinuationState.from_record(state),
@@ -130,9 +144,43 @@ def special_point(family: Gait, parameter: str, record: SpecialRecord) -> Specia
         next=tuple(record["next"]),
         bound=record.get("bound", False),
         open=record.get("open", False),
-        gait=None if gait is None else branch_gait(family, parameter, record["value"], gait),
+        gait=None if gait is None else branch_gait(family, {parameter: record["value"]}, gait),
         tangent=None if tangent is None else np.array(tangent),
         parameter=parameter,
+    )
+
+
+def trace_point(family: Gait, record: TracePointRecord) -> TracePoint:
+    """The point of a curve in two parameters from its record."""
+    return TracePoint(
+        curve=record["curve"],
+        index=record["index"],
+        values=record["values"],
+        gait=branch_gait(family, record["values"], record),
+        condition=record["condition"],
+        tangent=np.array(record["tangent"], dtype=float),
+        length=float(record["length"]),
+        walk=ContinuationState.from_record(record["walk"]),
+    )
+
+
+def trace_special(family: Gait, parameter: str, record: TraceSpecialRecord) -> TraceSpecial:
+    """The special point of a curve in two parameters from its record; ``parameter`` is the first one."""
+    gait = branch_gait(family, record["values"], record["gait"])
+    return TraceSpecial(
+        curve=record["curve"],
+        type=record["type"],
+        values=record["values"],
+        codimension=record["codimension"],
+        status=record["status"],
+        reason=record["reason"],
+        coefficients=record["coefficients"],
+        next=tuple(CurveStart.from_record(start, parameter, gait) for start in record["next"]),
+        before=Cycle.from_record(record["from"]) if "from" in record else None,
+        after=Cycle.from_record(record["to"]) if "to" in record else None,
+        bound=record.get("bound", False),
+        open=record.get("open", False),
+        gait=gait,
     )
 
 

@@ -1,0 +1,130 @@
+"""A stored trace in two parameters, read back so that its walk goes on to the last bit."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.errors import StorageError
+from gaitopt.gait.branch import ContinuationState
+from gaitopt.gait.gait import Gait
+from gaitopt.gait.records import ConditionRecord, TracePointRecord, TraceRecord
+from gaitopt.model.cycle import Cycle
+from gaitopt.store.branch import StoredPoint, stored_solution
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredTrace:
+    """The walk to one target as far as it is stored.
+
+    Attributes
+    ----------
+    count : number of points.
+    largest : largest number of a curve.
+    is_complete : whether the curve ends there.
+    last : the last point; None if nothing is left to do.
+    condition : what vanishes along the curve there.
+    metric : ndarray - scales of arclength.
+    """
+
+    count: int
+    largest: int
+    is_complete: bool
+    last: StoredPoint | None
+    condition: ConditionRecord
+    metric: Array
+
+
+def stored_traces(family: Gait, free: tuple[str, str], records: Sequence[TraceRecord]) -> list[StoredTrace]:
+    """The walks of a trace, from its records, in the order of their targets.
+
+    Parameters
+    ----------
+    family : the gait from which it begins, with the friction law that has both parameters.
+    free : dotted keys of both.
+
+    Raises
+    ------
+    StorageError
+        If a walk cannot go on from its records.
+    """
+    traces = list[StoredTrace]()
+    for walk in _walks(records):
+        points = [record for record in walk if record["record"] == "point"]
+        is_complete = walk[-1]["record"] == "special"
+        last = points[-1]
+        try:
+            traces.append(
+                StoredTrace(
+                    count=len(points),
+                    largest=last["curve"],
+                    is_complete=is_complete,
+                    last=None if is_complete else _last_point(family, free, points),
+                    condition=last["condition"],
+                    metric=ContinuationState.from_record(last["walk"]).metric,
+                )
+            )
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            words = f"{error}" if isinstance(error, ValueError) else f"{error!r}"
+            place = f"curve {last['curve']} cannot be resumed from its point {last['index']}"
+            raise StorageError(f"{place}: {words}") from error
+    return traces
+
+
+def resumable_trace(records: Sequence[TraceRecord], exhausted: Callable[[int], str | None]) -> list[TraceRecord]:
+    """The records from which an unfinished trace goes on: without special points after its last point, located again.
+
+    Parameters
+    ----------
+    exhausted : why a walk with some number of points pauses; None if it goes on.
+    """
+    kept = list[TraceRecord]()
+    for walk in _walks(records):
+        points = [k for k, record in enumerate(walk) if record["record"] == "point"]
+        end = walk[-1]
+        ended = end["record"] == "special" and end["type"] == "end"
+        paused = ended and end["record"] == "special" and end.get("open") and exhausted(len(points)) is None
+        kept += walk if ended and not paused else walk[: points[-1] + 1]
+        if paused or not ended:
+            break
+    return kept
+
+
+def _walks(records: Sequence[TraceRecord]) -> list[list[TraceRecord]]:
+    """The records of each walk: up to the end of its curve."""
+    walks = list[list[TraceRecord]]()
+    begins = True
+    for record in records:
+        if begins:
+            walks.append([])
+        walks[-1].append(record)
+        begins = record["record"] == "special" and record["type"] == "end"
+    return [walk for walk in walks if any(record["record"] == "point" for record in walk)]
+
+
+def _last_point(family: Gait, free: tuple[str, str], points: Sequence[TracePointRecord]) -> StoredPoint:
+    record, values = points[-1], points[-1]["values"]
+    if not record["length"] > 0:
+        raise ValueError(f"length {record['length']} is not positive")
+    cycle, state = Cycle.from_record(record), ContinuationState.from_record(record["walk"])
+    problem = family.problem.replace(dict(values)).with_modes(cycle, record["state"])
+    if state.unknowns[-2:].tolist() != [values[key] for key in free]:
+        raise ValueError("values are not the last of walk.unknowns")
+    earlier = None
+    if state.earlier:
+        before = ContinuationState.from_record(points[-2]["walk"])
+        if {before.unknowns.size, before.direction.size} != {state.unknowns.size}:
+            raise ValueError("walk.unknowns do not have the size of those of the point before")
+        earlier = before.unknowns, before.direction
+    return StoredPoint(
+        branch=record["curve"],
+        index=record["index"],
+        length=record["length"],
+        problem=problem,
+        solution=stored_solution(family, problem, cycle, free, state),
+        direction=state.direction,
+        tangent=np.array(record["tangent"]),
+        iterations=int(record["solver"]["iterations"] or 0),
+        earlier=earlier,
+    )
