@@ -717,7 +717,7 @@ def trace(
     special : a special point of a branch; or one of the curves in ``next`` of a special point of another trace.
     key : dotted key of the second parameter, any scalar of walker, friction or control.
     to : target value of the second parameter; two values to trace in both directions.
-    lower, upper : bounds of the parameter of the branch.
+    lower, upper : bounds of the parameter of the branch; by default ten times its value away from that.
     max_points, max_seconds : limits per target; a curve that ends at a limit is ``open``.
     verify_every : verify every N-th point by simulation; 0 for none.
     output : run folder in which every point is stored as soon as it is found; points of earlier calls are read from

@@ -28,7 +28,7 @@ from gaitopt.branches.codimension_two import (
     others_are_complex,
 )
 from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
-from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH, VANISHED, VANISHING
+from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH, VANISHED_STRIDE, VANISHING
 from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through
 from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
@@ -52,6 +52,8 @@ from gaitopt.verification.verify import confirm
 
 LARGEST_LENGTH = 0.05
 """At least twenty points for the range of the second parameter."""
+MOST_SPANS = 10.0
+"""Distance of the bounds of the first parameter from its value at the special point, relative to that, by default."""
 BESIDE = 1e-6
 """Arclength from the first point up to which a codimension-two point is the one at which the curve begins."""
 AT_MARGIN = 1e-6
@@ -171,9 +173,10 @@ def follow_curve(
     origin, first, towards = traced_start(start, request), start.parameter, _towards(request)
     gait = origin.gait
     second, other = (gait.dynamics.parameter(key) for key in (request.key, first))
-    lower = -np.inf if request.lower is None else request.lower
-    upper = np.inf if request.upper is None else request.upper
-    span = upper - lower if np.isfinite(upper - lower) else abs(other) or 1.0
+    far = MOST_SPANS * (abs(other) or 1.0)
+    lower = other - far if request.lower is None else request.lower
+    upper = other + far if request.upper is None else request.upper
+    span = abs(other) or 1.0 if None in (request.lower, request.upper) else upper - lower
     numbers = count(1 + max((stored.largest for stored in done), default=-1))
     for to, stored in zip_longest(request.to, done):
         if stored is not None and stored.is_complete:
@@ -268,7 +271,7 @@ class CurveWalk:
                     return
             if self.should_stop is not None and self.should_stop():
                 return
-            if stride(self.point.gait) < VANISHED:
+            if stride(self.point.gait) < VANISHED_STRIDE:
                 yield self._special("end", self.point, reason=VANISHING)
                 return
             reached = self._reached() if self.index else None

@@ -1,0 +1,349 @@
+"""Special points followed in two parameters, against closed forms, branches in one parameter and each other."""
+
+import json
+from functools import cache
+from itertools import islice
+from math import cos, pi, radians, sin, sqrt
+
+import numpy as np
+import pytest
+from named import named
+from scipy.optimize import brentq, minimize_scalar
+
+import gaitopt as go
+from gaitopt import continuation, load_run, trace
+from gaitopt.branches.conditions import Eigenvalue, MarginZero, Pair
+from gaitopt.branches.curve import Curve, Metric
+from gaitopt.branches.monitors import monitor_values
+from gaitopt.branches.normal_forms import local_map
+from gaitopt.branches.trace import follow_curve, traced_start
+from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.gait.trace import TracePoint
+from gaitopt.requests import TraceRequest
+from gaitopt.runs.trace import traced_family
+from gaitopt.solver.assembly import solution_of
+from gaitopt.solver.newton import Solution, polish
+from gaitopt.store.trace import resumable_trace, stored_traces
+
+SLOPE, ANKLE, HIP = "walker.slope", "control.ankle", "control.hip"
+AGREEMENT = 1e-9
+
+
+@cache
+def special(name, kind, parameter, to, index=0, **changes):
+    """A special point of a family."""
+    return continuation(named(name), parameter, to, verify_every=0, progress=False).special(kind)[index]
+
+
+def doubling():
+    return special("compass-passive-b", "period_doubling", "friction", 0.146)
+
+
+def torus():
+    return special("compass-passive-a", "neimark_sacker", "friction", 0.108)
+
+
+@cache
+def torque_branch():
+    return continuation(named("compass-torque-stick"), HIP, 0.3, max_points=60, verify_every=0, progress=False)
+
+
+def fold():
+    return torque_branch().special("fold")[0]
+
+
+def impact_change():
+    return torque_branch().special("impact_change")[0]
+
+
+def cut(point, first, kind):
+    """The value of the first parameter at which a branch in it has the special point, at the second one's value."""
+    value, found = point.values[first], []
+    for side in (2e-4, -2e-4):
+        gait = go.solve(point.gait.problem.replace({first: value + side}), progress=False)
+        if gait.converged and not found:
+            branch = continuation(gait, first, value - side, verify_every=0, progress=False)
+            found = [each.value for each in branch.special(kind)]
+    return min(found, key=lambda other: abs(other - value))
+
+
+# ---- conditions
+
+
+def conditions(gait):
+    monitors = [key for key in monitor_values(gait) if key.kind != "touchdown"]  # which stays far from the ground
+    return [Eigenvalue(1.0), Eigenvalue(-1.0), Pair(-0.15), *map(MarginZero, monitors)]
+
+
+def test_conditions_have_the_slopes_of_their_values_on_the_surface_of_gaits():
+    gait, step = torus().gait, 1e-6
+    at = solution_of(gait, ("friction", SLOPE))
+    curve = Curve(gait.problem, SLOPE, at.equations, at.p, Metric.of(gait, 0.05, (0.1,)), Eigenvalue(1.0))
+    plane = curve.solutions.equations.at(at.w).plane
+    assert max(np.abs(at.jacobian @ direction).max() for direction in plane) < 1e-13
+    sides = [[polish(Solution(at.equations, at.w + side * each, at.p)) for side in (step, -step)] for each in plane]
+    for condition in conditions(gait):
+        expected = [(condition.value(plus) - condition.value(minus)) / (2 * step) for plus, minus in sides]
+        assert condition.slopes(at, plane) == pytest.approx(expected, rel=1e-4, abs=1e-7), condition
+
+
+def test_monitors_have_the_values_of_those_of_a_branch():
+    gait = torus().gait
+    at = solution_of(gait, ("friction", SLOPE))
+    for condition in conditions(gait)[3:]:
+        assert condition.value(at) == pytest.approx(monitor_values(gait)[condition.key].value, rel=1e-9, abs=1e-11)
+
+
+# ---- closed forms
+
+
+def wheel_friction(alpha):
+    """Least friction that keeps the rimless wheel of the paper from slipping between impacts, eqs (15), (17), (18)."""
+    kappa, sigma = 1 / 3, 2 * pi / 10
+    decrease, first, last = ((kappa + cos(sigma)) / (kappa + 1)) ** 2, -sigma / 2, sigma / 2
+    gain = 2 / (kappa + 1) * (cos(first + alpha) - cos(last + alpha))
+    start = decrease * gain / (1 - decrease)
+
+    def ratio(theta):
+        square = start + 2 / (kappa + 1) * (cos(first + alpha) - cos(theta + alpha))
+        acceleration = sin(theta + alpha) / (kappa + 1)
+        f_t = acceleration * cos(theta) - square * sin(theta) - sin(alpha)
+        f_n = -acceleration * sin(theta) - square * cos(theta) + cos(alpha)
+        return abs(f_t) / f_n
+
+    found = minimize_scalar(lambda theta: -ratio(theta), bounds=(first, last), method="bounded")
+    return max(ratio(first), ratio(last), -found.fun)
+
+
+@pytest.mark.slow
+def test_friction_that_the_wheel_needs_to_stick_is_that_of_the_closed_form_on_every_slope():
+    begins = special("rimless-wheel-stick", "mode_change", "friction", 0.91)
+    curve = trace(begins, SLOPE, (radians(12), radians(13.4)), upper=1.6, progress=False)
+    assert len(curve) > 20
+    for point in curve:
+        assert point.values["friction"] == pytest.approx(wheel_friction(point.values[SLOPE]), rel=0, abs=AGREEMENT)
+
+
+def crawler_friction(front, slope):
+    """Friction of the rear mass that holds it while the front one slides, where their gap is least.
+
+    Each half one mass slides half an oscillation about where its forces balance; see the test of the crawler.
+    """
+    k, c, rest, force, weight = 20, 1.5, 0.5, 4.95, 9.81
+    along, normal = weight * sin(slope), weight * cos(slope)
+    factors = [np.exp(-pi * c / (2 * m) / sqrt(k / m - (c / (2 * m)) ** 2)) for m in (1.5, 1.0)]
+
+    def missing(rear):
+        g1 = rest + (force + 1.5 * along - front * 1.5 * normal) / k
+        g2 = rest + (-force - along + rear * normal) / k
+        least = (g2 * (1 + factors[1]) - factors[1] * g1 * (1 + factors[0])) / (1 - factors[0] * factors[1])
+        return force + k * (rest - least) - along - rear * normal
+
+    return brentq(missing, 0.1, 2.0, xtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("key", "points"),
+    [(SLOPE, 6), *(pytest.param(key, 100, marks=pytest.mark.slow) for key in ("friction.front", SLOPE))],
+)
+def test_friction_that_holds_the_crawler_is_that_of_the_closed_form(key, points):
+    slips = special("crawler", "mode_change", "friction.rear", 0.57)
+    value = slips.gait.dynamics.parameter(key)
+    curve = trace(slips, key, (value + 0.01, value - 0.008), max_points=points, progress=False)
+    if points > 6:
+        ends = {f"reached {key} = {value + d:.12g}" for d in (0.01, -0.008)}
+        assert {end.reason for end in curve.specials} == ends
+    for point in curve:
+        parameters = point.gait.dynamics.parameters
+        expected = crawler_friction(parameters["friction.front"], parameters[SLOPE])
+        assert point.values["friction.rear"] == pytest.approx(expected, rel=0, abs=AGREEMENT)
+
+
+# ---- bifurcations
+
+
+@pytest.mark.slow
+def test_period_doubling_is_where_branches_in_one_parameter_have_it():
+    curve = trace(doubling(), SLOPE, radians(1.1), progress=False)
+    assert curve.values[0] == pytest.approx([0.14430218049, radians(1)], rel=0, abs=1e-10)
+    for point in curve.points[3::12]:
+        assert np.abs(point.gait.multipliers + 1).min() < 1e-10
+        assert point.values["friction"] == pytest.approx(
+            cut(point, "friction", "period_doubling"), rel=0, abs=AGREEMENT
+        )
+    verified = [point.gait.verification["passed"] for point in curve if point.gait.verification is not None]
+    assert len(verified) == -(-len(curve) // 10)
+    assert all(verified)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("begin", "kind", "ends"),
+    [
+        (doubling, "period_doubling", (0.4, 2.5)),
+        (torus, "neimark_sacker", (0.4, 2.2)),
+        (lambda: special("compass-passive-a", "mode_change", "friction", 0.174), "mode_change", (0.5, 2.0)),
+    ],
+)
+def test_a_curve_cut_at_twenty_values_has_the_special_points_of_branches_there(begin, kind, ends):
+    curve = trace(begin(), SLOPE, tuple(map(radians, ends)), progress=False, verify_every=0)
+    assert {special.values[SLOPE] for special in curve.special("end")} == {
+        pytest.approx(radians(end), abs=1e-14) for end in ends
+    } or len(curve.special("end")) == 2
+    points = [point for point in curve if point.index]
+    for point in points[:: max(1, len(points) // 20)]:
+        assert point.values["friction"] == pytest.approx(cut(point, "friction", kind), rel=0, abs=AGREEMENT)
+
+
+@pytest.mark.slow
+def test_the_neimark_sacker_curve_passes_two_resonances_and_ends_in_the_third_where_the_period_doubles():
+    curve = trace(torus(), SLOPE, (radians(0.5), radians(2.6)), progress=False)
+    assert curve.points[0].values["friction"] == pytest.approx(0.1103495808, rel=0, abs=1e-10)
+    known = {
+        "resonance_1_4": (0.0930353699, 0.6513085669, 0.0),
+        "resonance_1_3": (0.1301103020, 1.5988287339, -0.5),
+        "resonance_1_2": (0.1450186084, 2.2489269257, -1.0),
+    }
+    for name, (friction, slope, kappa) in known.items():
+        (found,) = curve.special(name)
+        assert found.status == "converged"
+        assert found.values["friction"] == pytest.approx(friction, rel=0, abs=1e-8)
+        assert np.degrees(found.values[SLOPE]) == pytest.approx(slope, rel=0, abs=1e-8)
+        pair = sorted(found.gait.multipliers, key=lambda value: abs(abs(value) - 1))[:2]
+        assert (pair[0] + pair[1]).real / 2 == pytest.approx(kappa, abs=1e-10)
+        assert found.coefficients == {"re_d": None, "im_d": None}
+    (strong,) = curve.special("resonance_1_2")
+    (begins,) = strong.next
+    assert begins.type == "period_doubling"
+    doubled = trace(begins, SLOPE, (radians(3.0), radians(2.0)), progress=False)
+    for point in doubled:
+        assert np.abs(point.gait.multipliers + 1).min() < 1e-6
+    assert doubled.points[0].values == pytest.approx(strong.values, abs=1e-9)
+    assert not doubled.special("resonance_1_2")  # it begins there
+
+
+@pytest.mark.slow
+def test_a_fold_meets_the_change_of_its_impact_where_that_curve_meets_the_fold():
+    ankle = named("compass-torque-stick").dynamics.parameter(ANKLE)
+    folds, changes = (trace(begin, ANKLE, ankle + 1.6, progress=False) for begin in (fold(), impact_change()))
+    places = [curve.special("margin_fold")[0].values for curve in (folds, changes)]
+    assert places[0] == pytest.approx(places[1], rel=0, abs=1e-8)
+    meeting = folds.special("margin_fold")[0]
+    assert meeting.before != meeting.after
+    assert [start.type for start in meeting.next] == ["margin"]
+    past = [point for point in folds if point.curve > meeting.curve]
+    assert len(past) > 3
+    assert all(np.abs(point.gait.multipliers - 1).min() < 1e-9 for point in past)
+    (crossing,) = changes.special("margin_crossing")
+    assert (crossing.codimension, crossing.status) == (2, "converged")
+    other = trace(crossing.next[0], ANKLE, ankle + 1.2, progress=False, max_points=5)
+    assert other.points[0].values == pytest.approx(crossing.values, rel=0, abs=1e-8)
+
+
+@pytest.mark.slow
+def test_doubled_gaits_grow_as_the_coefficient_of_the_flip_says():
+    """x -> mu x + c x^3 with mu = -1 - a has the doubled amplitude x^2 = a / c: extrapolated to the doubling."""
+    origin = doubling()
+    gait, branch = origin.gait, continuation(origin, "friction", origin.value - 1e-3, max_points=8, progress=False)
+    local = local_map(solution_of(gait))
+    p, q, _ = local.critical("period_doubling")
+    c = trace(origin, SLOPE, radians(1.01), progress=False).special("end")[0].coefficients["c"]
+    assert c < 0
+    assert origin.coefficients["c"] == pytest.approx(c, rel=0.1)
+    multipliers = [
+        min(go.solve(gait.problem.replace({"friction": origin.value + d})).multipliers, key=lambda m: abs(m + 1)).real
+        for d in (1e-5, -1e-5)
+    ]
+    slope, unit = (multipliers[0] - multipliers[1]) / 2e-5, gait.dynamics.state_units
+    offsets, ratios = [], []
+    for point in branch.points[1:5]:
+        first, second = (step.arcs[0].states[0] for step in point.gait.steps)
+        x = p @ ((first - second) / 2 / unit) / (p @ q)
+        offsets.append(point.value - origin.value)
+        ratios.append(x**2 * origin.coefficients["c"] / (-slope * offsets[-1]))
+    assert np.polyfit(offsets, ratios, 1)[1] == pytest.approx(1.0, abs=0.01)
+
+
+# ---- walks that are interrupted
+
+WALKS = {
+    "doubling": (doubling, TraceRequest(key=SLOPE, to=(radians(1.04), radians(0.97)), max_points=4, verify_every=3)),
+    "fold": (fold, TraceRequest(key=ANKLE, to=(1.66, 1.645))),
+    "torus": (torus, TraceRequest(key=SLOPE, to=(radians(1.02),), verify_every=0)),
+    "impact": (impact_change, TraceRequest(key="friction", to=(0.17,), verify_every=0)),
+}
+
+
+def walked(name, done=()):
+    """The records of a trace that are not ``done``, one by one, as they are on a disk."""
+    begin, request = WALKS[name]
+    start = traced_start(begin(), request)
+    family = traced_family(start.gait.problem, start.parameter, request.key)
+    stored = stored_traces(family, (start.parameter, request.key), done)
+    for record in follow_curve(start, request, done=stored):
+        yield json.loads(json.dumps(record.to_record()))
+
+
+@pytest.mark.parametrize(
+    ("name", "after"),
+    [
+        ("doubling", 3),
+        *(pytest.param(name, after, marks=pytest.mark.slow) for name in WALKS for after in (1, 8, -3)),
+    ],
+)
+def test_a_trace_that_was_killed_goes_on_to_the_last_bit(name, after):
+    whole = list(walked(name))
+    kept = whole[:after]
+    again = resumable_trace(kept, lambda points: None)
+    assert whole[: len(again)] == again
+    assert again + list(walked(name, again)) == whole
+
+
+def test_a_trace_in_a_folder_is_the_same_when_it_is_read_back(tmp_path):
+    some, more = ({"to": radians(1.02), "max_points": count, "progress": False} for count in (2, 4))
+    plain = trace(doubling(), SLOPE, **more)
+    assert len(trace(doubling(), SLOPE, output=tmp_path / "trace", **some)) == 2
+    kept = trace(doubling(), SLOPE, output=tmp_path / "trace", **more)
+    assert kept.to_records() == plain.to_records()
+    assert load_run(tmp_path / "trace").to_records() == plain.to_records()
+
+
+def test_a_limit_of_points_leaves_the_curve_open():
+    curve = trace(doubling(), SLOPE, radians(1.5), max_points=3, progress=False)
+    (end,) = curve.specials
+    assert (len(curve), end.type, end.open, end.bound) == (3, "end", True, False)
+
+
+def test_a_bound_of_the_first_parameter_ends_the_curve_there():
+    curve = trace(doubling(), SLOPE, radians(1.5), upper=0.1445, progress=False)
+    (end,) = curve.specials
+    assert (end.bound, end.reason) == (True, "reached friction = 0.1445")
+    assert end.values["friction"] == pytest.approx(0.1445, rel=0, abs=1e-12)
+
+
+# ---- bad input
+
+
+def test_what_cannot_be_traced_is_refused_with_one_sentence():
+    walker = doubling()
+    with pytest.raises(UnknownNameError, match=r"did you mean walker\.slope"):
+        trace(walker, "walker.slop", 0.02)
+    with pytest.raises(UnknownNameError, match="friction is the parameter of the branch"):
+        trace(walker, "friction", 0.2)
+    with pytest.raises(ProblemError, match="the target must be another finite value"):
+        trace(walker, SLOPE, walker.gait.dynamics.parameter(SLOPE))
+    with pytest.raises(
+        ProblemError, match=r"the period_doubling lies at friction = 0.14430\d* whatever walker.gravity is"
+    ):
+        trace(walker, "walker.gravity", 12.0, progress=False)
+    end = continuation(named("compass-passive-b"), "friction", 0.141, progress=False).special("end")[0]
+    with pytest.raises(ProblemError, match="a special point of type end has no curve"):
+        trace(end, SLOPE, 0.02)
+
+
+def test_points_of_a_trace_say_where_they_are():
+    curve = trace(doubling(), SLOPE, radians(1.001), max_points=1, progress=False)
+    assert repr(curve).startswith("<Trace of a period_doubling over friction and walker.slope")
+    point = next(islice(curve, 1))
+    assert isinstance(point, TracePoint)
+    assert repr(point).startswith("<TracePoint 0.0 at friction = 0.14430218")
