@@ -31,7 +31,7 @@ from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
 from gaitopt.solver.rollout import guessed_motion
-from gaitopt.solver.solve import FARTHER, free_parameters, solve_gait
+from gaitopt.solver.solve import OTHER_METHODS, free_parameters, solve_gait
 
 FLOW_PERIODS = 2
 """A reference with ``beyond_end: flow`` is extended past its end by this many periods; no step takes longer."""
@@ -98,7 +98,7 @@ def solve_sequence(
     began = time.perf_counter()
     if isinstance(problem.control, OpenLoop) and problem.control.duration is None:
         if method is Method.NEWTON:
-            reason, dynamics = f"open-loop torques are found by IPOPT; {FARTHER}", problem_dynamics(problem)
+            reason, dynamics = f"open-loop torques are found by IPOPT; {OTHER_METHODS}", problem_dynamics(problem)
             return Gait(problem=problem, dynamics=dynamics, status=Status.NOT_CONVERGED, message=reason)
         gait = _open_loop_gait(problem, start, progress, should_stop)
         return replace(

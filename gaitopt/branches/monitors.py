@@ -53,7 +53,7 @@ from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.transitions import Transitions, contact_of, kind, margin_unit, named
-from gaitopt.solver.rollout import JUMP
+from gaitopt.solver.rollout import SMALLEST_JUMP
 
 LARGEST_TOUCHDOWN_MONITOR = 1.0
 """Largest value of a monitor of a touchdown; a foot that is farther from the ground does not matter."""
@@ -305,7 +305,7 @@ def _time_to_jump(arc: Arc, after: Mode) -> float:
     for neighbour, k, sign in ((arc.segment - 1, arc.segment - 1, -1), (arc.segment + 1, arc.segment, 1)):
         if 0 <= k < len(breakpoints):
             b = breakpoints[k]  # compare at the breakpoint: elsewhere, torques with only a kink there differ as well
-            if not abs(guard(neighbour, b) - guard(arc.segment, b)) <= JUMP:
+            if not abs(guard(neighbour, b) - guard(arc.segment, b)) <= SMALLEST_JUMP:
                 times.append(sign * (b - arc.end))
     return min(times, default=np.inf)
 

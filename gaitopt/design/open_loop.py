@@ -335,7 +335,7 @@ class CollocationProgram(NonlinearProgram):
             words = f"{self.g_labels[equal[worst]]} is off by {abs(off[worst]):.3g}"
             cause: Cause | None = Cause(what="motion", words=words, needed=0.0, available=float(off[worst]))
         else:
-            cause = self._missed(point, p)
+            cause = self._violated_bound(point, p)
         if cause is not None:
             at = self.collocation.on_mesh(point, Dynamics.of(system, optimum.problem.parameters))
             return failed_gait(optimum.problem, at, (cause,), optimum.solver)

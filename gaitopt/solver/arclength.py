@@ -1,11 +1,11 @@
-"""Curves of solutions by pseudo-arclength: one predictor and one corrector for everything that follows a family.
+"""Curves of solutions by pseudo-arclength: the predictor and the corrector of everything that follows a family.
 
     F(w) = 0,      n' (y(w) - y_predicted) = 0,      y = w[indices] / scales
 
 F are n equations in n + 1 unknowns, the last of which is the parameter. Arclength is measured in y alone, the unknowns
 that describe a solution without its mesh. The prediction is the polynomial through the last solutions, with their
-tangents where these are known. Newton's method corrects it perpendicular to a normal n, or with the parameter fixed;
-the matrix of the last solution serves as long as it contracts (chord method).
+tangents if these are known. Newton's method corrects it perpendicular to a normal n, or with the parameter fixed. It
+uses the matrix of the last solution as long as its steps contract (chord method).
 
 At a branch point the Jacobian J has a plane of null vectors. The one perpendicular to the known tangent leads to the
 other branch, next to which Newton's method is regular.
@@ -30,49 +30,54 @@ RESIDUAL = 1e-13
 """Largest violation of an equality on the curve, in natural units: about thirty times the rounding of a step.
 
 One more chord then reaches rounding, also where the equations are so flat that a prediction already satisfies them.
-Stiff torques have a larger rounding, in proportion to their gains: see ``SOLVED``.
+Stiff torques have a larger rounding, in proportion to their gains: see ``LARGEST_ROUNDING``.
 """
-PRECISION = 1e-11
+LARGEST_LAST_STEP = 1e-11
 """Largest Newton step that may remain at a solution, in natural units: two digits below what the simulator confirms.
 
 A small residual alone is not enough: the end of a slip that has just appeared is a root with a slope near zero.
 """
-SOLVED = 1e-10
-"""Violation of an equality in natural units from which a full Newton step that does not reduce it has met rounding; a
-solution has 1e-13 or less, unless its torques are stiff."""
+LARGEST_ROUNDING = 1e-10
+"""If a full Newton step does not reduce a violation below this, in natural units, the violation is rounding. It is
+1e-13 or less at a solution, unless its torques are stiff."""
 ITERATIONS = 11
+"""Largest number of Newton iterations."""
 CONTRACTION = 0.5
-"""Ratio of Newton steps above which only rounding is left at a solution, and a solution elsewhere is not next to the
-prediction."""
+"""Largest ratio of two Newton steps next to each other. At a solution, a larger ratio shows that only rounding is left;
+elsewhere, that the solution does not belong to the prediction."""
 SLOW = 0.2
-"""A chord that contracts by less than this is replaced by a new Jacobian."""
+"""If a chord leaves more than this part of the violation, it is replaced by a new Jacobian."""
 LONGEST_FIRST_STEP = 0.2
 """Longest first step in natural units from a prediction, or a guess, next to its solution."""
 LARGEST_WEIGHTS = 100.0
 """Largest sum of the absolute weights of an extrapolation; a larger one amplifies rounding too much."""
-FORWARD = 0.5
-"""Cosine of the angle between tangents below which the curve has turned too far for extrapolation.
+SMALLEST_COSINE = 0.5
+"""If the cosine of the angle between two tangents is smaller, the curve has turned too far for extrapolation.
 
 Predictions are cubics through two points with their tangents. Three points would save a third of the chords, but where
 a gait vanishes they enlarge rounding to 1e-8 of its place.
 """
 STRAIGHT = 0.98
-"""Cosine of the largest angle between the tangents of neighbours."""
+"""Cosine of the largest angle between the tangents of neighbours on a straight step."""
 ASIDE = 0.2
-"""Largest distance of a point from its prediction along the tangent, in step lengths."""
+"""Largest distance of the end of a straight step from its prediction along the tangent, in step lengths."""
 GROWTH = 2.0
+"""Factor by which the length of a step grows or shrinks."""
 FEW_ITERATIONS, MANY_ITERATIONS = 5, 8
-"""Newton iterations up to which a step length grows, and beyond which it shrinks."""
-SINGULAR = 1e-5
-"""Violation of the linearised equalities by a unit null vector, where the branch point is known to eight digits."""
+"""The length grows if a step took no more than the first number of Newton iterations, and shrinks if it took more than
+the second one."""
+LARGEST_NULL_RESIDUAL = 1e-5
+"""Largest violation of the linearised equalities by a unit null vector at a branch point that is known to eight
+digits."""
 INVERSE_ITERATIONS = 2
-"""The null vector of a matrix that is singular to nine digits is accurate to nine digits after one."""
+"""Number of inverse iterations. After one, the null vector of a matrix that is singular to nine digits is accurate to
+nine digits."""
 LENGTH_TOLERANCE = 1e-13
-"""In arclength; the parameter is then accurate to more than ten digits of its range."""
+"""Tolerance of a zero in arclength; the parameter is then accurate to more than ten digits of its range."""
 
 
 class Iterate(Protocol):
-    """Unknowns with the values and the derivative of some equations, computed on first use."""
+    """Unknowns with the values and the derivative of some equations, which are computed on first use."""
 
     @property
     def w(self) -> Array:
@@ -84,7 +89,7 @@ class Iterate(Protocol):
 
     @property
     def jacobian(self) -> SparseMatrix:
-        """Their derivative in all unknowns."""
+        """Derivative of the equations by all unknowns."""
 
 
 At = TypeVar("At", bound=Iterate)
@@ -93,7 +98,7 @@ T = TypeVar("T")
 
 
 class Equations(Protocol[At_co]):
-    """Equations in at least as many unknowns; those in excess are parameters, and come last."""
+    """Equations in at least as many unknowns; excess unknowns are parameters and come last."""
 
     @property
     def unknown_units(self) -> Array:
@@ -122,7 +127,7 @@ class Fixed(Generic[At]):
         return self.equations.violation(w)
 
     def residual(self, at: At) -> Array:
-        """The same at an iterate."""
+        """Values of the equations at an iterate, which knows most of them."""
         return at.residual
 
     def matrix(self, at: At) -> ScaledMatrix:
@@ -131,13 +136,13 @@ class Fixed(Generic[At]):
 
 
 class Perpendicular(Generic[At]):
-    """The equations with one more: the step from a prediction is perpendicular to a normal.
+    """The equations and one more, by which the step from a prediction is perpendicular to a normal.
 
     Parameters
     ----------
-    predicted : ndarray - unknowns.
-    indices : of the unknowns that the normal concerns.
-    normal : ndarray - its entries, so that the new equation is normal' (w - predicted)[indices] = 0.
+    predicted : ndarray - the predicted unknowns.
+    indices : indices of the unknowns in which the normal has entries.
+    normal : ndarray - these entries: the new equation is normal' (w - predicted)[indices] = 0.
     """
 
     def __init__(self, equations: Equations[At], predicted: Array, indices: NDArray[np.intp], normal: Array) -> None:
@@ -150,7 +155,7 @@ class Perpendicular(Generic[At]):
         return np.append(self.equations.violation(w), self._offset(w))
 
     def residual(self, at: At) -> Array:
-        """The same at an iterate."""
+        """Values of the equations at an iterate, which knows most of them."""
         return np.append(at.residual, self._offset(at.w))
 
     def matrix(self, at: At) -> ScaledMatrix:
@@ -184,13 +189,13 @@ class Correction(Generic[At]):
 def corrected(
     system: Fixed[At] | Perpendicular[At], predicted: Array, chord: ScaledMatrix | None = None, *, slow: float = SLOW
 ) -> Correction[At] | None:
-    """The solution by Newton's method from ``predicted``, down to rounding; None if it does not converge.
+    """The solution by Newton's method from ``predicted``, refined to rounding; None if it does not converge.
 
     Parameters
     ----------
-    chord : matrix for the first steps; None for that at ``predicted``.
-    slow : a step that leaves more than this part of the violation is followed by one with a new matrix; with 0, every
-        step has its own.
+    chord : matrix for the first steps; None for the matrix at ``predicted``.
+    slow : after a step that leaves more than this part of the violation, the matrix is computed anew; 0 stands for a
+        new matrix in every step.
     """
     w, last, full = predicted, np.inf, False
     is_near, longest = True, LONGEST_FIRST_STEP
@@ -198,7 +203,7 @@ def corrected(
         for iterations in range(ITERATIONS + 1):
             violation = system.violation(w)
             size = float(np.abs(violation / system.rows).max())
-            at_rounding = full and size > SLOW * last and size < SOLVED
+            at_rounding = full and size > SLOW * last and size < LARGEST_ROUNDING
             solved = size < RESIDUAL or at_rounding
             if iterations and size > slow * last:
                 chord = None
@@ -210,7 +215,8 @@ def corrected(
             if chord is not None:  # also at a solution, where one more chord leads to rounding
                 step = chord.solve(violation)
                 moved = float(np.abs(step / system.columns).max())
-                is_near, longest = is_near and (moved <= longest or moved < PRECISION), CONTRACTION * moved
+                is_near = is_near and (moved <= longest or moved < LARGEST_LAST_STEP)
+                longest = CONTRACTION * moved
                 w = w.copy()
                 w[: step.size] -= step
             if solved:
@@ -223,7 +229,7 @@ def corrected(
 
 
 def _polished(system: Fixed[At] | Perpendicular[At], w: Array) -> tuple[At, ScaledMatrix]:
-    """The solution after full Newton steps, down to ``PRECISION`` or rounding, and the derivative there."""
+    """The solution after full Newton steps, down to ``LARGEST_LAST_STEP`` or rounding, and its derivative."""
     at = system.equations.at(w)
     matrix = system.matrix(at)
     best, last = (at, matrix), np.inf
@@ -235,7 +241,7 @@ def _polished(system: Fixed[At] | Perpendicular[At], w: Array) -> tuple[At, Scal
         size = float(np.abs(step / system.columns).max())
         if not size < CONTRACTION * last:
             return best
-        if size < PRECISION:
+        if size < LARGEST_LAST_STEP:
             return at, matrix
         best, last = (at, matrix), size
         w = at.w.copy()
@@ -247,13 +253,14 @@ def _polished(system: Fixed[At] | Perpendicular[At], w: Array) -> tuple[At, Scal
 def predictions(
     places: Sequence[float], solutions: Sequence[Array], place: float, slopes: Sequence[Array] = ()
 ) -> Iterator[Array]:
-    """Polynomials through the last solutions at another place, without the oldest ones one after the other.
+    """Predictions at another place on a curve, by polynomials through the last solutions.
 
-    Polynomials that do not reach ``place`` are left out; the last one, through the last solution alone, always does.
+    The first polynomial passes through all solutions, every further one through one solution less. Polynomials that
+    would amplify rounding too much at ``place`` are left out. The last prediction is the last solution itself.
 
     Parameters
     ----------
-    places, solutions : the last one first.
+    places, solutions : places on the curve and the solutions there, the last one first.
     slopes : derivatives of the solutions by the place, if they are known.
     """
     for count in range(len(places), 0, -1):
@@ -264,7 +271,7 @@ def predictions(
 
 
 def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False) -> Array | None:
-    """Weights of the polynomial through values (and derivatives, if ``slopes``) at some places in its value at another.
+    """Weights of values (and derivatives, if ``slopes``) at some places in a polynomial's value at another place.
 
     Returns
     -------
@@ -283,7 +290,7 @@ def extrapolation(places: Sequence[float], place: float, *, slopes: bool = False
 
 
 def next_length(length: float, iterations: int) -> float:
-    """The length of the next step after one of this length that took some Newton iterations."""
+    """The length of the next step after a step of this length that took so many Newton iterations."""
     if iterations > MANY_ITERATIONS:
         return length / GROWTH
     return length * (GROWTH if iterations <= FEW_ITERATIONS else 1.0)
@@ -299,7 +306,7 @@ class Point(Generic[At]):
     tangent : ndarray, shape of w - direction of the curve, of unit length in y.
     bordered : the Jacobian with this tangent as its last row.
     iterations : number of Newton iterations that led here.
-    earlier : unknowns and tangent of the point before this one, from which the next one is extrapolated; None if none.
+    earlier : unknowns and tangent of the point before this one, which serve to extrapolate the next one; None if none.
     """
 
     at: At
@@ -316,7 +323,7 @@ class SolutionCurve(Generic[At]):
     ----------
     equations : n equations in n + 1 unknowns.
     indices : ascending indices of the unknowns in which arclength is measured; the last is that of the parameter.
-    scales : of these unknowns.
+    scales : scales of these unknowns.
     """
 
     def __init__(self, equations: Equations[At], indices: NDArray[np.intp], scales: Array) -> None:
@@ -327,11 +334,11 @@ class SolutionCurve(Generic[At]):
         return np.asarray(w[self._indices])
 
     def coordinates(self, w: Array) -> Array:
-        """The same in the scales of arclength: y."""
+        """The unknowns y in which arclength is measured, divided by their scales."""
         return self.scaled(self.entries(w))
 
     def scaled(self, entries: Array) -> Array:
-        """The ``entries`` of some w as y."""
+        """The ``entries`` of a w, divided by their scales."""
         return entries / self._scales
 
     def ahead(self, sign: float) -> Array:
@@ -341,7 +348,7 @@ class SolutionCurve(Generic[At]):
         return self.scaled(direction)
 
     def nearest(self, w: Array, forward: Array) -> Point[At] | None:
-        """The point next to ``w`` at the same parameter, its tangent along ``forward`` (shape of y)."""
+        """The point next to ``w`` at the same parameter; its tangent points along ``forward`` (shape of y)."""
         end = corrected(Fixed(self.equations), w)
         return None if end is None else self.through(end.at, forward, end.iterations)
 
@@ -360,7 +367,7 @@ class SolutionCurve(Generic[At]):
         if here.earlier is not None:
             w, tangent = here.earlier
             slope = float(normal @ self.coordinates(tangent))
-            if slope >= FORWARD:
+            if slope >= SMALLEST_COSINE:
                 places.append(float(normal @ (self.coordinates(w) - self.coordinates(here.at.w))))
                 solutions.append(w)
                 slopes.append(tangent / slope)
@@ -372,7 +379,7 @@ class SolutionCurve(Generic[At]):
 
     @overflow_allowed()
     def at_parameter(self, here: Point[At], value: float) -> Point[At] | None:
-        """The point next to ``here`` with the given value of the parameter; None if Newton's method fails."""
+        """The point next to ``here`` at this value of the parameter; None if Newton's method fails."""
         slope = here.tangent[-1]
         predicted = here.at.w + here.tangent * ((value - here.at.w[-1]) / slope if slope else 0.0)
         predicted[-1] = value
@@ -387,9 +394,9 @@ class SolutionCurve(Generic[At]):
 
     @overflow_allowed()
     def crossing(self, w: Array, along: Array) -> Array | None:
-        """Direction of another branch through ``w``, of unit length in y; None where there is none.
+        """Direction of another branch through ``w``, of unit length in y; None if there is none.
 
-        It is the null vector, by inverse iteration, of the Jacobian bordered by the tangent of the known branch.
+        It is the null vector of the Jacobian bordered by the tangent of the known branch, by inverse iteration.
 
         Parameters
         ----------
@@ -405,12 +412,12 @@ class SolutionCurve(Generic[At]):
                 return None
             vector /= np.linalg.norm(self.coordinates(vector))
         left = np.abs(at.jacobian @ vector / self.equations.equality_units).max()
-        return vector if left < SINGULAR else None
+        return vector if left < LARGEST_NULL_RESIDUAL else None
 
     def through(
         self, at: At, forward: Array, iterations: int = 0, bordered: ScaledMatrix | None = None
     ) -> Point[At] | None:
-        """A solution as a point of the curve, its tangent along ``forward`` (shape of y); None where it has none.
+        """A solution as a point of the curve, with its tangent along ``forward`` (shape of y); None if it has none.
 
         Parameters
         ----------
@@ -453,7 +460,7 @@ class Location(Generic[T]):
     ----------
     length : arclength from the start of the step.
     point : the point there.
-    status : ``converged``, or ``guess`` for the last known point before it, where Newton's method failed on the way.
+    status : ``converged``, or ``guess`` for the last known point before the zero, if Newton's method failed on the way.
     """
 
     length: float
@@ -464,26 +471,26 @@ class Location(Generic[T]):
 def located(
     start: T, end: T, length: float, step: Callable[[float], T | None], function: Callable[[T], float]
 ) -> Location[T]:
-    """The zero of ``function`` on the step of the given arclength from ``start`` to ``end``.
+    """The zero of ``function`` on the step of arclength ``length`` from ``start`` to ``end``.
 
     Parameters
     ----------
-    step : the point at an arclength from ``start``; None where there is none.
+    step : maps an arclength from ``start`` to the point there, or to None if there is none.
     """
     points: dict[float, T] = {0.0: start, length: end}
 
-    def value(part: float) -> float:
-        if part not in points:
-            point = step(part)
+    def value(at: float) -> float:
+        if at not in points:
+            point = step(at)
             if point is None:
                 raise _LostError
-            points[part] = point
-        return function(points[part])
+            points[at] = point
+        return function(points[at])
 
     try:
         root = bracketed_root(value, 0.0, length, LENGTH_TOLERANCE)
     except _LostError:
-        last = max(part for part, point in points.items() if function(point) * function(start) >= 0)
+        last = max(at for at, point in points.items() if function(point) * function(start) >= 0)
         return Location(length=last, point=points[last], status="guess")
     value(root)
     return Location(length=root, point=points[root], status="converged")

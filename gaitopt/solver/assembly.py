@@ -19,7 +19,7 @@ from gaitopt.solver.shooting import transcribe
 
 
 def search_record(method: Method, iterations: int, began: float) -> dict[str, float | str]:
-    """What ``Gait.solver`` says of a search that began at a time of ``time.perf_counter``."""
+    """The record of a search in ``Gait.solver``; ``began`` is a time of ``time.perf_counter``."""
     return {"method": method.value, "iterations": float(iterations), "seconds": time.perf_counter() - began}
 
 
@@ -45,16 +45,16 @@ def solution_of(gait: Gait, free: tuple[str, ...] = ()) -> Solution:
 
 
 def solved_gait(problem: Problem, refined: Solution, *, message: str, solver: Mapping[str, float | str]) -> Gait:
-    """The gait at a refined solution; its message tells if the cycle is a shorter one walked several times.
+    """The gait at a refined solution.
 
-    It also names the joints whose limits the gait exceeds.
+    Its message says if the cycle repeats a shorter one, and names the joints whose limits the gait exceeds.
     """
     gait = assemble_gait(problem, refined, message=message, solver=solver)
-    words, n, shorter = [message], len(gait.steps), gait.repeats_after
+    sentences, n, shorter = [message], len(gait.steps), gait.repeats_after
     if shorter != n:
         period = "every step" if shorter == 1 else f"{shorter} steps"
-        words.append(f"the cycle of {n} steps repeats itself after {period}")
-    return replace(gait, message="; ".join([*words, *exceeded_limits(gait.steps)]))
+        sentences.append(f"the cycle of {n} steps repeats itself after {period}")
+    return replace(gait, message="; ".join([*sentences, *exceeded_limits(gait.steps)]))
 
 
 def assemble_gait(
@@ -64,9 +64,9 @@ def assemble_gait(
 
     Parameters
     ----------
-    problem : the one that was solved.
+    problem : the problem that was solved.
     at : the solution.
-    errors : ndarray, shape (n_phases,) - estimated integration error, that of the solution unless given.
+    errors : ndarray, shape (n_phases,) - estimated integration error; by default that of the solution.
     """
     forward, equations = _forward_in_time(at), at.equations
     nodes, durations, freed = equations.unpack(forward.w)
@@ -93,7 +93,7 @@ def assemble_gait(
 
 
 def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tuple[Step, ...]:
-    """The steps of a solution; their arcs at the first of ``counts`` Chebyshev points that resolve them."""
+    """The steps of a solution; each arc has the first number of Chebyshev points in ``counts`` that resolves it."""
     at, equations = _forward_in_time(at), at.equations
     nodes, _, freed = equations.unpack(at.w)
     cycle, table = equations.mesh.cycle, equations.system.transitions
@@ -104,7 +104,7 @@ def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tup
             times, states = equations.sample(at.w, at.p, index, count)
             if curves.tail(states / dynamics.state_units) < curves.RESOLVED:
                 break
-        # where an event makes the slip velocity zero, the sign of its rounding would decide a mode
+        # if an event makes the slip velocity zero, the sign of its rounding would decide a mode
         if arc.mode.fixes_x:
             states[:, -1] = 0.0
         elif arc.start is None and (arc.mode.direction or cycle.phases[arc.phase - 1].fixes_x):

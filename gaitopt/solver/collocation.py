@@ -1,4 +1,4 @@
-"""Direct collocation of one step whose torques, or whose motion alone, are unknown.
+"""Direct collocation of one step with unknown torques, or of which only the motion is unknown.
 
 On each interval of length h the states are polynomials through z_0 and z_1 .. z_d at the Radau points c_j, with
 
@@ -6,14 +6,15 @@ On each interval of length h the states are polynomials through z_0 and z_1 .. z
 
 Unknowns are the states at all points, durations of the phases, torque values of an ``open_loop`` law, freed parameters,
 and every integral, extremum and length that objective and constraints name. The intervals of the law divide the period,
-so that all times are affine in the durations. For multipliers, the duration T of the law is an unknown of its own, and
-a row says that it is the period: with T fixed, the other equations are those under a law that is fixed in time.
+so that all times are affine in the durations. If multipliers are needed, the duration T of the law is an unknown of its
+own, and a row says that it is the period. The other equations are then, at fixed T, those under a law that is fixed in
+time.
 
 Margins of the modes and path constraints hold at all points, and ``Collocation.violated`` finds places between them
 where they do not: an exchange method of semi-infinite programs (Hettich & Kortanek 1993).
 
-The numbers of one problem are here: bounds, start and search. Its points are in ``collocation_mesh``, its expressions
-in ``collocation_elements``, its rows in ``collocation_rows``.
+This module has the numbers of one problem: bounds, start and search. The points are in ``collocation_mesh``, the
+expressions in ``collocation_elements``, the rows in ``collocation_rows``.
 
 References
 ----------
@@ -53,42 +54,43 @@ from gaitopt.solver.shooting import Label, transcribe
 TOLERANCE = 1e-9
 """Tolerance of IPOPT."""
 MAX_ITERATIONS = 200
-FACTORED: dict[str, Any] = {"mumps_permuting_scaling": 0}
-"""MUMPS need not permute the columns of these matrices, which takes a fifth of the time of an iteration."""
-NEARBY: dict[str, Any] = {"mu_init": 1e-3, "warm_start_init_point": "yes"} | {
+LINEAR_OPTIONS: dict[str, Any] = {"mumps_permuting_scaling": 0}
+"""Options of MUMPS, which need not permute the columns of these matrices: that takes a fifth of the time of an
+iteration."""
+WARM_OPTIONS: dict[str, Any] = {"mu_init": 1e-3, "warm_start_init_point": "yes"} | {
     f"warm_start_{what}": 1e-4
     for what in ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
 }
-"""IPOPT stays near the start of a search whose solution and multipliers are close."""
-CLOSE: dict[str, Any] = {
+"""Options with which IPOPT stays near a start whose unknowns and multipliers are close to a solution."""
+CLOSE_OPTIONS: dict[str, Any] = {
     "mu_init": 1e-4,
     "mu_strategy": "adaptive",
     "mu_oracle": "probing",
     "bound_mult_init_method": "mu-based",
 } | dict.fromkeys(("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac"), 1e-7)
-"""It stays near a start that is close to a solution, whose multipliers are not known; Mehrotra's probing of the barrier
-parameter takes three quarters of the iterations of Fiacco and McCormick's rule there, but more with known multipliers
-or from afar."""
-OBJECTIVE_SLOPE, LONGER = 10.0, 5
-"""For searches with bounds on |power|: the slope to which the objective is scaled, because absolute work is small next
-to powers, and the factor of the number of iterations, because they take some 400."""
+"""Options with which IPOPT stays near a start that is close to a solution, but whose multipliers are not known.
+Mehrotra's probing of the barrier parameter takes three quarters of the iterations of Fiacco and McCormick's rule there;
+it takes more if the multipliers are known or the solution is far."""
+OBJECTIVE_SLOPE, MORE_ITERATIONS = 10.0, 5
+"""For searches with bounds on |power|: the slope to which the objective is scaled, because absolute work is small
+compared with powers; and the factor of the number of iterations, because these searches take some 400."""
 SHORTEST_PHASE = 1e-3
-"""Shortest phase in periods of the guess."""
+"""Shortest phase as a part of the period of the guess."""
 LONGEST_PERIOD = 5.0
-"""Longest period, in those of the guess."""
+"""Longest period relative to that of the guess."""
 STRUCTURAL = ("integral", "defect", "interpolation", "lengths", "reset", "unused", EVENT, DURATION, POWER)
 """Rows that define a motion rather than limit it."""
 MOTION = ("defect", "interpolation", "reset")
-"""Those that compare states, all coordinates in turn."""
+"""Those structural rows that compare states, all coordinates in turn."""
 RATES = {"power": "work", "absolute_power": "work", "squared_torque": "torque_squared"}
-"""Scalars with the units of the integrals."""
+"""For the rate of every integral, a scalar with the unit of the integral."""
 LENGTHS = ("m", "m", "J")
 """Units of distance, slip, and the work of the push."""
 SAMPLES = 12
-"""Points per interval at which margins are examined between the collocation points."""
+"""Number of points per interval at which margins are examined between the collocation points."""
 
 Motion: TypeAlias = Callable[[int, Array], Array]
-"""A motion: states (n, n_z) in a phase at times (n,) since the impact."""
+"""A motion: maps a phase and times (n,) since the impact to states (n, n_z)."""
 
 
 class Collocation:
@@ -96,13 +98,13 @@ class Collocation:
 
     Parameters
     ----------
-    problem : goals and bounds; the modes are those of one step.
-    system : of its walker and law.
-    durations : of the phases, from which the order of switches and breakpoints is taken, shape (n_phases,).
+    problem : the problem, with its goals and bounds; its mode sequence is that of one step.
+    system : the system of its walker and law.
+    durations : durations of the phases, which determine the order of switches and breakpoints, shape (n_phases,).
     free : bounds of the freed parameters by dotted key.
-    degree, intervals : of the collocation.
-    places : (interval, fraction) at which margins hold besides the collocation points.
-    timed : the duration of the law is an unknown of its own, which ``motion`` needs.
+    degree, intervals : number of Radau points of an interval, and smallest number of intervals.
+    places : further points, as (interval, fraction), at which the margins must not be negative.
+    timed : whether the duration of the law is an unknown of its own, which ``motion`` needs.
     """
 
     @building
@@ -146,12 +148,15 @@ class Collocation:
                 self.lbg[names == name], self.ubg[names == name] = span.minimum, span.maximum
 
     def columns(self, name: str) -> NDArray[np.intp]:
-        """Numbers of the unknowns of a block."""
+        """Indices of the unknowns of a block."""
         return self._shared.columns(name)
 
     @property
     def motion(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-        """Unknowns of the motion, as many rows that define it, and those of the last impact, under a law in time."""
+        """Indices of the unknowns of the motion, of the rows that define it, and of those rows of the last impact.
+
+        There are as many rows as unknowns. The law is fixed in time for them, see ``timed``.
+        """
         states = np.arange(self.system.n_z * (self.n_states - len(self.places)))
         defining = [name in ("defect", "reset", EVENT) for name in self.row_names]
         closing = [name == "reset" and at.phase == 0 for name, at in zip(self.row_names, self.row_places, strict=True)]
@@ -159,13 +164,13 @@ class Collocation:
 
     @building
     def add_rows(self, name: str, rows: Function, curvature: Function, columns: NDArray[np.intp]) -> None:
-        """Add rows that must not be negative, all with one name; their functions are kept with the program.
+        """Add rows that must not be negative and have the same name; their functions are kept with the program.
 
         Parameters
         ----------
         rows : (x, p) -> rows, with a Jacobian.
         curvature : (x, p, multipliers of the rows) -> Hessian in some unknowns, symmetric.
-        columns : these unknowns, ascending.
+        columns : ascending indices of these unknowns.
         """
         plain, count, n = self.program, rows.numel_out(0), columns.size
         self._added = rows, curvature  # callbacks of Python must outlive the program
@@ -299,7 +304,7 @@ class Collocation:
         return self.points.times(durations)
 
     def pack(self, states: Array, values: Array, durations: Array, freed: Sequence[float]) -> Array:
-        """A start from states (n_states, n_z), values by motor and durations; the rest is zero or one."""
+        """A start from states (n_states, n_z), torque values by motor and durations; other unknowns are zero or one."""
         x = np.zeros(self.n_x)
         x[self.slices["states"]] = states.ravel()
         x[self.slices["values"]] = values
@@ -322,9 +327,12 @@ class Collocation:
         close: bool = False,
         max_iterations: int = MAX_ITERATIONS,
     ) -> IpoptResult:
-        """IPOPT's solution from a motion, which is ``close`` to one or not.
+        """IPOPT's solution from a motion.
 
-        ``again`` is the same program without the last places, and its solution.
+        Parameters
+        ----------
+        again : the same program without the last places, and its solution, for a warm start.
+        close : whether the motion is close to a solution.
         """
         unknowns, rows = self.blocks
         program = Program(
@@ -335,10 +343,13 @@ class Collocation:
             x0=self.start(motion, values, durations, freed),
             p0=self.dynamics.p,
         )
-        options: dict[str, Any] = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0} | FACTORED
-        options |= NEARBY if again else CLOSE if close else {}
+        options: dict[str, Any] = {"tol": TOLERANCE, "max_iter": max_iterations, "bound_relax_factor": 0.0}
+        options |= LINEAR_OPTIONS | (WARM_OPTIONS if again else CLOSE_OPTIONS if close else {})
         if self._shared.n_powers:
-            options |= {"nlp_scaling_obj_target_gradient": OBJECTIVE_SLOPE, "max_iter": LONGER * max_iterations}
+            options |= {
+                "nlp_scaling_obj_target_gradient": OBJECTIVE_SLOPE,
+                "max_iter": MORE_ITERATIONS * max_iterations,
+            }
         multipliers = None if again is None else self._extended(*again)
         if self._added:
             ipopt = Ipopt(program, options=options, exact=True, derivatives=self.program.derivatives)
@@ -347,7 +358,7 @@ class Collocation:
         return ipopt.solve(program, multipliers=multipliers, progress=progress, should_stop=should_stop)
 
     def _extended(self, before: "Collocation", result: IpoptResult) -> tuple[Array, Array]:
-        """Multipliers of the bounds and the rows: those of a program without the last places, and zero there."""
+        """Multipliers of bounds and rows from those of a program without the last places, where they are zero."""
         n, bounds, rows = self.system.n_z, np.zeros(self.n_x), np.zeros(self.lbg.size)
         kept = np.ones(self.n_x, dtype=bool)
         kept[n * before.n_states : n * self.n_states] = False
@@ -373,7 +384,7 @@ class Collocation:
         return () if law is None else tuple(f"control.{name}.{k}" for name in law.values for k in range(law.count))
 
     def start(self, motion: Motion, values: Array, durations: Array, freed: Sequence[float]) -> Array:
-        """A start from a motion, called with a phase and times; integrals and lengths have their values there."""
+        """A start from a motion; integrals and lengths have the values of that motion."""
         times, states = self.point_times(durations), np.empty((self.n_states, self.system.n_z))
         of_phase: dict[int, list[int]] = {}
         intervals = self.mesh.intervals
@@ -395,11 +406,11 @@ class Collocation:
         return x
 
     def _rows(self, x: Array) -> Array:
-        """Values of the rows without those that were added."""
+        """Values of the rows, without those of ``add_rows``."""
         return self._shared.values(x, self.dynamics.p)[0].copy()
 
     def _extremum(self, name: str, x: Array) -> float:
-        """The least value of an extremum that satisfies its rows; they are linear in it."""
+        """The smallest (or largest) value of an extremum that satisfies its rows, which are linear in it."""
         k = self.slices["extrema"].start + self.goals.extrema.index(name)
         at = np.array(self._shared.row_names) == name
         x0, x1 = x.copy(), x.copy()
@@ -410,13 +421,14 @@ class Collocation:
         return float(zeros.max() if SCALARS[name].extremum > 0 else zeros.min())
 
     def violated(self, x: Array, samples: int, limit: float, *, beside: int = 0) -> list[tuple[int, float]]:
-        """Places between the points, (interval, fraction), at which a margin or path constraint is violated most.
+        """Places (interval, fraction) between the points at which a margin or path constraint is violated most.
 
         Parameters
         ----------
-        samples : between two points.
+        samples : number of samples between two points.
         limit : slack in natural units below which a margin is violated.
-        beside : samples on either side that are taken too: the least margin moves where it is held.
+        beside : number of samples on either side that are returned too, because the smallest margin moves when a margin
+            is required not to be negative there.
         """
         fractions = (np.arange(samples * self.mesh.degree) + 0.5) / (samples * self.mesh.degree)
         between, intervals = basis(self.mesh.degree, fractions), self.mesh.intervals
@@ -442,14 +454,14 @@ class Collocation:
         return found
 
     def _between(self, x: Array, interval: int, between: Array) -> Array:
-        """Unknowns of points of an interval, (n, n_y), at places with these values of the Lagrange polynomials."""
+        """Unknowns (n, n_y) of n places of an interval, given the values of the Lagrange polynomials there."""
         states = self.unpack(x)["states"][self.points.of_interval(interval)]
         values = self._shared.value_columns(self.mesh.intervals[interval].segment)
         rest = np.concatenate([x[values], x[self._shared.tail]])
         return np.hstack([between @ states, np.tile(rest, (len(between), 1))])
 
     def _slack(self, mode: Mode, interval: int, values: Array) -> Array:
-        """Least slack of margins, path constraints and extrema from the rows of places, (n_rows, n); shape (n,)."""
+        """Smallest slack of margins, path constraints and extrema at n places (n,), from their rows (n_rows, n)."""
         names, units = self.system.transitions.margin_names(mode), self.dynamics.margin_units(mode)
         slack = np.full(values.shape[1], np.inf)
         pt = Point(interval=interval, fraction=0.5, state=-1, dynamic=False)
@@ -464,7 +476,7 @@ class Collocation:
         return np.minimum(slack, extra.min(axis=0) + ROOM) if extra.size else slack
 
     def active(self, multipliers: Array, bound_multipliers: Array) -> list[tuple[str, float]]:
-        """Names of rows and bounds with the sizes of their multipliers, relative to the largest, largest first.
+        """Names of rows and bounds with the sizes of their multipliers, relative to the largest one; largest first.
 
         A multiplier times its bound, or the natural unit of a margin, is the effect of a relative change of the bound.
         """
@@ -489,7 +501,7 @@ class Collocation:
         return sorted(((name, value / largest) for name, value in sums.items()), key=lambda each: -each[1])
 
     def worst(self, x: Array) -> list[Cause]:
-        """The limit that is violated most at a point, or the largest residual of the equations of motion."""
+        """The limit that is violated most at a point; if none is, the largest residual of the equations of motion."""
         rows = Function("rows", [self.program.x, self.program.p], [self.program.g]) if self._added else None
         g = self._rows(x) if rows is None else np.asarray(rows(x, self.dynamics.p)).ravel()
         violation = np.maximum(self.lbg - g, g - self.ubg)

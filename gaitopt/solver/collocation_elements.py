@@ -1,6 +1,6 @@
 """Expressions of a direct collocation: of a point, of an impact, and of the scalars of a step.
 
-Each is a function (y, c, p) -> (f, g) of few unknowns y, which ``solver.elements`` applies to many groups of them:
+Each is a function (y, c, p) -> (f, g) of few unknowns y, which ``solver.elements`` applies to many groups of unknowns:
 
     point     f = 0, g = (-h dz/dt, margins, path quantities, extrema, bounds of |power|, -weight h rates)
     impact    f = 0, g = (-z_plus, -step length, -work of the push, margins)
@@ -20,23 +20,23 @@ from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE, SCALARS, Instant
 
 SMOOTHING = 3e-5
-"""Width of the smoothed |power| [W], relative to the walker's weight times 1 m/s."""
+"""|power| is smoothed over this width, relative to the walker's weight times 1 m/s."""
 POWER = "absolute_power"
 IMPULSE, CLEARED = "impulse_ratio", "foot_clearance"
-"""Extrema of other instants than all of a phase."""
+"""Extrema that are not taken over all instants of a phase."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goals:
-    """What objective and constraints of a problem name, sorted by how they are stated; without the numbers of bounds.
+    """The quantities in objective and constraints of a problem, without the numbers of the bounds.
 
     Attributes
     ----------
     objective : names with weights.
-    constrained : scalars, states, freed parameters and path quantities that have a range.
-    bounds_power : whether bounds on |power|, which are unknowns, replace it: less absolute work is better, or only
-        limited.
-    arch : least height of the swing foot in the middle of the step [m].
+    constrained : names of the scalars, states, freed parameters and path quantities that have a range.
+    bounds_power : whether |power| is replaced by unknowns that bound it from above. That is possible if absolute work
+        is minimised or has an upper limit only.
+    arch : smallest height of the swing foot in the middle of the step [m].
     """
 
     objective: tuple[tuple[str, float], ...]
@@ -68,7 +68,7 @@ class Goals:
         return tuple(name for name in self.names if name in SCALARS and SCALARS[name].extremum)
 
     def of_points(self, mode: Mode) -> tuple[str, ...]:
-        """Extrema that the values at every point of a mode bound."""
+        """The extrema over all points of a mode."""
         extrema = ((name, SCALARS[name]) for name in self.extrema if name not in (IMPULSE, CLEARED))
         return tuple(name for name, scalar in extrema if mode.sticks or not scalar.sticking)
 
@@ -94,7 +94,7 @@ class Goals:
 
 
 class _Symbols:
-    """The quantities of formulas as symbols; integrals that are asked for are collected."""
+    """The quantities of formulas as symbols; every integral that a formula uses is recorded."""
 
     def __init__(self, durations: SX, distance: SX, slip: SX, weight: SX, push: SX, incline: SX) -> None:
         self.duration, self.distance, self.slip, self.incline = sum1(durations), distance, slip, incline
@@ -134,8 +134,8 @@ def point_function(key: PointKey) -> Function:
     ends = 2 if isinstance(law, OpenLoop) and law.order is Order.LINEAR else 1
     z, values = SX.sym("z", n), SX.sym("values", len(motors) * ends)
     d, v, e = SX.sym("d", m), SX.sym("v", len(key.free)), SX.sym("e", len(goals.extrema))
-    duration, most = SX.sym("T", int(key.timed)), SX.sym("P", len(system.walker.actuators) if bounds_power else 0)
-    y, T = vertcat(z, values, most, d, duration, v, e), duration if key.timed else sum1(d)
+    duration, bound = SX.sym("T", int(key.timed)), SX.sym("P", len(system.walker.actuators) if bounds_power else 0)
+    y, T = vertcat(z, values, bound, d, duration, v, e), duration if key.timed else sum1(d)
     data = SX.sym("r", 0 if open_loop else system.n_r)
     time, length = SX.sym("time", m + 2), SX.sym("h", m + 2)
     segment, weight, arch = SX.sym("segment"), SX.sym("weight"), SX.sym("arch")
@@ -145,7 +145,7 @@ def point_function(key: PointKey) -> Function:
     t, h = dot(time, at), dot(length, at)
     known = dict(zip(key.free, [v[k] for k in range(len(key.free))], strict=True))
     since, r = t, data
-    if isinstance(law, OpenLoop):  # the first interval of a law of unit intervals stands for all
+    if isinstance(law, OpenLoop):  # every interval is computed as the first one of a law with unit intervals
         known |= {f"control.{name}.{k}": SX(0) for name in motors for k in range(law.count)}
         known |= {f"control.{name}.{k}": values[ends * j + k] for j, name in enumerate(motors) for k in range(ends)}
         since, r = law.intervals * t / T - segment, SX(law.model_copy(update={"duration": None}).data(0))
@@ -162,11 +162,11 @@ def point_function(key: PointKey) -> Function:
         rows += SCALARS[name].bounded(e[goals.extrema.index(name)], here)
     width = SMOOTHING * system.weight(full)
     if bounds_power:
-        rows += [most - power, most + power]
+        rows += [bound - power, bound + power]
     if key.dynamic:
         by_rate = {
             "power": sum1(power),
-            POWER: sum1(most) if bounds_power else sum1(sqrt(power**2 + width**2)),
+            POWER: sum1(bound) if bounds_power else sum1(sqrt(power**2 + width**2)),
             "squared_torque": sum1(torque**2),
         }
         rows += [-weight * h * by_rate[rate] for rate in goals.rates]
@@ -181,7 +181,7 @@ def impact_function(
 
     Parameters
     ----------
-    modes : of the impact, and before it; see ``HybridSystem.reset``.
+    modes : mode of the impact, and mode before it; see ``HybridSystem.reset``.
     """
     z, v, e = SX.sym("z", system.n_z), SX.sym("v", len(free)), SX.sym("e", int(ratio))
     p = SX.sym("p", len(system.parameters))

@@ -9,7 +9,6 @@ Each interval has its state at the start, which ends the interval before it unle
 its states at the Radau points c_j. States at further places are interpolated.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -24,17 +23,17 @@ from gaitopt.model.open_loop import OpenLoop, Order
 DEGREE = 5
 """Radau points of an interval; the states at its end are then of order 9."""
 INTERVALS = 20
-"""Fewest intervals of a step."""
+"""Smallest number of intervals of a step."""
 
 Places = tuple[tuple[int, float], ...]
-"""Places between the points: numbers of intervals, and fractions of them."""
+"""Places between the points: number of the interval, and fraction of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """One interval: its phase, the interval of the law, and start and end, affine in the durations and T.
+    """One interval: its phase, the interval of the law (``segment``), and its start and end.
 
-    The coefficients of (1, durations, T) are n_phases + 2.
+    Start and end are affine in the durations and T: they are the n_phases + 2 coefficients of (1, durations, T).
     """
 
     phase: int
@@ -45,12 +44,13 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Point:
-    """A point at which margins hold; ``dynamic`` if it is a collocation point.
+    """A point at which margins must not be negative.
 
     Attributes
     ----------
-    interval, fraction : where it is.
+    interval, fraction : number of its interval, and fraction of it.
     state : index of its state among those of all points.
+    dynamic : whether it is a collocation point, at which the equations of motion hold.
     """
 
     interval: int
@@ -66,10 +66,10 @@ class CollocationMesh:
     Attributes
     ----------
     cycle : the phases of one step.
-    intervals : in their order.
-    degree : number of Radau points of each.
+    intervals : intervals in their order.
+    degree : number of Radau points of an interval.
     jumps : whether torques may jump where the interval of the law changes.
-    places : at which margins hold besides the points.
+    places : further places at which margins must not be negative.
     """
 
     cycle: Cycle
@@ -82,11 +82,11 @@ class CollocationMesh:
 def mesh_at(
     cycle: Cycle, control: Control, durations: Array, *, degree: int, count: int, timed: bool, places: Places
 ) -> CollocationMesh:
-    """The mesh with at least ``count`` intervals, in the order that switches and breakpoints have at some durations.
+    """The mesh with at least ``count`` intervals; switches and breakpoints have the order of the given durations.
 
     Parameters
     ----------
-    timed : the duration of the law is an unknown of its own; otherwise it is the period.
+    timed : whether the duration of the law is an unknown of its own; otherwise it is the period.
     """
     m, period = len(cycle.phases), float(durations.sum())
     axes = np.hstack([np.zeros((m, 1)), np.tril(np.ones((m, m))), np.zeros((m, 1))])  # ends of the phases
@@ -116,21 +116,16 @@ def mesh_at(
 
 
 def affine(durations: Array) -> Array:
-    """What times are linear in: (1, durations, T), where T is the sum of the durations; shape (n_phases + 2,)."""
+    """The vector (1, durations, T) in which times are linear; T is the sum of the durations; shape (n_phases + 2,)."""
     return np.concatenate([[1.0], durations, [durations.sum()]])
 
 
 def basis(degree: int, fractions: Array) -> Array:
     """Values of the Lagrange polynomials of an interval at fractions of it (n,), shape (n, degree + 1)."""
     tau = np.array([0.0, *collocation_points(degree, "radau")])
-    columns = [np.prod((fractions[:, None] - others) / (a - others), axis=1) for a, others in _beside(tau)]
+    others = [np.delete(tau, k) for k in range(tau.size)]
+    columns = [np.prod((fractions[:, None] - b) / (a - b), axis=1) for a, b in zip(tau.tolist(), others, strict=True)]
     return np.stack(columns, axis=1)
-
-
-def _beside(tau: Array) -> Iterator[tuple[float, Array]]:
-    """Each point with the others."""
-    for k, a in enumerate(tau.tolist()):
-        yield a, np.delete(tau, k)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,13 +134,15 @@ class Points(ReadOnlyArrays):
 
     Attributes
     ----------
-    mesh : of which they are.
-    all : the points in their order, those of further places last.
-    first : number of the state at the start of each interval.
-    inner : number of the state at the first collocation point of each.
-    phase_starts, phase_ends : numbers of the states at both ends of each phase.
+    mesh : the mesh.
+    all : the points in their order, those at further places last.
+    first : index of the state at the start of each interval.
+    inner : index of the state at the first collocation point of each interval.
+    phase_starts, phase_ends : indices of the states at both ends of each phase.
     n_states : number of states.
-    tau, C, B : 0 and the Radau points; derivatives of the Lagrange polynomials there; weights of the quadrature.
+    tau : 0 and the Radau points.
+    C : derivatives of the Lagrange polynomials at these points.
+    B : weights of the quadrature.
     """
 
     mesh: CollocationMesh
@@ -162,7 +159,7 @@ class Points(ReadOnlyArrays):
     _ends: Array = field(repr=False)
 
     def of_interval(self, k: int) -> list[int]:
-        """Numbers of the states of an interval: at its start and at its collocation points."""
+        """Indices of the states of an interval: at its start and at its collocation points."""
         return [self.first[k], *range(self.inner[k], self.inner[k] + self.mesh.degree)]
 
     def times(self, durations: Array) -> Array:

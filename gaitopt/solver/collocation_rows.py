@@ -40,20 +40,21 @@ from gaitopt.solver.ipopt import Ipopt, Program
 from gaitopt.solver.shooting import Label
 
 ROOM = 1e-7
-"""Distance of margins from zero, in natural units: above the error of the collocation, below all that is measured."""
+"""Smallest value of margins in natural units: larger than the error of the collocation, smaller than anything that is
+measured."""
 EVENT, DURATION = "event", "duration of the law"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
-    """What determines a program.
+    """What determines a program: problems with an equal structure share it.
 
     Attributes
     ----------
-    system, mesh, goals : whose expressions, points and scalars it has.
+    system, mesh, goals : system, points and scalars of the program.
     free : dotted keys of the freed parameters.
-    scales : natural units, in which the margins keep their distance from zero.
-    timed : the duration of the law is an unknown of its own.
+    scales : natural units, in which margins are at least ``ROOM``.
+    timed : whether the duration of the law is an unknown of its own.
     """
 
     system: HybridSystem
@@ -65,7 +66,7 @@ class Structure:
 
 
 _Limits: TypeAlias = list[tuple[int, str, float, float]]
-"""Numbers of rows, their names and bounds."""
+"""For every group of rows their number, their name and their bounds."""
 
 
 class _Rows:
@@ -73,11 +74,11 @@ class _Rows:
 
     def __init__(self) -> None:
         self.lower, self.upper, self.names = list[float](), list[float](), list[str]()
-        self.at, self.places = Label(name=""), list[Label]()  # where the next rows are, and where all are
+        self.at, self.places = Label(name=""), list[Label]()  # phase and node of the next rows, and of all rows
         self._entries = list[tuple[Array, ...]]()
 
     def new(self, count: int, name: str, low: float = 0.0, high: float = 0.0) -> list[int]:
-        """The numbers of more rows."""
+        """The indices of ``count`` new rows."""
         first = len(self.lower)
         self.lower += [low] * count
         self.upper += [high] * count
@@ -102,15 +103,15 @@ class Transcription:
 
     Attributes
     ----------
-    structure : as given.
-    points : of the mesh.
-    slices : of the unknowns, by name of the block.
+    structure : the structure that it was made for.
+    points : the points of the mesh.
+    slices : slices of the unknowns, by name of the block.
     n_x : number of unknowns.
-    n_powers : bounds of |power| at a collocation point.
+    n_powers : number of unknowns that bound |power| at a collocation point.
     program : functions of unknowns and parameters.
     values : (x, p) -> rows.
-    lbg, ubg : bounds of the rows; those of a range of the problem are not bounded.
-    row_names, row_places : meaning of the rows.
+    lbg, ubg : bounds of the rows; a row that has a range in the problem has no bounds here.
+    row_names, row_places : names of the rows, and labels with their phases and nodes.
     """
 
     def __init__(self, structure: Structure) -> None:
@@ -148,7 +149,7 @@ class Transcription:
         return np.arange(self.slices[name].start, self.slices[name].stop)
 
     def column_of(self, name: str) -> int | None:
-        """The unknown that a name means, None if it is none."""
+        """Index of the unknown with a name of the problem; None if the name is not that of an unknown."""
         if name.startswith("state."):
             return self._system.state_names.index(name.removeprefix("state."))
         phase = phase_of(name)
@@ -162,7 +163,7 @@ class Transcription:
         return None
 
     def value_columns(self, segment: int) -> list[int]:
-        """Torque values at both ends of an interval of the law, motor by motor."""
+        """Indices of the torque values at both ends of an interval of the law, motor by motor."""
         if self._law is None:
             return []
         ends = 2 if self._law.order is Order.LINEAR else 1
@@ -171,11 +172,11 @@ class Transcription:
 
     @property
     def tail(self) -> list[int]:
-        """Unknowns of which every point is a function."""
+        """Indices of the unknowns on which every point depends."""
         return [k for name in ("durations", "law_duration", "freed", "extrema") for k in self.columns(name).tolist()]
 
     def constants(self, points: Sequence[Point], weights: Array) -> Array:
-        """Constants of points with these weights in integrals, one row for each."""
+        """Constants of points that have these weights in integrals; one row for each point."""
         intervals = [self._mesh.intervals[pt.interval] for pt in points]
         starts, ends = (np.array([getattr(each, name) for each in intervals]) for name in ("start", "end"))
         fractions, lengths = np.array([[pt.fraction] for pt in points]), ends - starts
@@ -243,7 +244,7 @@ class Transcription:
         return [each for each in elements if each is not None]
 
     def _points_of(self, rows: _Rows, integrals: list[int], mode: Mode, dynamic: bool) -> Elements | None:
-        """The points of a mode that are collocation points, or the others."""
+        """The elements of those points of a mode that are collocation points (``dynamic``), or of its other points."""
         mesh, phases, n = self._mesh, self._mesh.cycle.phases, self._system.n_z
         mine = [pt for pt in self.points.all if pt.dynamic is dynamic]
         mine = [pt for pt in mine if phases[mesh.intervals[pt.interval].phase] is mode]
@@ -293,7 +294,7 @@ class Transcription:
         )
 
     def _limits(self, mode: Mode, pt: Point) -> Iterator[tuple[int, str, float, float]]:
-        """Number, name and bounds of the rows of a point that limit it, with those of ranges without bounds."""
+        """Number, name and bounds of the rows that limit a point; ranges of the problem have no bounds yet."""
         for name in self._system.transitions.margin_names(mode):
             low, high = self.margin_bounds(name, pt)
             yield 1, EVENT if low == high else name, low, high
@@ -358,7 +359,7 @@ class Transcription:
         )
 
     def _rate_rows(self, rows: _Rows) -> None:
-        """|c_(k+1) - c_k| <= rate T / N."""
+        """Add the rows that limit the rates of the torques: |c_(k+1) - c_k| <= rate T / N."""
         law = self._law
         if law is None:
             return

@@ -1,8 +1,8 @@
 """Why a motion is not a gait: the condition that is violated most, its phase, its time and its amount.
 
-``rejection_reason`` checks a solution of the equations: its integration error, every margin at the nodes, and all
-along the motion that the walker is upright, no margin is negative, no event happens early and the swing foot lands from
-above. ``missing_event`` and ``largest_residual`` explain a search without a solution.
+``rejection_reason`` checks a solution of the equations: its integration error, and every margin at the nodes. All along
+the motion, the walker must be upright, no margin may be negative, no event may happen early, and the swing foot must
+land from above. ``missing_event`` and ``largest_residual`` explain why a search has found no solution.
 """
 
 from collections.abc import Iterator
@@ -24,28 +24,29 @@ from gaitopt.solver.shooting import Label
 
 RESIDUAL_TOLERANCE = 1e-9
 """Largest violation, in natural units, of any equality or margin in a solution that is called converged."""
-VANISHING = 1e-7
+SHORTEST_PHASE = 1e-7
 """A phase shorter than this part of the period does not take place."""
 SAMPLES = 33
-"""Points of an arc at which an early event is sought."""
+"""Number of points of an arc at which an early event is sought."""
 AIRBORNE = 1e-9
-"""A guard closer to zero than this is zero up to rounding: the foot is on the ground."""
-SLACK = 1e-8
+"""A foot is in the air if its guard is farther from zero than this. A smaller guard is zero up to rounding."""
+INTERPOLATION_SLACK = 1e-8
 """A margin between the nodes above minus this is positive up to the error of its interpolation. Verification allows the
 friction coefficient the same excess."""
 NUMERICAL = ("search", "equations", "integration", "breakpoint", "reference", "motion", "event", "periodicity")
 """Causes that say where a search ended. All others say why a periodic motion is impossible."""
-NORMAL = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
-"""The margin that is the normal force of a friction cone; a push has none, because its contact cannot be lost."""
-RUNAWAY = 1e3
-"""Violation in natural units that shows a diverged search: a thousand times the forces and rates of a walk."""
+NORMAL_FORCES = {"cone_forward": "normal_force", "impulse_cone_forward": "impulse", "push_cone_forward": ""}
+"""For every friction cone, the margin that is its normal force; a push has none, because its contact cannot be lost."""
+DIVERGED_RESIDUAL = 1e3
+"""A search with a larger violation, in natural units, has diverged: that is a thousand times the forces and rates of a
+walk."""
 
 
 @overflow_allowed()
 def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     """Why a solution of the equations is not a gait; empty for a gait."""
     mesh, durations = refined.equations.mesh, refined.durations
-    short = np.flatnonzero(durations < VANISHING * durations.sum())
+    short = np.flatnonzero(durations < SHORTEST_PHASE * durations.sum())
     if short.size:
         return (vanishing_phase(mesh.cycle, int(short[0]), float(durations[short[0]])),)
     if not np.isfinite(refined.errors).all():
@@ -60,9 +61,9 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
     if not off.max() <= RESIDUAL_TOLERANCE:  # one Newton step led from the last state to the section, if it was near
         words = "not periodic: the cycle returns to a state off its section, for instance with another energy"
         return (Cause(what="periodicity", words=words, needed=0.0, available=float(off.max())),)
-    apart = _apart(refined)
-    if apart is not None:
-        return (apart,)
+    separate = _separate_stops(refined)
+    if separate is not None:
+        return (separate,)
     if not refined.accurate:
         words = f"the integration is only accurate to {refined.errors.max():.2g}, even with {mesh.intervals} intervals"
         return (Cause(what="integration", words=words),)
@@ -77,7 +78,7 @@ def rejection_reason(refined: Solution) -> tuple[Cause, ...]:
 
 
 def status_without_gait(causes: tuple[Cause, ...]) -> Status:
-    """Status of a solve that ended where these causes exclude a gait: infeasible where its motion is impossible."""
+    """Status of a solve for which these causes exclude a gait: infeasible if they say that its motion is impossible."""
     impossible = causes and all(cause.what not in NUMERICAL for cause in causes)
     return Status.INFEASIBLE if impossible else Status.NOT_CONVERGED
 
@@ -100,7 +101,7 @@ def violations(at: Solution) -> list[Cause]:
 
 
 def vanishing_phase(cycle: Cycle, phase: int, duration: float) -> Cause:
-    """The cause that a phase vanishes."""
+    """The cause for a gait of which a phase vanishes."""
     words = f"phase {phase + 1} ({cycle.phases[phase]}) vanishes: remove it from the mode sequence"
     return Cause(what="duration", words=words, phase=phase, needed=0.0, available=duration)
 
@@ -110,7 +111,7 @@ def missing_event(system: HybridSystem, cycle: Cycle, phase: int, margins: Array
 
     Parameters
     ----------
-    margins : of the phase just after its start: where that of its end is negative, the phase does not begin.
+    margins : margins of the phase just after its start. If that of its end is negative, the phase does not begin.
     """
     control = system.control
     ending = system.transitions.ending(cycle, phase).guard
@@ -130,23 +131,23 @@ def largest_residual(at: Solution) -> Cause:
     residual, cycle = at.residual, at.equations.mesh.cycle
     relative = np.abs(residual / at.units.equalities)
     row = int(np.argmax(relative))
-    if not relative[row] < RUNAWAY:
+    if not relative[row] < DIVERGED_RESIDUAL:
         return Cause(what="search", words="the search has diverged; start from a state closer to a gait")
     label, size = at.equations.equality_labels[row], abs(float(residual[row]))
     if label.name == "reset":
         words = f"not periodic: {label.coordinate} after the impact is off by {size:.3g}"
         return Cause(what="periodicity", words=words, needed=0.0, available=size)
     assert label.phase is not None
-    place = cycle.phase_words(label.phase)
+    phase = cycle.phase_words(label.phase)
     if label.name == "defect":
-        what, words = "motion", f"{place}: the motion does not close, off by {size:.3g} in {label.coordinate}"
+        what, words = "motion", f"{phase}: the motion does not close, off by {size:.3g} in {label.coordinate}"
     else:
-        what, words = "event", f"{place}: the event that should end it is missed by {size:.3g}"
+        what, words = "event", f"{phase}: the event that should end it is missed by {size:.3g}"
     return Cause(what=what, words=words, phase=label.phase, needed=0.0, available=size)
 
 
-def _apart(at: Solution) -> Cause | None:
-    """A contact that still slips, or slips already, where its slip should end together with that of another one."""
+def _separate_stops(at: Solution) -> Cause | None:
+    """A contact that still slips, or slips again, when its slip should end together with that of another contact."""
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
     nodes, durations, freed = equations.unpack(at.w)
     per_phase = cycle.per_phase(equations.dynamics(at.p, freed).steps)
@@ -169,7 +170,7 @@ def _apart(at: Solution) -> Cause | None:
 
 
 def _impossible_motion(at: Solution) -> Cause | None:
-    """The first instant at which a margin is negative between the nodes, or an event happens too early; None if none.
+    """The first instant at which a margin is negative between the nodes, or an event is too early; None if none.
 
     The walker must be upright throughout. A margin that rises before it falls, such as that of a touchdown, may be
     negative until it rises for the first time: scuffing in mid-swing is ignored.
@@ -193,10 +194,10 @@ def _impossible_motion(at: Solution) -> Cause | None:
             if margin(name).rises:
                 rising[cycle.swings[arc.phase]].setdefault(name, []).append((arc.phase, times, column))
             elif times[-1] - times[0] > curves.SHORT_ARC * period:
-                place, excess = curves.maximum(-column)
-                if excess > SLACK:
-                    below = curves.points(SAMPLES)[column < -SLACK].min(initial=place)
-                    roots = curves.roots(column) if column[0] > -SLACK else np.array([-1.0])
+                lowest_at, excess = curves.maximum(-column)
+                if excess > INTERPOLATION_SLACK:
+                    below = curves.points(SAMPLES)[column < -INTERPOLATION_SLACK].min(initial=lowest_at)
+                    roots = curves.roots(column) if column[0] > -INTERPOLATION_SLACK else np.array([-1.0])
                     since = max(roots[roots < below], default=-1.0)
                     causes.append(cause(name, arc.phase, float(times[0] + (since + 1) / 2 * (times[-1] - times[0]))))
     for margins in rising:
@@ -239,7 +240,7 @@ def _lands_from_below(at: Solution) -> Cause | None:
 
 
 def _law_ends(at: Solution) -> Cause | None:
-    """A step that takes longer than its control law is defined; None if there is none."""
+    """A step that takes longer than its control law says what to do; None if there is none."""
     cycle, horizon = at.equations.mesh.cycle, at.equations.system.control.horizon
     for phase in range(len(cycle.phases)):
         step = cycle.step_of(phase)
@@ -253,7 +254,7 @@ def _law_ends(at: Solution) -> Cause | None:
 
 
 def _turning_phase(at: Solution) -> Cause | None:
-    """A phase variable of the control law that is not monotone along a step; None if it is, or there is none."""
+    """The cause if the phase variable of the control law is not monotone along a step; else None."""
     equations, name = at.equations, at.equations.system.control.phase_variable
     if not name:
         return None
@@ -273,7 +274,7 @@ def _turning_phase(at: Solution) -> Cause | None:
 
 
 def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
-    """Required against available friction, where a foot or a contact should stick; margins of groups as they are."""
+    """Violated friction cones: of a foot or a contact with required and available friction, and of groups."""
     equations = at.equations
     _, labels = equations.inequalities
     dynamics = equations.dynamics(at.p, equations.unpack(at.w).freed)
@@ -289,7 +290,7 @@ def _cone_violations(at: Solution, margins: Array) -> Iterator[Cause]:
         partner = replace(label, name=label.name.replace("forward", "backward"))
         if partner not in rows:
             continue
-        normal = replace(label, name=named(NORMAL[kind(label.name)], label.name))
+        normal = replace(label, name=named(NORMAL_FORCES[kind(label.name)], label.name))
         forward, backward = margins[i], margins[rows[partner]]
         f_n = margins[rows[normal]] if normal in rows else (forward + backward) / (2 * friction or np.inf)
         if (
@@ -323,14 +324,14 @@ def _duration_violations(at: Solution) -> Iterator[Cause]:
 
 
 def _cause(what: str, words: str, at: Solution, label: Label, **numbers: float) -> Cause:
-    """The cause at a row of the inequalities, whose place precedes its words."""
+    """The cause at a row of the inequalities; its text starts with the phase and the time, or the impact."""
     mesh = at.equations.mesh
     node = mesh.impact_nodes[label.step] if label.node is None else label.node
     time = float(mesh.node_times(at.durations)[node])
     if kind(label.name) in PUSH:
-        place = "push-off"
+        when = "push-off"
     elif label.phase is None:
-        place = "impact" if len(mesh.cycle.steps) == 1 else f"impact of step {label.step + 1}"
+        when = "impact" if len(mesh.cycle.steps) == 1 else f"impact of step {label.step + 1}"
     else:
-        place = f"{mesh.cycle.phase_words(label.phase)}, t = {time:.4f} s"
-    return Cause(what=what, words=f"{place}: {words}", phase=label.phase, step=label.step, time=time, **numbers)
+        when = f"{mesh.cycle.phase_words(label.phase)}, t = {time:.4f} s"
+    return Cause(what=what, words=f"{when}: {words}", phase=label.phase, step=label.step, time=time, **numbers)

@@ -19,20 +19,20 @@ from scipy.sparse import coo_array, csc_array
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
 
-Places: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Rows and columns of entries."""
+Positions: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Rows and columns of the entries of a matrix."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Elements:
-    """Copies of one function.
+    """Copies of one function that depend on different unknowns.
 
     Attributes
     ----------
-    function : (y, c, p) -> (f, g), of local unknowns, constants of the copy, and parameters that all copies share.
+    function : (y, c, p) -> (f, g); y are local unknowns, c constants of the copy, p parameters that all copies share.
     columns : ndarray, shape (K, n_y) - indices of the local unknowns of each copy in x.
     rows : ndarray, shape (K, n_g) - rows of g to which the values are added.
-    constants : ndarray, shape (K, n_c).
+    constants : ndarray, shape (K, n_c) - constants of each copy.
     """
 
     function: Function
@@ -43,7 +43,7 @@ class Elements:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AssembledProgram:
-    """Functions of a sum of elements for ``casadi.nlpsol``, of the symbols x and p."""
+    """A sum of elements as expressions of the symbols x and p, with its derivatives for ``casadi.nlpsol``."""
 
     x: MX
     p: MX
@@ -56,8 +56,8 @@ class AssembledProgram:
 def _derivatives(function: Function) -> tuple[Function | None, Function, Function, Sparsity, Sparsity]:
     """Derivatives of an element, and the patterns of the last two.
 
-    (y, c, p) -> gradient of f, None if f is zero; (y, c, p) -> entries of the Jacobian of g; (y, c, p, w, l) -> entries
-    of the Hessian. Few elements have an f.
+    They are (y, c, p) -> gradient of f, None if f is zero as in most elements; (y, c, p) -> entries of the Jacobian of
+    g; (y, c, p, w, l) -> entries of the Hessian.
     """
     y, c, p = (SX.sym(name, function.size1_in(k)) for k, name in enumerate("ycp"))
     f, g = function(y, c, p)
@@ -76,10 +76,10 @@ def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> Asse
     n_g, n_x = linear.shape
     x, p, weight, multipliers = MX.sym("x", n_x), MX.sym("p", n_p), MX.sym("w"), MX.sym("l", n_g)
     f, g = MX(0), mtimes(_matrix(linear), x)
-    gradients = MX.zeros(n_x)  # dense: IPOPT reads n_x entries, whatever the sparsity
+    gradients = MX.zeros(n_x)  # dense, because IPOPT reads n_x entries whatever the sparsity
     entries, bent = list[MX](), list[MX]()
     known = linear.tocoo()
-    places, bent_places = [(known.row, known.col)], [(np.zeros(0, int), np.zeros(0, int))]
+    positions, bent_positions = [(known.row, known.col)], [(np.zeros(0, int), np.zeros(0, int))]
     entries.append(MX(DM(known.data)))
     for each in elements:
         count = len(each.columns)
@@ -96,10 +96,10 @@ def assembled(elements: Sequence[Elements], linear: csc_array, n_p: int) -> Asse
         g += mtimes(_sum(each.rows, n_g), vec(added))
         entries.append(vec(slopes))
         bent.append(vec(curvature))
-        places.append(_global(each.rows, each.columns, jac))
-        bent_places.append(_global(each.columns, each.columns, hess))
-    slopes_sparsity, slopes_sum = _pattern(places, (n_g, n_x))
-    hess_sparsity, hess_sum = _pattern(bent_places, (n_x, n_x), upper=True)
+        positions.append(_global(each.rows, each.columns, jac))
+        bent_positions.append(_global(each.columns, each.columns, hess))
+    slopes_sparsity, slopes_sum = _pattern(positions, (n_g, n_x))
+    hess_sparsity, hess_sum = _pattern(bent_positions, (n_x, n_x), upper=True)
     slope = MX(slopes_sparsity, mtimes(slopes_sum, vertcat(*entries)))
     curvature = MX(hess_sparsity, mtimes(hess_sum, vertcat(MX(0, 1), *bent)))
     return AssembledProgram(
@@ -128,20 +128,20 @@ def _matrix(matrix: csc_array) -> DM:
 
 
 def _sum(indices: NDArray[np.intp], n: int) -> DM:
-    """The matrix that adds entries, in the order of the rows of ``indices``, to places in a vector."""
+    """The matrix that adds entries, in the order of the rows of ``indices``, to the entries of a vector."""
     flat = indices.ravel()
     return _matrix(csc_array((np.ones(flat.size), (flat, np.arange(flat.size))), shape=(n, flat.size)))
 
 
-def _global(rows: NDArray[np.intp], columns: NDArray[np.intp], sparsity: Sparsity) -> Places:
-    """Global places of the local entries of all copies."""
+def _global(rows: NDArray[np.intp], columns: NDArray[np.intp], sparsity: Sparsity) -> Positions:
+    """Global positions of the local entries of all copies."""
     local_rows, local_columns = np.array(sparsity.row(), int), np.array(sparsity.get_col(), int)
     return rows[:, local_rows].ravel(), columns[:, local_columns].ravel()
 
 
-def _pattern(places: Sequence[Places], shape: tuple[int, int], *, upper: bool = False) -> tuple[Sparsity, DM]:
-    """The sparsity of a sum of entries at these places, and the matrix that adds them to its nonzeros."""
-    rows, columns = (np.concatenate(each) for each in zip(*places, strict=True))
+def _pattern(positions: Sequence[Positions], shape: tuple[int, int], *, upper: bool = False) -> tuple[Sparsity, DM]:
+    """The sparsity of a sum of entries at these positions, and the matrix that adds them to its nonzeros."""
+    rows, columns = (np.concatenate(each) for each in zip(*positions, strict=True))
     chosen = np.flatnonzero(columns >= rows) if upper else np.arange(rows.size)
     keys, inverse = np.unique(columns[chosen] * shape[0] + rows[chosen], return_inverse=True)
     sparsity = Sparsity.triplet(*shape, (keys % shape[0]).tolist(), (keys // shape[0]).tolist())

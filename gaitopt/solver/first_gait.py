@@ -1,7 +1,8 @@
-"""A motion for a problem whose guess is not one: the straight motion between postures, and the gait next to it.
+"""A first gait of a problem whose guess is not a motion: collocation from the straight motion between postures.
 
-Without postures the straight motion leads from the guessed posture just after the impact to the one just before the
-next. It fulfils no equation of motion; a direct collocation without an objective leads from it to a gait.
+If the guess has no postures, the straight motion leads from the guessed posture just after the impact to the one just
+before the next impact. It fulfils no equation of motion; a direct collocation without an objective leads from it to a
+gait.
 """
 
 from collections.abc import Sequence
@@ -21,10 +22,7 @@ from gaitopt.solver.rollout import transit_time
 
 
 def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array]:
-    """The straight motion between the postures of a guess, and the durations of its phases.
-
-    Without postures it leads from the guessed posture just after the impact to the one just before the next.
-    """
+    """The straight motion between the postures of a guess, and the durations of its phases."""
     guess, system, cycle = problem.guess, dynamics.system, problem.cycle
     state = np.array([guess.state[name] for name in system.state_names])
     n, m, first = len(system.walker.shape), len(cycle.phases), guess.first
@@ -54,7 +52,14 @@ def straight_motion(problem: Problem, dynamics: Dynamics) -> tuple[Motion, Array
 def first_gait(
     problem: Problem, dynamics: Dynamics, *, progress: Valued = None, should_stop: Stop = None
 ) -> tuple[Solution | None, IpoptResult, Sequence[Cause]]:
-    """A motion of a problem without a known one, under its control law: the solution, if any, and why there is none."""
+    """A motion of a problem under its control law, found without a known motion.
+
+    Returns
+    -------
+    solution : None if there is none.
+    result : end of the search by IPOPT.
+    causes : why there is no solution.
+    """
     motion, durations = straight_motion(problem, dynamics)
     plain = replace(problem, objective={}, constraints={}, free={})
     collocation = Collocation(plain, dynamics.system, durations, free={})

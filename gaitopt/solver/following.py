@@ -1,4 +1,4 @@
-"""A known gait at other values of its parameters: followed along a path, or solved again and again by chords.
+"""A known gait at other parameter values: followed along a path, or solved repeatedly by chords.
 
     F(w, p) = 0      predicted by the polynomial through the last solutions, corrected by Newton's method
 
@@ -39,21 +39,30 @@ from gaitopt.solver.newton import GaitEquations, Solution, polish, refine, solve
 from gaitopt.solver.program import feasibility, solved
 from gaitopt.solver.rollout import rolled_again
 
-HISTORY = 5
-"""Solutions that are extrapolated from: with more, rounding adds as much as the polynomial leaves out."""
-JUMP = 0.1
+MOST_EXTRAPOLATED = 5
+"""Largest number of solutions from which the next one is extrapolated. With more, the rounding would be as large as the
+error of the polynomial."""
+LARGEST_STATE_CHANGE = 0.1
 """Largest change of the state after impact on one step, relative to its largest entry."""
 SMALLEST_STEP = 1e-4
-"""Steps of s below which the family is at its end."""
-VANISHING = 4 * SMALLEST_STEP
-"""A phase whose duration falls to zero within this part of the path vanishes at the end of the family."""
-STRAIGHT = 1e-9
-"""Distance from a line, relative to the distance along it, that is rounding."""
+"""If a smaller step of s fails too, the family ends there."""
+VANISHING_PART = 4 * SMALLEST_STEP
+"""A phase whose duration would fall to zero within this part of the path vanishes at the end of the family."""
+LARGEST_DISTANCE_FROM_LINE = 1e-9
+"""Parameters this close to a line, relative to their distance along it, lie on it up to rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _PathPoint:
-    """A motion on the path, the causes that keep it from being a gait, and the last (s, w), the latest first."""
+    """A motion on the path.
+
+    Attributes
+    ----------
+    s : its place on the path, from 0 to 1.
+    solution : the motion.
+    causes : why it is not a gait; empty for a gait.
+    history : s and w of the last solutions, the latest one first.
+    """
 
     s: float
     solution: Solution
@@ -69,7 +78,7 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
     Parameters
     ----------
     start : a converged gait without free parameters, as ``solve_gait`` returns it.
-    problem : differs from that of ``start`` in parameter values alone.
+    problem : a problem that differs from that of ``start`` in parameter values only.
     progress : called at every step with its number and the remaining part of the path.
     should_stop : polled at every step; True ends the search with the status ``interrupted``.
 
@@ -106,25 +115,25 @@ def follow(start: Gait, problem: Problem, *, progress: Valued = None, should_sto
         here, step = following, 2 * step
     solver = search_record(Method.NEWTON, iterations, began)
     if here.s == 1 and not here.causes:
-        words = "solved" if steps == 1 else "solved, followed from the gait of the problem's file"
-        return solved_gait(problem, here.solution, message=words, solver=solver)
+        message = "solved" if steps == 1 else "solved, followed from the gait of the problem's file"
+        return solved_gait(problem, here.solution, message=message, solver=solver)
     end = here if lost is None else lost[0]
     causes = (_end_of_family(here),) if lost is None else here.causes or lost[1].causes
     values = dict(zip(start.system.parameters, _between(start.p, goal.p, end.s), strict=True))
     changed = [key for key, value in problem.parameters.items() if start.problem.parameters[key] != value]
-    place = ", ".join(f"{key} = {values[key]:.4g}" for key in changed if key in values)
+    end_values = ", ".join(f"{key} = {values[key]:.4g}" for key in changed if key in values)
     return Gait(
         problem=problem,
         dynamics=goal,
         status=Status.INFEASIBLE,
-        message=f"the family of the file's own gait ends near {place}: {describe_causes(causes)}",
+        message=f"the family of the file's own gait ends near {end_values}: {describe_causes(causes)}",
         causes=causes,
         solver={**solver, "followed": here.s},
     )
 
 
 def _between(p_start: Array, p_end: Array, s: float) -> Array:
-    """The parameters at ``s``; exactly those of the ends there."""
+    """The parameters at ``s``. At 0 and 1 they are exactly those of the two problems."""
     if s in (0.0, 1.0):
         return p_end if s else p_start
     alike = p_start * p_end > 0
@@ -134,17 +143,17 @@ def _between(p_start: Array, p_end: Array, s: float) -> Array:
 
 @overflow_allowed()
 def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_PathPoint | None, int]:
-    """The motion at ``s``, None where it does not continue the one here; and the number of Newton steps."""
+    """The motion at ``s``, None if it does not continue the one here; and the number of Newton steps."""
     p, equations = _between(p_start, p_end, s), here.solution.equations
-    places, solutions = zip(*here.history, strict=True)
-    predicted = next(predictions([place - places[0] for place in places], solutions, s - places[0]))
+    passed, solutions = zip(*here.history, strict=True)
+    predicted = next(predictions([earlier - passed[0] for earlier in passed], solutions, s - passed[0]))
     near = corrected(Fixed(GaitEquations(equations, p)), predicted, slow=0.0)
     if near is None or not near.is_near:
         return None, ITERATIONS if near is None else near.iterations
     solution = refine(polish(near.at))
     before, after = (at.w[: equations.system.n_z] for at in (here.solution, solution))
     solved = solution.size <= RESIDUAL_TOLERANCE and solution.accurate
-    if not (solved and np.abs(after - before).max() < JUMP * np.abs(before).max()):
+    if not (solved and np.abs(after - before).max() < LARGEST_STATE_CHANGE * np.abs(before).max()):
         return None, near.iterations
     ordered = _in_order(solution)
     if ordered is None:
@@ -152,7 +161,7 @@ def _next(here: _PathPoint, s: float, p_start: Array, p_end: Array) -> tuple[_Pa
     solution = ordered
     history = ((s, solution.w), *(here.history if solution.equations is equations else ()))
     causes = rejection_reason(solution)
-    return _PathPoint(s=s, solution=solution, causes=causes, history=history[:HISTORY]), near.iterations
+    return _PathPoint(s=s, solution=solution, causes=causes, history=history[:MOST_EXTRAPOLATED]), near.iterations
 
 
 def _in_order(solution: Solution) -> Solution | None:
@@ -164,10 +173,10 @@ def _in_order(solution: Solution) -> Solution | None:
 
 
 def _loss(gait: _PathPoint, motion: _PathPoint, p_start: Array, p_end: Array) -> tuple[_PathPoint, _PathPoint]:
-    """The last gait on the path from a gait to a motion that violates a margin, by bisection; and the motion after it.
+    """The last gait between a gait and a motion that violates a margin, by bisection; and the motion after it.
 
-    A long step may end at another solution of the equations, in which a phase has no length. A short one from the last
-    gait then leads to the motion of the family, which may be a gait.
+    A long step may end at another solution of the equations, in which a phase has no length. A short step from the
+    last gait then leads to the motion of the family, which may be a gait.
     """
     end = motion
     while motion.s - gait.s > SMALLEST_STEP:
@@ -187,7 +196,7 @@ def _end_of_family(last: _PathPoint) -> Cause:
         (s, w), (s_before, before), *_ = last.history
         durations = equations.unpack(w).durations
         rates = (equations.unpack(before).durations - durations) / (s - s_before)
-        vanishing = np.flatnonzero(durations < VANISHING * rates)
+        vanishing = np.flatnonzero(durations < VANISHING_PART * rates)
         if vanishing.size:
             return vanishing_phase(equations.mesh.cycle, int(vanishing[0]), float(durations[vanishing[0]]))
     return Cause(what="fold", words="Newton's method follows it no further; it turns back, or its motion fails")
@@ -212,14 +221,14 @@ class Family:
             raise ValueError(f"{gait.problem.name}: a family begins with a converged gait without freed parameters")
         self.gait, self._should_stop, self._solving = gait, should_stop, threading.RLock()
         first = solution_of(gait)
-        self._equations, self._solved = first.equations, deque([first], maxlen=HISTORY)
+        self._equations, self._solved = first.equations, deque([first], maxlen=MOST_EXTRAPOLATED)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles go on from the same solutions; ``should_stop`` stays behind."""
+        """Copies and pickles continue from the same solutions; they do not contain ``should_stop``."""
         return _resumed, (self.gait, tuple((solution.w, solution.p) for solution in self._solved))
 
     def solve(self, problem: Problem) -> Gait:
-        """The gait of ``problem``, which differs from the first one in parameter values alone.
+        """The gait of ``problem``, which differs from the first problem in parameter values only.
 
         Raises
         ------
@@ -249,7 +258,7 @@ class Family:
                     if causes:
                         status, message = status_without_gait(causes), describe_causes(causes)
             solver = search_record(method, iterations, began)
-            if status is not Status.CONVERGED and self.gait.system.control.breakpoints:  # a switch may meet one
+            if status is not Status.CONVERGED and self.gait.system.control.breakpoints:  # a switch may pass one
                 return follow(self.gait, problem, should_stop=self._should_stop)
             if refined is None or status is not Status.CONVERGED:
                 return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver)
@@ -269,24 +278,27 @@ class Family:
         return None, ITERATIONS
 
     def _predicted(self, p: Array) -> Array:
-        """The solution at ``p`` if the last parameters lie on a line with it; otherwise the last solution."""
+        """The solution extrapolated to ``p`` from those whose parameters lie on a line with it and the last ones.
+
+        Without another such solution it is the last one.
+        """
         last = self._solved[-1]
         unit = np.maximum(np.abs(p), np.finfo(float).tiny)
         ahead = (p - last.p) / unit
         if not ahead.any():
             return last.w
-        places, solutions = [0.0], [last.w]  # the last solution is at 0, and ``p`` at 1
+        positions, solutions = [0.0], [last.w]  # on the line the last solution is at 0, and ``p`` at 1
         for before in list(self._solved)[-2::-1]:
             offset = (before.p - last.p) / unit
-            place = float(offset @ ahead / (ahead @ ahead))
-            if np.abs(offset - place * ahead).max() > STRAIGHT * np.abs(offset).max():
+            position = float(offset @ ahead / (ahead @ ahead))
+            if np.abs(offset - position * ahead).max() > LARGEST_DISTANCE_FROM_LINE * np.abs(offset).max():
                 break
-            places, solutions = [*places, place], [*solutions, before.w]
-        return next(predictions(places, solutions, 1.0))
+            positions, solutions = [*positions, position], [*solutions, before.w]
+        return next(predictions(positions, solutions, 1.0))
 
 
 def _resumed(gait: Gait, solved: Sequence[tuple[Array, Array]]) -> Family:
-    """A family that has found these solutions, as pairs of unknowns and parameters."""
+    """A family that continues from these solutions, given as pairs of unknowns and parameters."""
     family = Family(gait)
     family._solved.clear()
     family._solved.extend(Solution(family._equations, w, p) for w, p in solved)

@@ -1,4 +1,4 @@
-"""One shooting interval: an explicit Runge-Kutta step of order 8 as a function, its inner states and its derivatives.
+"""One shooting interval: an explicit Runge-Kutta step of order 8 as a function, states inside it and its derivatives.
 
     k_i = f(t + c_i h, z_i),      z_i = z + h sum_j a_ij k_j,      z_next = z + h sum_i b_i k_i
     dk_i = f_z dz_i + f_t dt_i + f_p dp,      dz_i = dz + h sum_j a_ij dk_j + dh sum_j a_ij k_j
@@ -26,9 +26,10 @@ from gaitopt.model.system import HybridSystem
 ORDER = 8
 LOBATTO_POINTS = (1 + np.array([-1.0, -np.sqrt(3 / 7), 0.0, np.sqrt(3 / 7), 1.0])) / 2
 STEP_ERROR, MAX_HALVINGS = 1e-13, 10
-"""Difference between a step and two half ones, in natural units, below which it is accurate."""
+"""A step is accurate if it differs from two half steps by less than this, in natural units. It is halved at most so
+often."""
 LOBATTO_WEIGHTS = np.array([9, 49, 64, 49, 9]) / 180
-"""Quadrature on [0, 1] that includes both ends, with positive weights, of the same order as the step."""
+"""Weights of a quadrature on [0, 1] that includes both ends. They are positive, and its order is that of the step."""
 
 
 @built_once(maxsize=64)
@@ -70,12 +71,12 @@ def sampled_step(system: HybridSystem, mode: Mode) -> Function:
 def integrate_to(
     system: HybridSystem, mode: Mode, z: Array, times: Array, p: Array, r: Array, units: Array | None = None
 ) -> Array:
-    """States (n, n_z) at ascending times (n,) from ``z`` at the first.
+    """States (n, n_z) at ascending times (n,) of the motion that starts from ``z`` at the first time.
 
     Parameters
     ----------
-    units : ndarray, shape (n_z,) - natural units of states, in which every step is halved until its error is rounding;
-        None for one step between neighbouring times.
+    units : ndarray, shape (n_z,) - natural units of the states; every step is halved until its error in these units is
+        rounding. None for one step between neighbouring times.
     """
     step = buffered(shooting_step(system.shared, mode))
 
@@ -117,7 +118,7 @@ def stage_derivatives(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -
 
 
 def stages_of(columns: Array, n_z: int) -> Array:
-    """The columns of ``stage_derivatives`` at K intervals, sorted by stage; shape (12, K, n_z, n_z + 2 + n_free)."""
+    """The results of ``stage_derivatives`` at K intervals, sorted by stage; shape (12, K, n_z, n_z + 2 + n_free)."""
     return columns.reshape(len(columns), N_STAGES, -1, n_z).transpose(1, 0, 3, 2)
 
 
@@ -126,15 +127,16 @@ def differentiated_steps(nodes: Array, stages: Array, lengths: Array) -> tuple[A
 
     Parameters
     ----------
-    nodes, lengths : states at which the steps start, shape (K, n_z), and their lengths, shape (K,) [s].
-    stages : from ``stages_of``: f, followed by its derivatives by all inputs except h.
+    nodes : states at which the steps start, shape (K, n_z).
+    stages : result of ``stages_of``: f, followed by its derivatives by all inputs except h.
+    lengths : lengths of the steps, shape (K,) [s].
     """
     rates, derivatives = stages[..., 0], stages[..., 1:] * lengths[:, None, None]
     n, n_z, n_in = derivatives.shape[1:]
-    base = np.zeros((n, n_in, n_in + 1))  # of (z_i, t_i, p) by (z, t, h, p), before the stages move z_i
+    base = np.zeros((n, n_in, n_in + 1))  # derivative of (z_i, t_i, p) by (z, t, h, p) before the stages move z_i
     base[:, : n_z + 1, : n_z + 1] = np.eye(n_z + 1)
     base[:, n_z + 1 :, n_z + 2 :] = np.eye(n_in - n_z - 1)
-    moved = np.empty((N_STAGES, n, n_z, n_in + 1))  # of h k_i, which is h dk_i, and k_i in the column of h
+    moved = np.empty((N_STAGES, n, n_z, n_in + 1))  # derivative of h k_i: h dk_i, and k_i added in the column of h
     flat = moved.reshape(N_STAGES, -1)
     for i, (a, c) in enumerate(zip(A, C, strict=True)):
         inner = base.copy()
@@ -160,7 +162,7 @@ def step_derivatives(
 
     Parameters
     ----------
-    nodes, times, lengths : states at which the steps start, shape (n_z, K), the times, and the lengths, (K,) [s].
+    nodes, times, lengths : states at which the steps start, shape (n_z, K), their times and their lengths, (K,) [s].
     p, r : all parameters, and the segment data of the control.
     """
     (columns,) = buffered_map(stage_derivatives(system.shared, mode, free), times.size)(

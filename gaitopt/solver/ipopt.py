@@ -4,8 +4,8 @@
 
 A program is stated in blocks of unknowns and rows, each an expression with its name, bounds, sizes and labels.
 
-CasADi returns a vector without an exception when IPOPT fails, and swallows Ctrl-C; both are undone here. MUMPS, which
-solves IPOPT's linear systems, has global variables: only one thread at a time runs IPOPT.
+When IPOPT fails, CasADi returns a vector without an exception, and it swallows Ctrl-C; this module reports both. MUMPS,
+which solves IPOPT's linear systems, has global variables: only one thread at a time runs IPOPT.
 
 A. Waechter, L. T. Biegler (2006), On the implementation of an interior-point filter line-search algorithm for
 large-scale nonlinear programming, Mathematical Programming 106.
@@ -28,19 +28,20 @@ from gaitopt.solver.shooting import Label
 from gaitopt.threads import cached_property
 
 TOLERANCE = 1e-10
-"""In natural units: well above the rounding of a Runge-Kutta step, well below the nine digits that are promised."""
+"""Tolerance in natural units: well above the rounding of a Runge-Kutta step, well below the nine promised digits."""
 MAX_ITERATIONS = IPOPT_ITERATIONS
-"""Iterations of IPOPT for a design."""
-HISTORY = 40
-"""Secant pairs: twice as many as there are free directions in a large design."""
-COMMON: dict[str, Any] = {"print_level": 0, "sb": "yes", "acceptable_iter": 0}
-SECANTS: dict[str, Any] = {
+"""Largest number of iterations of IPOPT for a design."""
+SECANT_PAIRS = 40
+"""Number of secant pairs: twice as many as there are free directions in a large design."""
+COMMON_OPTIONS: dict[str, Any] = {"print_level": 0, "sb": "yes", "acceptable_iter": 0}
+SECANT_OPTIONS: dict[str, Any] = {
     "constr_viol_tol": TOLERANCE,
     "bound_relax_factor": 0.0,
     "hessian_approximation": "limited-memory",
-    "limited_memory_max_history": HISTORY,
+    "limited_memory_max_history": SECANT_PAIRS,
 }
-"""The free directions are few: secants learn them in fewer seconds than one exact Hessian takes."""
+"""Options for a search without an exact Hessian. There are few free directions: secants approximate the Hessian in less
+time than one exact Hessian takes."""
 
 ENDINGS: dict[str, tuple[Status, str]] = {
     "Solve_Succeeded": (Status.CONVERGED, "solved"),
@@ -59,14 +60,15 @@ ENDINGS: dict[str, tuple[Status, str]] = {
     "Invalid_Number_Detected": (Status.NOT_CONVERGED, "the motion became infinite or undefined"),
     "NonIpopt_Exception_Thrown": (Status.INTERRUPTED, "interrupted"),
 }
-"""IPOPT's endings; any other is a defect of the installation or of gaitopt and raises."""
+"""Status and message for every way in which IPOPT may end. Any other ending is a defect of the installation or of
+gaitopt and raises an error."""
 
-LAST = 10
-"""Iterations over which the change of the objective says whether a search still makes progress."""
+PROGRESS_ITERATIONS = 10
+"""The change of the objective in so many last iterations shows whether a search still makes progress."""
 RUNNING = threading.RLock()
-"""Held while IPOPT runs or is freed, as MUMPS then frees its memory."""
-FINISHED = Freed(RUNNING, BUILDING)
-"""Solvers that are no longer needed."""
+"""The lock that a thread holds while IPOPT runs, and while a solver is freed: MUMPS then frees its memory."""
+FREED_SOLVERS = Freed(RUNNING, BUILDING)
+"""Solvers that are no longer needed and will be freed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,11 +77,11 @@ class Block:
 
     Attributes
     ----------
-    name : what they are.
+    name : name of the block.
     expression : MX, shape (n, 1).
-    lower, upper : one number for all, or ndarray, shape (n,).
+    lower, upper : bounds, as one number for all entries or ndarray, shape (n,).
     size : typical size, likewise.
-    labels : the meaning of each entry; empty if nobody asks.
+    labels : the meaning of each entry; empty if it is not needed.
     slope : (first unknowns, p) -> Jacobian of rows; CasADi differentiates the expression by default.
     """
 
@@ -92,7 +94,7 @@ class Block:
     slope: Function | None = None
 
     def jacobian(self, x: MX, p: MX) -> MX:
-        """Derivative in all unknowns of the program."""
+        """Derivative by all unknowns of the program."""
         if self.slope is None:
             return jacobian(self.expression, x)
         known = self.slope(x[: self.slope.size1_in(0)], p)
@@ -101,13 +103,13 @@ class Block:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Program(ReadOnlyArrays):
-    """A nonlinear program: min f(x, p) subject to lbx <= x <= ubx and lbg <= g(x, p) <= ubg, and where a search starts.
+    """A nonlinear program, min f(x, p) subject to lbx <= x <= ubx and lbg <= g(x, p) <= ubg, with a start.
 
     Attributes
     ----------
     unknowns, rows : blocks of x and of g. Each block of rows has its own Jacobian, so that a row that depends on all
         unknowns does not make the Jacobians of the other rows dense.
-    p, f : MX - parameters and objective; with the objective 0 any feasible point is a solution.
+    p, f : MX - parameters and objective; if the objective is 0, any feasible point is a solution.
     x0, p0 : ndarrays - start, and values of the parameters.
     """
 
@@ -171,7 +173,7 @@ class Program(ReadOnlyArrays):
         return tuple(label for block in self.rows for label in block.labels)
 
     def casadi(self) -> dict[str, MX]:
-        """``{"x": x, "p": p, "f": f, "g": g}``, as ``casadi.nlpsol`` takes it."""
+        """``{"x": x, "p": p, "f": f, "g": g}``, the argument of ``casadi.nlpsol``."""
         return {"x": self.x, "p": self.p, "f": self.f, "g": self.g}
 
     def arguments(self) -> dict[str, Array]:
@@ -187,13 +189,13 @@ class IpoptResult:
     Attributes
     ----------
     w : ndarray - last iterate, also after a failure.
-    status, words : whether it may be trusted, and why not.
-    iterations : their number.
+    status, words : whether it may be trusted, and why it may not.
+    iterations : number of iterations.
     multipliers, bound_multipliers : ndarray - Lagrange multipliers of g and of the bounds on w.
-    objective : its value.
+    objective : value of the objective.
     kkt : dual infeasibility, the residual of the optimality conditions.
     rows : ndarray - values of g.
-    progress : change of the objective in the last ``LAST`` iterations.
+    progress : change of the objective in the last ``PROGRESS_ITERATIONS`` iterations.
     """
 
     w: Array
@@ -209,14 +211,14 @@ class IpoptResult:
 
 
 def what_limits(unknowns: Sequence[Block], rows: Sequence[Block], result: IpoptResult) -> str:
-    """What keeps a search from its optimum, in words: for a search whose iterations ran out.
+    """A text on what keeps a search from its optimum when its iterations have run out.
 
-    The largest violation, the inequality with the largest multiplier, the residual of the optimality conditions, and
-    how much the objective still changed.
+    It states the largest violation, the inequality with the largest multiplier, the residual of the optimality
+    conditions, and how much the objective still changed.
 
     Parameters
     ----------
-    unknowns, rows : of the program, with labels.
+    unknowns, rows : blocks of the program, with labels.
     """
     values, multipliers = (result.w, result.rows), (result.bound_multipliers, result.multipliers)
     worst, pressing = (0.0, ""), (0.0, "")
@@ -235,7 +237,8 @@ def what_limits(unknowns: Sequence[Block], rows: Sequence[Block], result: IpoptR
     violated = f"largest violation {worst[0]:.1e}" + (f" ({worst[1]})" if worst[0] > 0 else "")
     limit = f"; the optimum presses most on {pressing[1]}" if pressing[0] > 0 else ""
     residual = f"; residual of the optimality conditions {result.kkt:.1e}"
-    return f"{violated}{limit}{residual}; the objective changed by {result.progress:.1e} in the last {LAST} iterations"
+    progress = f"the objective changed by {result.progress:.1e} in the last {PROGRESS_ITERATIONS} iterations"
+    return f"{violated}{limit}{residual}; {progress}"
 
 
 class Ipopt:
@@ -244,8 +247,8 @@ class Ipopt:
     Parameters
     ----------
     program : expressions, and the numbers from which ``solve`` starts unless others are given.
-    options : of IPOPT, besides the common ones.
-    exact : use the exact Hessian; otherwise secants, which learn best where unknowns and rows are of the order of one.
+    options : options of IPOPT, besides the common ones.
+    exact : whether to use the exact Hessian instead of secants. Secants need unknowns and rows of the order of one.
     derivatives : functions ``grad_f, jac_g, hess_lag`` of x and p for the exact Hessian; CasADi builds them by default.
     """
 
@@ -264,7 +267,7 @@ class Ipopt:
             nlp = {"x": w, "p": parameters, "f": f, "g": g}
         else:
             x, sizes, row_sizes = MX.sym("x", w.numel()), MX.sym("sizes", w.numel()), MX.sym("row_sizes", g.numel())
-            # two functions, for the gradient of one that is both would go back through the constraints too
+            # two functions, because the gradient of a single one would also differentiate the constraints
             value = Function("value", [w, parameters], [f])
             constraints = Function("constraints", [w, parameters], [g])
             slopes = [block.jacobian(w, parameters) for block in program.rows]
@@ -276,7 +279,7 @@ class Ipopt:
             plugin_options = {"jac_g": Function("jac_g", [x, p], [scaled, scaled_slope])}
         self._program, self._exact = program, exact
         self._watch = _Watch(w.numel(), g.numel(), nlp["p"].numel())
-        FINISHED.free()
+        FREED_SOLVERS.free()
         solver = nlpsol(
             "gait",
             "ipopt",
@@ -287,11 +290,11 @@ class Ipopt:
                 "iteration_callback": self._watch,
                 "error_on_fail": False,
                 "calc_lam_p": False,
-                "ipopt": COMMON | ({} if exact else SECANTS) | options,
+                "ipopt": COMMON_OPTIONS | ({} if exact else SECANT_OPTIONS) | options,
                 **plugin_options,
             },
         )
-        self._solver = FINISHED.watch(solver)
+        self._solver = FREED_SOLVERS.watch(solver)
 
     def solve(
         self,
@@ -303,11 +306,11 @@ class Ipopt:
     ) -> IpoptResult:
         """Solve from the start of the program, or of another one with the same expressions.
 
-        With an exact Hessian the typical sizes of unknowns and rows are not used.
+        If the Hessian is exact, the typical sizes of unknowns and rows are not used.
 
         Parameters
         ----------
-        multipliers : of the bounds and of the rows at the start, for a warm start with an exact Hessian.
+        multipliers : multipliers of the bounds and of the rows at the start, for a warm start with an exact Hessian.
         progress, should_stop : called at every iteration.
 
         Raises
@@ -323,7 +326,7 @@ class Ipopt:
             parameters = np.concatenate([given.p0, x_unit, g_unit])
         lbx, ubx, lbg, ubg = given.lbx / x_unit, given.ubx / x_unit, given.lbg / g_unit, given.ubg / g_unit
         with RUNNING:
-            FINISHED.free()
+            FREED_SOLVERS.free()
             self._watch.begin(lbg, ubg, progress, should_stop)
             known = {} if multipliers is None else dict(zip(("lam_x0", "lam_g0"), multipliers, strict=True))
             end = self._solver(x0=given.x0 / x_unit, p=parameters, lbx=lbx, ubx=ubx, lbg=lbg, ubg=ubg, **known)
@@ -331,7 +334,7 @@ class Ipopt:
         if stats["return_status"] not in ENDINGS:
             raise RuntimeError(f"IPOPT ended with {stats['return_status']}")
         status, words = ENDINGS[stats["return_status"]]
-        objectives = stats["iterations"]["obj"][-LAST - 1 :] if "iterations" in stats else []
+        objectives = stats["iterations"]["obj"][-PROGRESS_ITERATIONS - 1 :] if "iterations" in stats else []
         return IpoptResult(
             w=np.asarray(end["x"]).ravel() * x_unit,
             status=status,
@@ -347,7 +350,7 @@ class Ipopt:
 
 
 def _entries(blocks: Sequence[Block], name: str) -> Array:
-    """An attribute of all entries of some blocks."""
+    """The values of an attribute for all entries of some blocks."""
     return np.concatenate([np.broadcast_to(getattr(block, name), block.expression.numel()) for block in blocks])
 
 
@@ -361,7 +364,7 @@ class _Watch(Callback):
         self.construct("watch", {})
 
     def begin(self, lower: Array, upper: Array, progress: Valued, should_stop: Stop) -> None:
-        """Count from zero; violations are of these bounds of g."""
+        """Count iterations from zero; violations are those of these bounds of g."""
         self._iteration, self._lower, self._upper = 0, lower, upper
         self._progress, self._should_stop = progress, should_stop
 
@@ -378,7 +381,7 @@ class _Watch(Callback):
         return Sparsity.dense(self._sizes[nlpsol_out(i)], 1)
 
     def eval(self, arg: Sequence[DM]) -> list[DM]:
-        """Report an iteration; nonzero stops IPOPT."""
+        """Report an iteration; a value other than zero stops IPOPT."""
         try:
             if self._progress is not None:
                 g = np.asarray(arg[2]).ravel()
@@ -386,6 +389,6 @@ class _Watch(Callback):
                 self._progress(self._iteration, float(violation))
             self._iteration += 1
             stop = self._should_stop is not None and self._should_stop()
-        except KeyboardInterrupt:  # raised here by Python, it would be lost in CasADi
+        except KeyboardInterrupt:  # CasADi would swallow it
             stop = True
         return [DM(float(stop))]

@@ -27,9 +27,10 @@ def jet_of(function: Function, order: int, plain: tuple[int, ...], moved: tuple[
 
     Parameters
     ----------
-    function : of vectors and matrices, with one output.
-    plain : inputs that are constant.
-    moved : entries of the first of these that do move; a last input has their coefficients from the first order on.
+    function : a function of vectors and matrices, with one output.
+    plain : numbers of the inputs that are constant.
+    moved : entries of the first of these inputs that do vary; an additional last input has their coefficients from the
+        first order on.
     """
     e = SX.sym("e")
     inputs, values = list[SX](), list[SX]()
@@ -61,7 +62,7 @@ class Jets:
 
     Parameters
     ----------
-    equations : of the gait.
+    equations : the equations of the gait.
     p : ndarray - all parameters.
     curves : ndarray, shape (order + 1, m, n_w) - coefficients of each curve; the first one is w_0.
     """
@@ -95,18 +96,18 @@ class Jets:
     def samples(self, index: int, fractions: Array) -> tuple[Array, Array]:
         """Coefficients of times (m, order + 1, k) and states (m, order + 1, k, n_z) at fractions (k,) of an arc."""
         at = self._equations.mesh.arc_intervals[index]
-        places = fractions * (at.stop - at.start)
-        k = np.minimum(places.astype(int), at.stop - at.start - 1)
-        times = self._times[:, :, at.start + k] + (places - k) * self._lengths[:, :, at.start + k]
-        return times, self._steps(index, k, places - k)
+        intervals = fractions * (at.stop - at.start)
+        k = np.minimum(intervals.astype(int), at.stop - at.start - 1)
+        times = self._times[:, :, at.start + k] + (intervals - k) * self._lengths[:, :, at.start + k]
+        return times, self._steps(index, k, intervals - k)
 
     def at_phase(self, function: Function, phase: int, times: Array, states: Array, segment: int = 0) -> Array:
         """Coefficients (m, order + 1, k, ...) of a function of (t, z, p, r) or (z, p) at times and states of a phase.
 
         Parameters
         ----------
-        times, states : coefficients as from ``samples``.
-        segment : of the control.
+        times, states : coefficients from ``samples``.
+        segment : segment of the control.
         """
         system, k = self._equations.system, states.shape[2]
         p, moved, v = self._parameters(phase)
@@ -143,7 +144,7 @@ class Jets:
     def _parameters(self, phase: int) -> tuple[Array, tuple[int, ...], Array]:
         """Parameters of a phase, the entries that are free, and the coefficients of these from the first order on.
 
-        Parameters swap places where legs differ.
+        Where legs differ, their parameters swap from step to step.
         """
         equations = self._equations
         p = equations.per_phase(equations.values(self._p, self.freed[0, 0]))[phase]
@@ -173,7 +174,7 @@ def _by_point(*arrays: Array) -> tuple[Array, ...]:
 
 
 def _multiply(lengths: Array, rates: Array, out: Array) -> None:
-    """Product of two truncated series, by the second axis."""
+    """Product of two truncated series whose coefficients are along the second axis."""
     out[...] = lengths[:, :1] * rates
     for k in range(1, rates.shape[1]):
         out[:, k:] += lengths[:, k, None] * rates[:, :-k]

@@ -1,11 +1,11 @@
-"""The mesh of a cycle: its steps are cut into arcs, and the arcs into shooting intervals.
+"""The mesh of a cycle: its phases are cut into arcs, and the arcs into shooting intervals.
 
     t_k = t_start + k (t_end - t_start) / n,      k = 0 .. n      on every arc
 
 Phases end at unknown times; the breakpoints of the control are at fixed times since the impact. Arcs end at both, so
 that the motion is smooth in every interval. A timed phase ends at a breakpoint, and so does its last arc. Between two
-impacts (of the foot or of a stop) there is one more node than intervals: the first is just after one impact, the last
-just before the next.
+impacts (of the foot or of a stop) there is one more node than there are intervals: the first node is just after one
+impact, the last one just before the next.
 """
 
 from bisect import bisect_left
@@ -23,8 +23,8 @@ from gaitopt.model.modes import Mode
 from gaitopt.requests import INTERVALS
 from gaitopt.threads import cached_property
 
-FEWEST = 2
-"""Intervals of the shortest arc."""
+FEWEST_INTERVALS = 2
+"""Smallest number of intervals of an arc."""
 COINCIDENT = 1e-11
 """A switch this close to a breakpoint, relative to the period, coincides with it: the error of the torques is below
 rounding."""
@@ -34,7 +34,7 @@ rounding."""
 class MeshArc:
     """One arc: part of a phase on one segment of the control.
 
-    ``start`` and ``end`` are either None, when the arc starts (ends) with its phase, or a breakpoint's time [s].
+    ``start`` and ``end`` are the times of breakpoints [s], or None if the arc starts or ends with its phase.
     """
 
     phase: int
@@ -70,7 +70,7 @@ class Mesh:
 
     @cached_property
     def arc_nodes(self) -> tuple[range, ...]:
-        """The nodes of every arc; it shares the first and the last one with its neighbours, except across a reset."""
+        """The nodes of every arc. It shares the first and the last one with its neighbours, except across a reset."""
         resets, nodes = [phase for phase, _ in self.cycle.resets], list[range]()
         for arc, at in zip(self.arcs, self.arc_intervals, strict=True):
             passed = bisect_left(resets, arc.phase)
@@ -103,7 +103,7 @@ class Mesh:
         return list(self.last_nodes), [(node + 1) % self.n_nodes for node in self.reset_nodes]
 
     def arc_times(self, durations: Iterable[Any]) -> list[tuple[Any, Any]]:
-        """Start and end of every arc since the last impact [s], from phase durations that are numbers or symbols."""
+        """Start and end of every arc since the last impact [s]; the phase durations may be numbers or symbols."""
         phases: list[tuple[Any, Any]] = []
         for phase, duration in enumerate(durations):
             start = 0.0 if phase in self.cycle.first_phases else phases[-1][1]
@@ -117,7 +117,7 @@ class Mesh:
         ]
 
     def interval_times(self, durations: Array) -> tuple[Array, Array]:
-        """Start of every interval since the last impact, and its length, shapes (intervals,) [s]."""
+        """Start of every interval since the last impact, and its length; shapes (intervals,) [s]."""
         starts, lengths = np.empty(self.intervals), np.empty(self.intervals)
         for at, (start, end) in zip(self.arc_intervals, self.arc_times(durations), strict=True):
             n = at.stop - at.start
@@ -135,7 +135,7 @@ class Mesh:
     def in_order(self, durations: Array, breakpoints: Sequence[float]) -> bool:
         """Whether every arc lies in its segment of the control: False once a switch has passed a breakpoint.
 
-        The breakpoints are all those of the control, also those after the end of the step.
+        ``breakpoints`` are all those of the control, also those after the end of the step.
         """
         limits, slack = (-np.inf, *breakpoints, np.inf), COINCIDENT * float(np.sum(durations))
         return all(
@@ -155,8 +155,8 @@ def mesh_of(cycle: Cycle, durations: ArrayLike, breakpoints: Sequence[float], in
     Parameters
     ----------
     durations : estimates of the phase durations [s].
-    breakpoints : of the control, times since impact [s], ascending.
-    intervals : of a step, distributed by the lengths of its arcs.
+    breakpoints : breakpoints of the control as ascending times since impact [s].
+    intervals : number of intervals of a step, which are divided among its arcs in proportion to their lengths.
     """
     lengths = np.asarray(durations, dtype=float)
     firsts = (*cycle.first_phases, lengths.size)
@@ -189,5 +189,5 @@ def _step_arcs(
         segment = sum(b <= begin for b in breakpoints)
         for k, (start, end) in enumerate(pairwise(ends)):
             length = (finish if end is None else end) - (begin if start is None else start)
-            count = max(FEWEST, round(intervals * length / switches[-1]))
+            count = max(FEWEST_INTERVALS, round(intervals * length / switches[-1]))
             yield MeshArc(phase=first + phase, mode=mode, segment=segment + k, start=start, end=end, intervals=count)

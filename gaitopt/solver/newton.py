@@ -1,4 +1,4 @@
-"""Newton's method for the equations of a gait: from a nearby guess to a solution that is right to rounding.
+"""Newton's method for the equations of a gait: from a nearby guess to a solution that is accurate to rounding.
 
     J(w) s = F(w),   w <- w - s     from a guess, while every step is at most half of the last    ``solve_nearby``
                                     from a solution, down to rounding                             ``polish``
@@ -25,39 +25,43 @@ from gaitopt.solver.shooting import MultipleShooting, NaturalUnits, transcribe
 from gaitopt.solver.sparse import ScaledMatrix, SparseMatrix
 from gaitopt.threads import cached_property
 
-LAST_STEP = 1e-7
-"""A step in natural units below which the next one, by quadratic convergence, would be rounding."""
+SMALL_STEP = 1e-7
+"""After a step below this, in natural units, the next one would be rounding, because convergence is quadratic."""
 SHORTEST_NEARBY_PERIOD = 0.5
-"""Shortest period relative to the guess: feet that stay together solve all equations in no time at all."""
+"""Shortest period of a solution relative to the guess. If both feet stay together, a period of zero solves all
+equations."""
 NEWTON_TOLERANCE = 3e-15
-"""Rounding of the equalities in natural units; a polish that does not reach it ends when it stops improving."""
+"""Rounding of the equalities in natural units. A polish that stays above it ends as soon as it no longer improves."""
 POLISH_STEPS = 8
-"""A polish starts at IPOPT's tolerance; more steps mean that it does not converge."""
+"""Largest number of steps of a polish. It starts at IPOPT's tolerance, so that one that needs more does not
+converge."""
 CHORD_RESIDUAL = 1e-13
-"""Residual in natural units below which the Jacobian is that of the solution up to rounding: chords suffice."""
+"""With a residual below this, in natural units, the Jacobian is that of the solution up to rounding: chords suffice."""
 ERROR_TOLERANCE = 1e-12
-"""Target for the integration error of states and durations in natural units: proofs find a gait within 3e-12."""
+"""Refinement aims at this integration error of states and durations, in natural units: proofs find a gait within
+3e-12."""
 LARGEST_ERROR = 4e-11
 """Largest integration error of a gait in natural units: more than a digit below the nine that are promised."""
-SAFETY = 4.0
+REFINEMENT_RESERVE = 4.0
 """Factor by which a refinement aims below the tolerance."""
-MISPLACED = 1e-9
-"""Violation in natural units of the margin that a jump of the torques should carry through zero."""
+GUARD_ERROR = 1e-9
+"""A jump of the torques carries the guard of a timed phase through zero if neither value misses its sign by more than
+this, in natural units."""
 MAX_REFINEMENTS = 4
 MAX_INTERVALS = 10_000
-"""Most intervals of a cycle; a motion that needs more is singular."""
+"""Largest number of intervals of a cycle; a motion that needs more is singular."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Unknowns that solve the equations of a gait, or an iterate of a search; what follows is computed when used.
+    """Unknowns that solve the equations of a gait, or an iterate of a search; derived quantities are computed on use.
 
     Attributes
     ----------
-    equations : of the gait.
+    equations : the equations of the gait.
     w, p : ndarray - unknowns and parameters, in SI.
-    status, words : of the search for it.
-    iterations : of the search.
+    status, words : how the search ended, and that in words.
+    iterations : number of iterations of the search.
     chord : the solution whose Jacobian is used instead of the one at ``w``.
     """
 
@@ -90,9 +94,9 @@ class Solution:
 
     @property
     def misplaced(self) -> tuple[int, ...]:
-        """The timed phases that end elsewhere, because their margin does not fall at the breakpoint."""
+        """The timed phases that should not end at their breakpoint, because their margin is not carried below zero."""
         jumps = self.equations.jumps(self.w, self.p)
-        return tuple(k for k, (before, after) in jumps.items() if not (before > -MISPLACED and after < MISPLACED))
+        return tuple(k for k, (before, after) in jumps.items() if not (before > -GUARD_ERROR and after < GUARD_ERROR))
 
     @cached_property
     @overflow_allowed()
@@ -108,7 +112,7 @@ class Solution:
 
     @property
     def jacobian(self) -> SparseMatrix:
-        """Their derivative in nodes, durations and freed parameters; shape (n, n + n_free)."""
+        """Derivative of the equalities by nodes, durations and freed parameters; shape (n, n + n_free)."""
         return self._linearised[1]
 
     @cached_property
@@ -118,7 +122,7 @@ class Solution:
 
     @cached_property
     def square(self) -> SparseMatrix:
-        """Jacobian in nodes and durations alone; shape (n, n)."""
+        """Jacobian by nodes and durations only; shape (n, n)."""
         return self.jacobian.leading(self.residual.size)
 
     @property
@@ -136,7 +140,7 @@ class Solution:
         return ScaledMatrix(matrix, self.units.equalities, self.units.unknowns[: self.residual.size])
 
     def stepped(self) -> "Solution":
-        """The end of one Newton step, or of one chord; free parameters do not move.
+        """The end of one Newton step, or of one chord, with free parameters fixed.
 
         Raises
         ------
@@ -195,13 +199,13 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class GaitEquations:
-    """The equations of a gait at values of all parameters but the freed ones, as ``arclength`` takes them.
+    """The equations of a gait at fixed values of all parameters that are not freed, in the form of ``arclength``.
 
     Attributes
     ----------
-    equations : of the gait.
+    equations : the equations of the gait.
     p : ndarray - values of all parameters.
-    spans : units of the freed parameters.
+    spans : the freed parameters are measured in these units.
     """
 
     equations: MultipleShooting
@@ -234,8 +238,8 @@ def solve_nearby(
 ) -> Solution:
     """Newton's method from ``start``, while its steps halve.
 
-    The margins are not checked. A failed search has the status ``not_converged``, one that ``should_stop`` ends
-    ``interrupted``.
+    The margins are not checked. A failed search has the status ``not_converged``, and ``interrupted`` if
+    ``should_stop`` ended it.
     """
     equations, at, last = start.equations, start, np.inf
     shortest = SHORTEST_NEARBY_PERIOD * start.durations.sum()
@@ -254,17 +258,17 @@ def solve_nearby(
         if not allowed or equations.unpack(end).durations.sum() < shortest:
             break
         at, last = Solution(equations, end, start.p, iterations=number), size
-        if size < LAST_STEP:
+        if size < SMALL_STEP:
             return at
     return replace(lost, iterations=number)
 
 
 @overflow_allowed()
 def polish(solution: Solution) -> Solution:
-    """A solution down to rounding by Newton's method, with free parameters fixed.
+    """A solution refined to rounding by Newton's method, with free parameters fixed.
 
-    A step that does not reduce the residual is discarded, and is the last one. The solution is returned as it is if the
-    Jacobian is singular.
+    The first step that does not reduce the residual is discarded and ends the polish. If the Jacobian is singular, the
+    solution is returned unchanged.
     """
     at = solution
     for _ in range(POLISH_STEPS):
@@ -282,15 +286,15 @@ def polish(solution: Solution) -> Solution:
 
 @overflow_allowed()
 def refine(solution: Solution) -> Solution:
-    """Divide the arcs that cause too large an error more finely, until it is below the tolerance or at rounding.
+    """Divide arcs more finely until the integration error is below the tolerance or at rounding.
 
-    Free parameters are fixed.
+    Only arcs that cause too large an error are divided. Free parameters are fixed.
     """
     current = solution
     for _ in range(MAX_REFINEMENTS):
         if current.errors.max() < ERROR_TOLERANCE:
             break
-        growth = np.maximum((SAFETY * current.caused_errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
+        growth = np.maximum((REFINEMENT_RESERVE * current.caused_errors / ERROR_TOLERANCE) ** (1 / ORDER), 1.0)
         mesh = current.equations.mesh
         counts = np.ceil(growth * [arc.intervals for arc in mesh.arcs])
         if not counts.sum() <= MAX_INTERVALS:  # or not a number
@@ -304,7 +308,7 @@ def refine(solution: Solution) -> Solution:
 
 @overflow_allowed()
 def halved(solution: Solution) -> Solution:
-    """The same solution with every interval halved, down to rounding, with the free parameters fixed."""
+    """The same solution with every interval halved, refined to rounding with the free parameters fixed."""
     return polish(_resampled(solution, [2 * arc.intervals for arc in solution.equations.mesh.arcs]))
 
 
@@ -327,9 +331,9 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
 
     Returns
     -------
-    response : ndarray, shape (n, n_xi) - of nodes and durations.
+    response : ndarray, shape (n, n_xi) - derivatives of nodes and durations.
     returned : ndarray, shape (n_xi, n_xi) - derivative of the return map: the deviation after the cycle.
-    adjoint : maps weights (n_xi, k) of ``returned`` to weights (n, k) of the equations of ``response``.
+    adjoint : function that maps weights (n_xi, k) of ``returned`` to weights (n, k) of the equations of ``response``.
     """
     section = at.equations.system.section(at.equations.mesh.cycle)
     full = at.equations.dynamics(at.p, at.equations.unpack(at.w).freed).p
@@ -345,9 +349,10 @@ def section_sensitivity(at: Solution) -> tuple[Array, Array, Callable[[Array], A
 
 
 def cycle_sensitivity(at: Solution, deviations: Array) -> tuple[Array, Array, Callable[[Array], Array]]:
-    """As ``section_sensitivity``, for deviations (n_z, k) of the first state, which may leave the section.
+    """Response of the cycle to deviations (n_z, k) of its first state, which may leave the section.
 
-    The last reset leads back to the section, so that deviations across it have multipliers of zero.
+    The results are those of ``section_sensitivity``. The last reset leads back to the section, so that the multipliers
+    of deviations across it are zero.
     """
     equations, n_z = at.equations, at.equations.system.n_z
     opened, reset = opened_cycle(at)
@@ -367,8 +372,8 @@ def cycle_sensitivity(at: Solution, deviations: Array) -> tuple[Array, Array, Ca
 def parameter_sensitivity(at: Solution) -> Array:
     """Derivative of the return map by the freed parameters at fixed section coordinates, shape (n_xi, n_free).
 
-    They act in the whole cycle: on the state that the section coordinates determine, along the motion, and in the last
-    reset.
+    The parameters act during the whole cycle: on the state that the section coordinates determine, along the motion,
+    and in the last reset.
     """
     equations, n_z = at.equations, at.equations.system.n_z
     opened, reset = opened_cycle(at)
@@ -377,22 +382,22 @@ def parameter_sensitivity(at: Solution) -> Array:
     full = equations.dynamics(at.p, equations.unpack(at.w).freed).p
     by_free = at.jacobian.dense(n, at.w.size)
     by_lift = section.by_parameters(at.w[:n_z], full)
-    places = {name: k for k, name in enumerate(equations.system.parameters)}
+    numbers = {name: k for k, name in enumerate(equations.system.parameters)}
     right = -by_free
     right[n - n_z :] = 0.0
     for column, name in enumerate(equations.free):
-        if places[name] < by_lift.shape[1]:
-            right[n - n_z :, column] = by_lift[:, places[name]]
+        if numbers[name] < by_lift.shape[1]:
+            right[n - n_z :, column] = by_lift[:, numbers[name]]
     response = opened.solve(right)
     return np.asarray((reset @ response[last] - by_free[n - n_z :])[section.indices])
 
 
 def opened_cycle(at: Solution) -> tuple[ScaledMatrix, Array]:
-    """The equations of a cycle that starts from a given state instead of the last reset, and that reset's derivative.
+    """Derivatives of a cycle that starts from a given state instead of the last reset, and of that reset.
 
     Returns
     -------
-    opened : ``square`` in which the last rows do not depend on the last node.
+    opened : the matrix ``square``, but the last rows do not depend on the last node.
     reset : ndarray, shape (n_z, n_z) - derivative of the state after the last reset by the last node.
     """
     equations = at.equations

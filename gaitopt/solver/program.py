@@ -33,14 +33,15 @@ from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
 SHORTEST_PERIOD_FOUND = 0.1
-"""Shortest period of a gait relative to the guess: feet that stay together solve all equations."""
+"""Shortest period of a gait relative to the guess. If both feet stay together, a period of zero solves all
+equations."""
 LARGEST_RESIDUAL = 1e-5
-"""Largest violation of the equalities, in natural units, of a point that Newton's method may refine to a gait: with a
-larger one, the gait might be another than the point."""
-MISSED = 1e-6
-"""A constraint of the problem that is violated by more, relative to its bound or to one, is not met."""
+"""Newton's method may refine a point to a gait only if it violates no equality by more than this, in natural units.
+Otherwise it might lead to a different gait."""
+LARGEST_CONSTRAINT_VIOLATION = 1e-6
+"""A constraint of the problem that is violated by more, relative to the larger of its bound and one, is not met."""
 EXTERNAL = "external"
-"""The method of a gait that gaitopt did not find itself."""
+"""Method that is stated for a gait that gaitopt did not find itself."""
 TIME = "time"
 """Name of the times of the nodes among the quantities of a point."""
 
@@ -58,7 +59,7 @@ class NonlinearProgram(Plotted, Program, ABC):
 
     Attributes
     ----------
-    problem : the problem.
+    problem : the problem whose gait is sought.
     """
 
     problem: Problem
@@ -87,8 +88,8 @@ class NonlinearProgram(Plotted, Program, ABC):
         """The gait of a problem at a point."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        words = "a nonlinear program holds expressions of CasADi, which no other process can read"
-        raise PicklingError(f"{words}: send its problem, nlp.problem, and call gaitopt.nlp there")
+        reason = "a nonlinear program holds expressions of CasADi, which no other process can read"
+        raise PicklingError(f"{reason}: send its problem, nlp.problem, and call gaitopt.nlp there")
 
     def __copy__(self) -> Self:
         return self  # it never changes
@@ -107,7 +108,7 @@ class NonlinearProgram(Plotted, Program, ABC):
 
     @cached_property
     def _rows(self) -> dict[str, list[int]]:
-        """Entries of x by the name in their labels."""
+        """Numbers of the entries of x by the name in their labels."""
         rows: dict[str, list[int]] = {}
         for row, label in enumerate(self.x_labels):
             rows.setdefault(label.name, []).append(row)
@@ -181,21 +182,21 @@ class NonlinearProgram(Plotted, Program, ABC):
         if unknown.size:
             row, named = int(unknown[0]), point.size == self.x0.size
             label = self.x_labels[row] if named else Label(name=f"entry {row}" if point.size > 1 else "it")
-            words = f"the point is not finite: {label.name} is {point[row]}"
-            words += "" if label.node is None else f" at node {label.node}"
-            words += f", and {unknown.size - 1} more" if unknown.size > 1 else ""
+            message = f"the point is not finite: {label.name} is {point[row]}"
+            message += "" if label.node is None else f" at node {label.node}"
+            message += f", and {unknown.size - 1} more" if unknown.size > 1 else ""
             return Gait(
                 problem=problem,
                 dynamics=Dynamics(self.system, values),
                 status=Status.NOT_CONVERGED,
-                message=words,
+                message=message,
                 solver={"method": EXTERNAL},
-                causes=(Cause(what="point", words=words),),
+                causes=(Cause(what="point", words=message),),
             )
         return self._gait(problem, self._checked(point), values)
 
-    def _missed(self, point: Array, p: Array) -> Cause | None:
-        """The bound of a constraint or of a freed parameter that is missed most; None if all are met."""
+    def _violated_bound(self, point: Array, p: Array) -> Cause | None:
+        """The bound of a constraint or of a freed parameter that is violated most; None if all are met."""
         names = {*self.problem.constraints, *self.free}
         if not names:
             return None
@@ -205,11 +206,11 @@ class NonlinearProgram(Plotted, Program, ABC):
         outside[[label.name not in names for label in (*self.x_labels, *self.g_labels)]] = 0.0
         row = int(np.argmax(outside))
         label, bound = (*self.x_labels, *self.g_labels)[row], float(np.clip(values[row], lower[row], upper[row]))
-        if not outside[row] > MISSED * max(1.0, abs(bound)):
+        if not outside[row] > LARGEST_CONSTRAINT_VIOLATION * max(1.0, abs(bound)):
             return None
         side = "at least" if values[row] < bound else "at most"
-        words = f"{label.name} is {values[row]:.6g}, must be {side} {bound:.6g}"
-        return Cause(what=label.name, words=words, needed=bound, available=float(values[row]))
+        text = f"{label.name} is {values[row]:.6g}, must be {side} {bound:.6g}"
+        return Cause(what=label.name, words=text, needed=bound, available=float(values[row]))
 
     @cached_property
     @building
@@ -224,7 +225,7 @@ class NonlinearProgram(Plotted, Program, ABC):
 
 
 def _numbers(values: Any, what: str) -> Array:
-    """Values of a user as an array, shape (n,)."""
+    """Values that a user passes, as an array, shape (n,)."""
     try:
         return np.array(values, dtype=float).ravel()
     except (TypeError, ValueError) as error:
@@ -237,9 +238,10 @@ class ShootingProgram(NonlinearProgram):
 
     Attributes
     ----------
-    equations : its mesh and the equations of its gait.
+    equations : the equations of the gait, with their mesh.
     radius : the function in Python that bounds the spectral radius of a design, if it is needed. The program must live
-        as long as a solver that calls it; it has no second derivatives, so that such a solver learns its Hessian.
+        as long as a solver that calls this function. It has no second derivatives: a solver must approximate the
+        Hessian.
     """
 
     equations: MultipleShooting
@@ -268,15 +270,15 @@ class ShootingProgram(NonlinearProgram):
         at, solver = Solution(self.equations, point[: self.equations.w.numel()], p), {"method": EXTERNAL}
         if not at.size <= LARGEST_RESIDUAL:
             return failed_gait(problem, at, (largest_residual(at),), solver)
-        missed = self._missed(point, p)
-        if missed is not None:
-            return failed_gait(problem, at, (missed,), solver)
+        violated = self._violated_bound(point, p)
+        if violated is not None:
+            return failed_gait(problem, at, (violated,), solver)
         if (at.durations > 0).all() and not at.in_order:
-            words = (
+            remedy = (
                 "a switch passes a breakpoint of the control on the way from the start to this point; state "
                 f"gait.guess.durations: {[float(f'{duration:.4g}') for duration in at.durations]} and solve again"
             )
-            return failed_gait(problem, at, (Cause(what="reference", words=words),), solver)
+            return failed_gait(problem, at, (Cause(what="reference", words=remedy),), solver)
         gait = checked_gait(problem, at, solver)
         if not (gait.converged and problem.objective):
             return gait
@@ -285,9 +287,9 @@ class ShootingProgram(NonlinearProgram):
 
 
 class EquationSlope(Callback):
-    """(w, p) -> Jacobian of the equations of a gait: that of ``linearised``, a tenth of the time of CasADi's own.
+    """(w, p) -> Jacobian of the equations of a gait from ``linearised``, in a tenth of the time of CasADi's Jacobian.
 
-    Keep it as long as a solver uses it.
+    It must be kept as long as a solver uses it.
     """
 
     def __init__(self, equations: MultipleShooting) -> None:
@@ -370,7 +372,7 @@ def solved(
     progress: Valued = None,
     should_stop: Stop = None,
 ) -> Solution:
-    """Where IPOPT ends with a program of ``feasibility``, after at most some iterations."""
+    """The end of IPOPT with a program of ``feasibility``, after at most ``iterations`` iterations."""
     key = _Compiled(equations=program.equations, n_rows=program.g.numel(), iterations=iterations, program=program)
     end = _ipopt(key).solve(program, progress=progress, should_stop=should_stop)
     return Solution(program.equations, end.w, program.p0, status=end.status, words=end.words, iterations=end.iterations)
@@ -378,7 +380,10 @@ def solved(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Compiled:
-    """``equations``, with or without the margins, determine what is compiled; ``program`` states it the first time."""
+    """What determines the compiled solver: ``equations``, and ``n_rows`` (with or without the margins).
+
+    The first ``program`` with these is compiled.
+    """
 
     equations: MultipleShooting
     n_rows: int
@@ -407,7 +412,7 @@ def failed_gait(
     solver: Mapping[str, float | str],
     status: Status = Status.NOT_CONVERGED,
 ) -> Gait:
-    """The attempt that ended where there is no gait."""
+    """The failed attempt of a search that ended where there is no gait."""
     return Gait(
         problem=problem,
         dynamics=Dynamics(at.equations.system, at.p),

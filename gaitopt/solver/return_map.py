@@ -23,9 +23,9 @@ class ReturnMapDerivatives(ReadOnlyArrays):
 
     Attributes
     ----------
-    A : ndarray, shape (n, n) - by the section coordinates.
-    B : ndarray, shape (n, m) - by the parameters, at fixed section coordinates.
-    names : of the n section coordinates.
+    A : ndarray, shape (n, n) - derivative by the section coordinates.
+    B : ndarray, shape (n, m) - derivative by the parameters, at fixed section coordinates.
+    names : names of the n section coordinates.
     keys : dotted keys of the m parameters.
     """
 

@@ -34,47 +34,51 @@ from gaitopt.solver.newton import MAX_INTERVALS, Solution
 from gaitopt.solver.shooting import transcribe
 
 RTOL, ATOL = 1e-8, 1e-10
-"""Sufficient for a guess; the absolute tolerance is in natural units."""
-GRID = 8
-"""Points per integrator step at which the end of a phase is sought."""
-WIDTH = 64
-"""Points at which margins are evaluated in one call; the function of another number would have to be built first."""
-ARMED = 1e-12
-"""In natural units; a margin that is zero up to rounding is not yet positive."""
+"""Tolerances of the integration, sufficient for a guess. The absolute one is in natural units."""
+POINTS_PER_STEP = 8
+"""Points of every integrator step at which the end of a phase is sought."""
+POINTS_PER_CALL = 64
+"""Number of points at which margins are evaluated in one call. It is fixed, because each number needs a function of its
+own, which would have to be built."""
+ROUNDING_OF_MARGINS = 1e-12
+"""A margin below this, in natural units, is zero up to rounding and cannot yet fall through zero."""
 STABLE_STEP = 5.0
-"""Largest product of an interval and the fastest mode of the linearised flow: up to 5.9 the explicit step damps every
+"""Largest product of an interval and the fastest mode of the linearised flow. Up to 5.9 the explicit step damps every
 mode that the flow damps. Beyond, it magnifies stiff modes from interval to interval."""
 FIRST_ERROR = 1e-5
-"""Largest error of one interval of a first mesh in natural units, so that a guess next to a gait starts next to it."""
+"""Largest error of one interval of a first mesh in natural units. It is small enough that the search from a guess next
+to a gait starts next to that gait."""
 FINE_ERROR = 1e-9
-"""The same of a finer mesh, where the first one may have moved a guess off its gait: the motion itself has no more
-digits."""
+"""The same error of a finer mesh, which is tried if the first one may have moved a guess off its gait. The motion
+itself is not known to more digits."""
 MOST_MESHES = 6
-"""Meshes that are tried for one motion: one that a stable step needs, and those that the measured errors need."""
+"""Largest number of meshes for one motion: one for a stable step, and those that the measured errors require."""
 FIRST_STEP = 2.5e-5
 """First step of the integrator in natural units; each step is at most ten times the previous one."""
 FIRST_STEP_FROM_REST = 2.5e-7
-"""The same where the foot begins to slip: the first slip of a light foot may end after 1e-6."""
-ROOT = 1e-12
-"""Tolerance of the end of a phase in natural units of time."""
+"""The first step where the foot begins to slip: the first slip of a light foot may end after 1e-6."""
+TIME_TOLERANCE = 1e-12
+"""Tolerance of the end of a phase, in natural units of time."""
 MAX_STEP_TIME = 50.0
-"""In natural units of time, 20 s for legs of 1.6 m: no walker takes longer over a step."""
+"""Longest step in natural units of time, 20 s for legs of 1.6 m; no walker needs longer."""
 MOST_STEPS = 20_000
-"""Integrator steps in one phase: the longest phase takes some hundreds, one under a stiff control some thousands."""
-JUMP = 1e-9
-"""Least jump of a margin at a breakpoint, in natural units, that ends a phase; torques that only have a kink jump by
-rounding."""
+"""Largest number of integrator steps in one phase: the longest phase takes some hundreds, under a stiff control some
+thousands."""
+SMALLEST_JUMP = 1e-9
+"""Smallest jump of a margin at a breakpoint, in natural units, that ends a phase. If torques only have a kink there,
+the margin jumps by rounding."""
 NEAR_BREAKPOINT = 0.05
-"""Part of a cycle within which a phase of a given duration may end at a breakpoint instead."""
+"""A phase of a given duration may end at a breakpoint instead that is no farther from its end than this part of a
+cycle."""
 ROUNDING = 1e-12
 """Relative difference of two times that rounding may cause."""
 CUT_OFF_PHASE = 0.05
-"""Part of a step that a phase without a known end gets if no time is left for it."""
+"""Part of a step that a phase without a known end lasts if no time is left for it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhaseMotion:
-    """The motion in one phase; a state at any time is one step from the integration point before it.
+    """The motion in one phase. One step from the integration point before a time leads to the state at that time.
 
     Attributes
     ----------
@@ -111,10 +115,11 @@ class Rollout:
 
     Attributes
     ----------
-    dynamics, cycle : of the walker, and its mode sequence with the phases that are timed.
-    durations : of the phases [s].
-    motions : of the phases.
-    endless : the first phase whose event did not happen, None if all did.
+    dynamics : dynamics of the walker.
+    cycle : mode sequence of the motion, with the phases that are timed.
+    durations : durations of the phases [s].
+    motions : motion in each phase.
+    endless : the first phase whose event did not happen; None if all events did.
     """
 
     dynamics: Dynamics
@@ -125,7 +130,7 @@ class Rollout:
 
     @property
     def period(self) -> float:
-        """Time of the whole cycle [s]; zero if the walker falls at once."""
+        """Duration of the whole cycle [s]; zero if the walker falls at once."""
         return float(sum(self.durations))
 
     def __call__(self, phase: int, times: Array) -> Array:
@@ -149,9 +154,9 @@ class Rollout:
         Parameters
         ----------
         free : dotted keys of the parameters that are unknowns.
-        intervals : of every arc, used if there are as many arcs.
+        intervals : number of intervals of every arc; it is ignored if there is another number of arcs.
         error : largest error of one interval in natural units.
-        per_step : intervals of a step in the first mesh.
+        per_step : number of intervals of a step in the first mesh.
         """
         mesh = mesh_of(self.cycle, self.durations, self.dynamics.system.control.breakpoints, per_step)
         mesh = mesh.refined(intervals) if len(intervals) == len(mesh.arcs) else mesh
@@ -164,11 +169,11 @@ class Rollout:
         return first
 
     def _needed_intervals(self, at: Solution, moved: Array, allowed: float) -> list[int]:
-        """Intervals of every arc that a stable step needs; if it is stable already, those that its error needs.
+        """Number of intervals of every arc that a stable step needs or, if it is stable, that a small error needs.
 
         Parameters
         ----------
-        at, moved : from ``_sampled``.
+        at, moved : results of ``_sampled``.
         allowed : largest error of a step, which is its distance from the motion on which it starts.
         """
         equations, mesh, n_z = at.equations, at.equations.mesh, at.equations.system.n_z
@@ -189,11 +194,11 @@ class Rollout:
         return counts
 
     def _sampled(self, mesh: Mesh, free: tuple[str, ...]) -> tuple[Solution, Array]:
-        """The motion at the nodes of a mesh, and in its own phase at the ends of all intervals, (intervals, n_z)."""
+        """The motion at the nodes of a mesh, and at the end of every interval in its own phase, (intervals, n_z)."""
         durations, system = np.array(self.durations), self.dynamics.system
         nodes, moved = np.empty((system.n_z, mesh.n_nodes)), np.empty((mesh.intervals, system.n_z))
-        places = zip(mesh.arcs, mesh.arc_nodes, mesh.arc_intervals, mesh.arc_times(self.durations), strict=True)
-        for arc, at, here, (begin, end) in places:
+        arcs = zip(mesh.arcs, mesh.arc_nodes, mesh.arc_intervals, mesh.arc_times(self.durations), strict=True)
+        for arc, at, here, (begin, end) in arcs:
             states = self(arc.phase, np.linspace(begin, end, len(at)))
             nodes[:, at.start : at.stop], moved[here] = states, states[:, 1:].T
         equations = transcribe(system, mesh, free)
@@ -208,7 +213,7 @@ def guessed_motion(problem: Problem, dynamics: Dynamics) -> Rollout:
 
 
 def retraced(gait: Gait, times: int = 1) -> Rollout:
-    """The motion of a known gait, repeated ``times``: the guess of all searches that begin at a gait.
+    """The motion of a known gait, repeated ``times``: every search that begins at a gait has this guess.
 
     Each step starts from its known state, so that errors of one step do not grow in the next ones.
     """
@@ -221,8 +226,8 @@ def retraced(gait: Gait, times: int = 1) -> Rollout:
 def rolled_again(solution: Solution) -> Rollout:
     """The motion from the first node of a solution with the durations of its phases.
 
-    On a mesh, its arcs are in the order that these durations demand: see ``Solution.in_order``. A switch that has left
-    its breakpoint is sought again.
+    Its mesh has the order of arcs that these durations demand: see ``Solution.in_order``. A switch that has left its
+    breakpoint is sought again.
     """
     equations, (nodes, durations, freed) = solution.equations, solution.equations.unpack(solution.w)
     cycle, misplaced = equations.mesh.cycle, solution.misplaced
@@ -243,10 +248,10 @@ def roll_out(
 
     Parameters
     ----------
-    state : at the start of the first step, shape (n_z,), or of the first k steps, shape (k, n_z): with given
-        durations, errors of one step would grow in the next ones.
-    durations : of the phases [s], None where a phase ends at its event; a phase that is timed in ``cycle`` ends at the
-        nearest breakpoint.
+    state : state at the start of the first step, shape (n_z,), or of the first k steps, shape (k, n_z), without which
+        errors of one step would grow in the next ones if durations are given.
+    durations : durations of the phases [s], None where a phase ends at its event; a phase that is timed in ``cycle``
+        ends at the nearest breakpoint.
     longest : time after the impact by which phases end at the latest [s]; ``MAX_STEP_TIME`` by default.
     """
     scales, per_phase, table = dynamics.scales, cycle.per_phase(dynamics.steps), dynamics.system.transitions
@@ -288,7 +293,7 @@ def roll_out(
             jumps = jump is not None
             if jump is not None:
                 following = given[phase + 1]
-                if following is not None:  # ends when it would have ended
+                if following is not None:  # the next phase still ends at the same time
                     given[phase + 1] = max(following + end - jump, following / 2)
                 duration, end = jump - time, jump
             motion = flow.integrate(time, z, duration, until_end=False)
@@ -307,11 +312,10 @@ def roll_out(
 
 
 def transit_time(dynamics: Dynamics, cycle: Cycle, state: Array) -> float:
-    """Time of a step [s] at the rates of ``state``, until the first joint reaches the shape that the impact maps back.
+    """Duration of a step [s] at the rates of ``state``, until a joint reaches the shape that the impact maps back.
 
-    If no joint moves, it is the natural unit of time. Relabelling is affine, s_plus = A s_minus + b, so that A and b
-    follow from any one state, unless massless feet are placed anew; then, and where no landing ends the cycle, it is
-    the natural unit of time as well.
+    Relabelling is affine, s_plus = A s_minus + b, so that A and b follow from any one state. The duration is the
+    natural unit of time if no joint moves, if massless feet are placed anew, and if no landing ends the cycle.
     """
     system, p, time = dynamics.system, dynamics.p, dynamics.scales.time
     if system.walker.weightless() or system.cycle_end != TOUCHDOWN:
@@ -338,7 +342,7 @@ class _ModeFlow:
         guard = table.between(mode, after, table.struck(cycle, phase)).guard
         self._until = system.control.period if guard == CLOCK else None
         self._upright = names.index("upright")
-        # or the clearance, while a stop is free; several contacts have none that must come last
+        # the clearance while a stop is free; a walker with several contacts has no landing that must come last
         self._touchdown = next((row for row, name in enumerate(names) if name in LANDINGS), None)
         self._ending = None if guard == CLOCK else names.index(guard)
         continuous = cycle.reset_after(phase) is None
@@ -346,7 +350,7 @@ class _ModeFlow:
         self._breakpoints = system.control.breakpoints
         self._data = [system.data(k) for k in range(len(self._breakpoints) + 1)]
         self._within, self._margins = shooting_step(system.shared, mode), buffered(system.margins(mode))
-        self._many_margins = buffered_map(system.margins(mode), WIDTH)
+        self._many_margins = buffered_map(system.margins(mode), POINTS_PER_CALL)
         point = _rate_and_margins(system.shared, mode)
         self._point = buffered(point)
         self._step = CompiledStep(system.flow(mode), point, rtol=RTOL, atol=ATOL * dynamics.state_units)
@@ -354,12 +358,12 @@ class _ModeFlow:
     def integrate(self, time: float, z: Array, duration: float, *, until_end: bool) -> PhaseMotion:
         """The motion until ``duration`` is over, the walker falls or, if ``until_end``, the event has happened.
 
-        A motion that breaks down at once has a single point: the solver judges the result. If touchdown precedes the
-        event that should end the phase, the motion continues, because ``lost_end`` cuts it off elsewhere.
+        A motion that breaks down at once has a single point; the solver judges it. If touchdown precedes the event that
+        should end the phase, the motion continues, because ``lost_end`` cuts it off elsewhere.
         """
         end, points = max(time, time + duration), [(time, z)]
         margins, waiting = self._margins_at(time, z), until_end
-        armed = margins > ARMED
+        armed = margins > ROUNDING_OF_MARGINS
         while points[-1][0] < end and len(points) < MOST_STEPS:
             integration = self._begin(*points[-1], end)
             while not integration.finished and len(points) < MOST_STEPS:
@@ -377,13 +381,13 @@ class _ModeFlow:
                 if waiting and self._ending is not None and fallen[self._ending]:
                     return self._motion(points)
                 waiting = waiting and not (self._touchdown is not None and fallen[self._touchdown])
-                armed |= margins > ARMED
+                armed |= margins > ROUNDING_OF_MARGINS
         return self._motion(points)
 
     def end(self, motion: PhaseMotion) -> tuple[float | None, bool]:
-        """Time since impact at which the phase ends, None if its event does not happen before touchdown.
+        """Time since impact at which the phase ends, and whether its margin jumps there because the torques do.
 
-        Also whether its margin jumps there because the torques do.
+        The time is None if the event does not happen before touchdown.
         """
         if self._ending is None:
             assert self._until is not None
@@ -401,7 +405,7 @@ class _ModeFlow:
         return self._with_jump(motion, end)
 
     def _with_jump(self, motion: PhaseMotion, end: float | None) -> tuple[float | None, bool]:
-        """The end of a phase at its event, or before it where a jump of the torques ends it."""
+        """The end of a phase at its event, or at an earlier jump of the torques that ends it."""
         jump = None if end is None else self._first_jump(motion, end)
         return (end, False) if jump is None else (jump, True)
 
@@ -425,7 +429,7 @@ class _ModeFlow:
         segment = bisect_right(self._breakpoints, time)
         bound = min([end, *self._breakpoints[segment : segment + 1]])
         self._step.load(self._p, self._data[segment])
-        slides = self._mode.direction and abs(z[-1]) > ARMED * self._scales.speed
+        slides = self._mode.direction and abs(z[-1]) > ROUNDING_OF_MARGINS * self._scales.speed
         from_rest = self._mode.slips and not slides
         first_step = FIRST_STEP_FROM_REST if from_rest else FIRST_STEP
         rate = self._point(time, z, self._p, self._data[segment])[0].copy()
@@ -443,17 +447,19 @@ class _ModeFlow:
 
         A breakpoint of the control occurs twice, with the margins before and after it.
         """
-        steps = np.linspace(motion.times[:-1], motion.times[1:], GRID, endpoint=False).ravel(order="F")
+        steps = np.linspace(motion.times[:-1], motion.times[1:], POINTS_PER_STEP, endpoint=False).ravel(order="F")
         times = np.append(steps, motion.end)
         passed = slice(*np.searchsorted(self._breakpoints, times[[0, -1]], side="right"))
-        places = np.searchsorted(times, self._breakpoints[passed])
-        times = np.insert(times, places, self._breakpoints[passed])
+        inserted = np.searchsorted(times, self._breakpoints[passed])
+        times = np.insert(times, inserted, self._breakpoints[passed])
         segments = np.searchsorted(self._breakpoints, times, side="right")
-        segments[places + np.arange(places.size)] -= 1
+        segments[inserted + np.arange(inserted.size)] -= 1
         states, margins = motion(times).T, np.empty((times.size, self._units.size))
         data = np.array(self._data)[segments]
-        for start in range(0, times.size, WIDTH):
-            rows = np.minimum(np.arange(start, start + WIDTH), times.size - 1)  # the last ones are evaluated again
+        for start in range(0, times.size, POINTS_PER_CALL):
+            rows = np.minimum(
+                np.arange(start, start + POINTS_PER_CALL), times.size - 1
+            )  # the last point fills the call
             (values,) = self._many_margins(times[rows, None], states[rows], self._p, data[rows])
             margins[rows] = values
         return times, margins / self._units
@@ -461,11 +467,14 @@ class _ModeFlow:
     def _first_fall(self, motion: PhaseMotion, times: Array, margins: Array, row: int) -> float | None:
         """First time at which a margin falls through zero after it was positive; None if it does not."""
         values = margins[:, row]
-        falls = np.flatnonzero((values[:-1] > ARMED) & (values[1:] <= 0))
+        falls = np.flatnonzero((values[:-1] > ROUNDING_OF_MARGINS) & (values[1:] <= 0))
         return self._root(motion, times[falls[0]], times[falls[0] + 1], row) if falls.size else None
 
     def _root(self, motion: PhaseMotion, before: float, after: float, row: int) -> float:
-        """Time at which a margin is zero, between two others on one segment of the control; a breakpoint is both."""
+        """Time at which a margin is zero, between two times on one segment of the control.
+
+        At a breakpoint, which ``_along`` lists twice, both times are the same.
+        """
         segment = bisect_right(self._breakpoints, before)
         if before == after:
             return before
@@ -473,7 +482,7 @@ class _ModeFlow:
         def margin(time: float) -> float:
             return float(self._margins_at(time, motion(np.array([time]))[:, 0], segment)[row])
 
-        return bracketed_root(margin, before, after, ROOT * self._scales.time)
+        return bracketed_root(margin, before, after, TIME_TOLERANCE * self._scales.time)
 
     def _first_jump(self, motion: PhaseMotion, latest: float) -> float | None:
         """The first breakpoint up to ``latest`` at which a jump of the torques carries the last margin below zero."""
@@ -481,12 +490,12 @@ class _ModeFlow:
             if motion.times[0] < b <= min(latest, motion.end):
                 z = motion(np.array([b]))[:, 0]
                 before, after = (self._margins_at(b, z, segment)[self._ending] for segment in (k, k + 1))
-                if before > ARMED and after < -ARMED and before - after > JUMP:
+                if before > ROUNDING_OF_MARGINS and after < -ROUNDING_OF_MARGINS and before - after > SMALLEST_JUMP:
                     return float(b)
         return None
 
     def _margins_at(self, time: float, z: Array, segment: int | None = None) -> Array:
-        """All margins in natural units."""
+        """All margins at a state, in natural units."""
         data = self._data[bisect_right(self._breakpoints, time) if segment is None else segment]
         (margins,) = self._margins(time, z, self._p, data)
         return np.asarray(margins / self._units)

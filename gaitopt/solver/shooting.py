@@ -1,4 +1,4 @@
-"""The equations of a periodic gait by multiple shooting, with the mode sequences of its steps given.
+"""The equations of a periodic gait with given mode sequences, by multiple shooting.
 
 Unknowns w = (nodes z_0 .. z_K, phase durations d, free parameters). There are as many equalities as nodes and
 durations; F(w, p) = (defects, events, resets):
@@ -62,10 +62,10 @@ class Label:
     ----------
     name : of an unknown: a state, ``duration``, a scalar, or the dotted key of a parameter. Of a row: ``defect`` or
         ``reset``, a scalar, or a margin, which is zero at the end of a phase and not negative elsewhere.
-    mode : of the phase, or of the foot just after the impact; None if it belongs to the whole cycle.
-    phase, node : where it is taken, counted from 0 through all steps; None for the impact of a step.
-    step : of the cycle.
-    coordinate : of the state that a defect or a reset compares.
+    mode : mode of the phase, or of the foot just after the impact; None for an entry of the whole cycle.
+    phase, node : numbers of phase and node, counted from 0 through all steps; None for the impact of a step.
+    step : number of the step in the cycle.
+    coordinate : the coordinate that a defect or a reset compares.
     unit : SI unit as text; ``1`` if it has none.
     """
 
@@ -82,13 +82,13 @@ class Label:
         return margin_unit(self.name, scales)
 
     def __str__(self) -> str:
-        words = f"{self.name} of {self.coordinate}" if self.coordinate else self.name
-        words += "" if self.node is None else f" at node {self.node}"
+        text = f"{self.name} of {self.coordinate}" if self.coordinate else self.name
+        text += "" if self.node is None else f" at node {self.node}"
         if self.phase is not None and self.mode is not None:
-            words += f", phase {self.phase + 1} ({self.mode.brief})"
+            text += f", phase {self.phase + 1} ({self.mode.brief})"
         elif self.mode is not None:
-            words += f", impact of step {self.step + 1} ({self.mode.brief})"
-        return f"{words} [{self.unit}]"
+            text += f", impact of step {self.step + 1} ({self.mode.brief})"
+        return f"{text} [{self.unit}]"
 
 
 class NaturalUnits(NamedTuple):
@@ -97,7 +97,7 @@ class NaturalUnits(NamedTuple):
     Attributes
     ----------
     unknowns : ndarray, shape (n_w,) - 1 for free parameters.
-    equalities : ndarray, shape (n,) - of the rows of ``MultipleShooting.equalities``.
+    equalities : ndarray, shape (n,) - units of the rows of ``MultipleShooting.equalities``.
     """
 
     unknowns: Array
@@ -171,7 +171,7 @@ class MultipleShooting:
         return _dynamics(self.system, self.values(p, freed).tobytes())
 
     def per_phase(self, p: Any) -> tuple[Any, ...]:
-        """The parameters of each phase, numbers or symbols, from those of the first step."""
+        """The parameters of each phase from those of the first step, as numbers or symbols."""
         return self.mesh.cycle.per_phase(self.system.step_parameters(p))
 
     def units(self, p: Array) -> NaturalUnits:
@@ -199,7 +199,7 @@ class MultipleShooting:
     # ---- the meaning of unknowns and equalities
 
     def label(self, name: str, phase: int, node: int | None = None, *, unit: str = "", coordinate: str = "") -> Label:
-        """The label of something in a phase; the unit of a margin by default."""
+        """The label of an unknown or a row in a phase; its unit is that of the margin by default."""
         return Label(
             name=name,
             mode=self.mesh.cycle.phases[phase],
@@ -218,7 +218,7 @@ class MultipleShooting:
         return tuple(zip(self.system.state_names, (*units, *(f"{unit}/s" for unit in units)), strict=True))
 
     def _unit_of_joint(self, key: str) -> str:
-        """Unit of a parameter whose dotted key names a joint, such as a point of its reference; else ``1``."""
+        """Unit of a parameter whose dotted key names a joint, such as a value of its reference; ``1`` for others."""
         return next((unit for name, unit in self._states if name in key.split(".")), "1")
 
     @cached_property
@@ -244,9 +244,9 @@ class MultipleShooting:
             unit = SI[margin(name).unit]
             events.append(self.label(name, phase, node, unit=f"{unit}^{order + 1}" if order else unit))
         return (
-            *(self.label("defect", *place, unit=unit, coordinate=z) for place in nodes for z, unit in self._states),
+            *(self.label("defect", *at, unit=unit, coordinate=z) for at in nodes for z, unit in self._states),
             *events,
-            *(self.label("reset", *place, unit=unit, coordinate=z) for place in resets for z, unit in self._states),
+            *(self.label("reset", *at, unit=unit, coordinate=z) for at in resets for z, unit in self._states),
         )
 
     # ---- the equalities as expressions
@@ -280,7 +280,7 @@ class MultipleShooting:
         return arc, self.Z[:, at.start : at.stop], start, (end - start) / arc.intervals
 
     def constants(self, arc: MeshArc, width: int) -> list[MX]:
-        """Parameters and segment data of an arc, repeated."""
+        """Parameters and segment data of an arc, repeated in ``width`` columns."""
         return [repmat(self.phase_parameters[arc.phase], 1, width), repmat(MX(self.system.data(arc.segment)), 1, width)]
 
     def map_arcs(self, function: Callable[[Mode], Function], columns: Callable[[int], list[MX]]) -> list[MX]:
@@ -313,8 +313,8 @@ class MultipleShooting:
 
         for i, margins in enumerate(self.map_arcs(self.system.margins, columns)):
             arc, at, names = self.mesh.arcs[i], self.mesh.arc_nodes[i], self._margin_names(i)
-            rows.append(vec(margins)[[row + k * len(names) for row, k in self._held[i]]])
-            labels += [self.label(names[row], arc.phase, at[k]) for row, k in self._held[i]]
+            rows.append(vec(margins)[[row + k * len(names) for row, k in self._required[i]]])
+            labels += [self.label(names[row], arc.phase, at[k]) for row, k in self._required[i]]
         further, meaning = self._further_inequalities
         return vertcat(*rows, further), (*labels, *meaning)
 
@@ -322,8 +322,8 @@ class MultipleShooting:
         return self.system.transitions.margin_names(self.mesh.arcs[index].mode)
 
     @cached_property
-    def _held(self) -> tuple[tuple[tuple[int, int], ...], ...]:
-        """Rows and nodes of the margins that hold along each arc."""
+    def _required(self) -> tuple[tuple[tuple[int, int], ...], ...]:
+        """Rows and nodes of the margins that must not be negative along each arc."""
         return tuple(
             tuple(
                 (row, k)
@@ -342,7 +342,7 @@ class MultipleShooting:
         arcs = list(zip(range(len(mesh.arcs)), mesh.arcs, mesh.arc_nodes, strict=True))
         rows, labels = list[MX](), list[Label]()
 
-        # where a massless leg lands or takes off the ground forces are zero: their rates instead
+        # where a massless leg lands or takes off the ground forces are zero: their rates take the place of the forces
         for i, arc, at in arcs:
             for k, sign in ((0, 1), (arc.intervals, -1)):
                 unloaded = [name for name in table.margin_names(arc.mode) if self._is_unloaded(i, k, name)]
@@ -354,8 +354,8 @@ class MultipleShooting:
                         unit = f"{SI[margin(name).unit]}/s"
                         labels.append(self.label(name, arc.phase, at[k], unit=unit))
 
-        # where a slip starts from rest, the force beyond the static cone; one coefficient needs no more than its cone.
-        # After a timed phase the guard of that phase must be negative
+        # where a slip starts from rest, the force must leave the static cone; with one friction coefficient the kinetic
+        # cone says the same. After a timed phase the guard of that phase must be negative
         for i, arc, at in arcs:
             timed = arc.phase - 1 in mesh.cycle.timed
             if arc.start is not None:
@@ -431,14 +431,14 @@ class MultipleShooting:
         return self._defects(w, self._step_ends(w, p, 2))
 
     def margin_values(self, w: Array, p: Array) -> Array:
-        """Values of the inequalities; those along the arcs without their expressions, which take longer to build."""
+        """Values of the inequalities, without the expressions of those along the arcs, which take longer to build."""
         nodes, durations, freed = self.unpack(w)
         per_phase, values = self.per_phase(self.values(p, freed)), list[Array]()
         for i, (start, end) in enumerate(self.mesh.arc_times(durations.tolist())):
             arc, at = self.mesh.arcs[i], self.mesh.arc_nodes[i]
             times = start + (end - start) / arc.intervals * np.arange(len(at))
             margins = buffered_map(self.system.margins(arc.mode), times.size)
-            rows, k = np.array(self._held[i], dtype=int).reshape(-1, 2).T
+            rows, k = np.array(self._required[i], dtype=int).reshape(-1, 2).T
             states, data = nodes[:, at.start : at.stop].T, self.system.data(arc.segment)
             values.append(margins(times[:, None], states, per_phase[arc.phase], data)[0][k, rows])
         return np.concatenate([*values, self._further(w, p)[0]])
@@ -502,7 +502,7 @@ class MultipleShooting:
         return BufferedFunction(BUILT.watch(function))
 
     def _defects(self, w: Array, ends: Array) -> Array:
-        """Differences between the nodes and the ends of the steps, shape (intervals, n_z), that lead to them."""
+        """Differences between the nodes and the ends of the steps that lead to them, shape (intervals, n_z)."""
         return np.asarray((self.unpack(w).nodes.T[self.mesh.start_nodes + 1] - ends).ravel())
 
     def _joints(self, w: Array) -> tuple[Array, Array, Array, Array]:
@@ -521,7 +521,7 @@ class MultipleShooting:
         return np.concatenate(ends)
 
     def _step_starts(self, w: Array, p: Array) -> Iterator[tuple[Array, Array, float, Array, Array]]:
-        """Per arc the inputs of its m steps: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
+        """Inputs of the m steps of every arc: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
         nodes, durations, freed = self.unpack(w)
         mesh, per_phase = self.mesh, self.per_phase(self.values(p, freed))
         arc_times = mesh.arc_times(durations.tolist())
@@ -538,7 +538,7 @@ class MultipleShooting:
     # ---- the Jacobian of the equalities
 
     def linearised(self, w: Array, p: Array) -> tuple[Array, SparseMatrix]:
-        """Values of the equalities, and their derivative in all unknowns; shape (n, n_w)."""
+        """Values of the equalities, and their derivative by all unknowns; shape (n, n_w)."""
         n_z, n = self.system.n_z, self.mesh.intervals
         ends, step = differentiated_steps(*self._differentiated(w, p))
         for arc, at in zip(self.mesh.arcs, self.mesh.arc_intervals, strict=True):
@@ -555,9 +555,9 @@ class MultipleShooting:
         return np.concatenate([self._defects(w, ends), joined]), matrix
 
     def fastest_modes(self, w: Array, p: Array) -> Array:
-        """Spectral radius of the derivative of the flow by the state where each interval starts, (intervals,) [1/s].
+        """Spectral radius of the derivative of the flow by the state at the start of each interval, (intervals,) [1/s].
 
-        Infinite where the derivative is not finite.
+        It is infinite where the derivative is not finite.
         """
         key, by_state = self._flow_derivatives  # read once: another thread may replace it
         if key != (w.tobytes(), p.tobytes()):
@@ -568,7 +568,7 @@ class MultipleShooting:
         return radii
 
     def _differentiated(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Start, stages with their derivatives, and length of every interval, as ``differentiated_steps`` needs."""
+        """Arguments of ``differentiated_steps``: start, stages with their derivatives, and length of every interval."""
         n_z, n, n_free = self.system.n_z, self.mesh.intervals, len(self.free)
         stages = np.empty((N_STAGES, n, n_z, n_z + 2 + n_free))
         starts, lengths = np.empty((n, n_z)), np.empty(n)
@@ -659,12 +659,13 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
 
     Parameters
     ----------
-    segments : of the control, at the end of every phase.
+    segments : segment of the control at the end of every phase.
     free : dotted keys of the parameters that are unknowns; their values in ``p`` are ignored.
 
     Returns
     -------
-    function : of the states at the end of every phase, shape (n_z, n_phases), and after every reset, (n_z, n_resets).
+    function : its first arguments are the states at the end of every phase, shape (n_z, n_phases), and after every
+        reset, shape (n_z, n_resets).
     """
     ends, starts = SX.sym("ends", system.n_z, len(cycle.phases)), SX.sym("starts", system.n_z, len(cycle.resets))
     durations, freed = SX.sym("durations", len(cycle.phases)), SX.sym("freed", len(free))
@@ -678,7 +679,7 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
         at_end.append((time, ends[:, phase], per_phase[phase], SX(system.data(segments[phase]))))
         if name in (BREAKPOINT, CLOCK):
             known = system.control.period if name == CLOCK else system.control.breakpoints[segments[phase]]
-            assert known is not None  # a problem is read so
+            assert known is not None  # the reader of problems requires it
             rows.append(time - known)
             continue
         margins = system.margins(mode)(*at_end[phase])
@@ -706,5 +707,5 @@ def condition_derivatives(
 
 @lru_cache(maxsize=64)
 def _dynamics(system: HybridSystem, p: bytes) -> Dynamics:
-    """The system at its parameters; the diagnosis of one solution asks for it many times."""
+    """The system at its parameters, cached because the diagnosis of one solution needs it many times."""
     return Dynamics(system, np.frombuffer(p))

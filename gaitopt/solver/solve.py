@@ -40,18 +40,19 @@ from gaitopt.solver.rollout import (
 )
 
 MAX_REORDERS = 6
-"""Changes of the order of switches and breakpoints in one search; each needs a new mesh."""
-MOST_SEARCHED = 2000
-"""Intervals of a mesh on which IPOPT searches; an iteration takes half a second there. Newton's method may use more."""
-PERIODIC = 1e-6
-"""Largest change of the state over a cycle, in natural units, with which a guess is as good as a gait."""
+"""Largest number of new meshes in one search. Each change of the order of switches and breakpoints needs one."""
+MOST_IPOPT_INTERVALS = 2000
+"""IPOPT does not search on a larger mesh; with this one an iteration takes half a second. Newton's method may use
+more."""
+LARGEST_RETURN_ERROR = 1e-6
+"""A guess whose state changes by no more than this over a cycle, in natural units, is as good as a gait."""
 FAILURES = (Status.NOT_CONVERGED, Status.INFEASIBLE)
-FARTHER = "the methods auto and ipopt search farther"
-"""Remedy where Newton's method alone finds nothing."""
+OTHER_METHODS = "the methods auto and ipopt search farther"
+"""What to try if Newton's method alone finds nothing."""
 
 
 def free_parameters(problem: Problem, system: HybridSystem) -> dict[str, tuple[float, float]]:
-    """Bounds of all unknown parameters by dotted key: those of the file, and those of the control law itself."""
+    """Bounds of all unknown parameters by dotted key: those that the file frees, and those of the control law."""
     bounds = {key: (free.lower, free.upper) for key, free in problem.free.items()}
     return bounds | {f"control.{name}": limits for name, limits in system.control.unknowns(system.walker).items()}
 
@@ -72,7 +73,7 @@ def solve_gait(
     problem : its guess starts the search.
     system : the hybrid system of the problem's walker and control.
     method : ``auto`` runs IPOPT only if Newton's method finds no gait.
-    limits : of the search; the gait records those that are not the defaults.
+    limits : limits of the search; the gait records those that are not the defaults.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search with the status ``interrupted``.
 
@@ -108,12 +109,12 @@ def _solve(
             return gait
 
     def ipopt(start: Solution) -> Solution:
-        most = limits.ipopt_iterations
-        end = solved(feasibility(problem, start), iterations=most, progress=progress, should_stop=should_stop)
+        count = limits.ipopt_iterations
+        end = solved(feasibility(problem, start), iterations=count, progress=progress, should_stop=should_stop)
         if end.status not in FAILURES or not start.equations.mesh.cycle.timed:
             return end
-        # the torques of the guess may jump where those of the gait do not: without margins, the motion shows it
-        periodic = solved(feasibility(problem, start, relaxed=True), iterations=most, should_stop=should_stop)
+        # the torques of the guess may jump where those of the gait do not: a motion without margins shows it
+        periodic = solved(feasibility(problem, start, relaxed=True), iterations=count, should_stop=should_stop)
         leaves = periodic.converged and not periodic.in_order
         return periodic if leaves or periodic.status is Status.INTERRUPTED else end
 
@@ -139,12 +140,12 @@ def _solve(
     if solution.converged:
         return checked_gait(problem, solution, search_record(Method.IPOPT, solution.iterations, began))
     causes = () if solution.status is Status.INTERRUPTED else _failure_causes(problem, start, solution, guess)
-    words = f"{solution.words} (tried {tried}): {describe_causes(causes)}" if causes else solution.words
+    message = f"{solution.words} (tried {tried}): {describe_causes(causes)}" if causes else solution.words
     return Gait(
         problem=problem,
         dynamics=dynamics,
         status=solution.status,
-        message=words,
+        message=message,
         solver=search_record(Method.IPOPT, solution.iterations, began),
         causes=causes,
     )
@@ -155,9 +156,9 @@ def _newton_gait(
 ) -> Gait:
     """The gait that Newton's method finds next to a guess, or the first failed attempt."""
 
-    def failed(status: Status, words: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
+    def failed(status: Status, message: str, iterations: int = 0, causes: tuple[Cause, ...] = ()) -> Gait:
         solver, dynamics = search_record(Method.NEWTON, iterations, began), guess.dynamics
-        return Gait(problem=problem, dynamics=dynamics, status=status, message=words, solver=solver, causes=causes)
+        return Gait(problem=problem, dynamics=dynamics, status=status, message=message, solver=solver, causes=causes)
 
     failure: Gait | None = None
     newton = partial(solve_nearby, most_steps=limits.newton_steps, progress=progress, should_stop=should_stop)
@@ -165,7 +166,7 @@ def _newton_gait(
         _, near = _search(start, newton)
         if near.status is Status.INTERRUPTED:
             return failed(near.status, near.words, near.iterations)
-        gait = failed(near.status, f"{near.words}; {FARTHER}", near.iterations)
+        gait = failed(near.status, f"{near.words}; {OTHER_METHODS}", near.iterations)
         if near.converged:
             gait = checked_gait(problem, near, search_record(Method.NEWTON, near.iterations, began))
             if gait.converged:
@@ -174,7 +175,7 @@ def _newton_gait(
     if failure is None:
         assert guess.endless is not None
         cause = _missing_event(guess, guess.endless)
-        failure = failed(Status.NOT_CONVERGED, f"{cause.words}; {FARTHER}", causes=(cause,))
+        failure = failed(Status.NOT_CONVERGED, f"{cause.words}; {OTHER_METHODS}", causes=(cause,))
     return failure
 
 
@@ -186,14 +187,14 @@ def _first_gait(problem: Problem, dynamics: Dynamics, began: float, progress: Va
     solver = search_record(Method.IPOPT, end.iterations, began)
     if found is not None:
         return checked_gait(problem, found, solver)
-    words, causes = "; ".join((end.words, *(cause.words for cause in worst))), tuple(worst)
-    return Gait(problem=problem, dynamics=dynamics, status=end.status, message=words, solver=solver, causes=causes)
+    message, causes = "; ".join((end.words, *(cause.words for cause in worst))), tuple(worst)
+    return Gait(problem=problem, dynamics=dynamics, status=end.status, message=message, solver=solver, causes=causes)
 
 
 def _nearby_starts(problem: Problem, guess: Rollout, intervals: int) -> Iterator[Solution]:
-    """Where Newton's method starts: at the guess, and at the walk from its state on a finer mesh if that is periodic.
+    """The starts of Newton's method: the guess and, if it is periodic, the walk from its state on a finer mesh.
 
-    The walk ends its phases at their events, whatever durations the problem states.
+    The phases of the walk end at their events, whatever durations the problem states.
     """
     if guess.endless is None:
         yield guess.on_mesh(per_step=intervals)
@@ -201,14 +202,14 @@ def _nearby_starts(problem: Problem, guess: Rollout, intervals: int) -> Iterator
     if problem.guess.durations is not None:
         walk = roll_out(guess.dynamics, problem.cycle, guess.motions[0].states[0])
     if walk.endless is None:
-        at = walk.on_mesh(error=FINE_ERROR, per_step=intervals)
-        resets = (at.residual / at.units.equalities)[-at.equations.system.n_z * len(walk.cycle.resets) :]
-        if np.abs(resets).max() < PERIODIC:
-            yield at
+        start = walk.on_mesh(error=FINE_ERROR, per_step=intervals)
+        resets = (start.residual / start.units.equalities)[-start.equations.system.n_z * len(walk.cycle.resets) :]
+        if np.abs(resets).max() < LARGEST_RETURN_ERROR:
+            yield start
 
 
 def _search(start: Solution, method: Callable[[Solution], Solution]) -> tuple[Solution, Solution]:
-    """Start and end of a search; it begins again on a new mesh while a switch passes a breakpoint of the control."""
+    """Start and end of a search, which is repeated on a new mesh while a switch passes a breakpoint of the control."""
     for _ in range(MAX_REORDERS):
         end = method(start)
         if not end.converged or end.in_order:
@@ -218,25 +219,25 @@ def _search(start: Solution, method: Callable[[Solution], Solution]) -> tuple[So
 
 
 def _too_stiff(start: Solution) -> Cause | None:
-    """Why a search would take too long: a law, perhaps in wrong units, needs too many intervals; None if none does."""
+    """Why a search would take too long, for instance a gain in wrong units that needs too many intervals; else None."""
     mesh = start.equations.mesh
     modes, (_, lengths) = start.equations.fastest_modes(start.w, start.p), mesh.interval_times(start.durations)
-    known = np.isfinite(modes)  # elsewhere the motion has broken down
+    known = np.isfinite(modes)  # the motion has broken down where they are not
     counts = np.maximum(modes[known] * lengths[known] / STABLE_STEP, 1.0)
     needed = max(float(mesh.intervals), float(counts.sum()))
-    if not needed > MOST_SEARCHED:
+    if not needed > MOST_IPOPT_INTERVALS:
         return None
     fastest = modes[known].max(initial=0.0)
-    words = (
+    text = (
         f"the motion is too stiff for a search: its fastest mode, {fastest:.4g} 1/s, needs about {needed:.0f} "
-        f"intervals, and {MOST_SEARCHED} are searched at most; check the units of the gains, or guess the state of the "
-        "gait to five digits"
+        f"intervals, and {MOST_IPOPT_INTERVALS} are searched at most; check the units of the gains, or guess the state "
+        "of the gait to five digits"
     )
-    return Cause(what="integration", words=words, needed=float(MOST_SEARCHED), available=needed)
+    return Cause(what="integration", words=text, needed=float(MOST_IPOPT_INTERVALS), available=needed)
 
 
 def _missing_event(guess: Rollout, phase: int) -> Cause:
-    """Why a phase of a guess has no end, by its margins one integration step after its start."""
+    """Why a phase of a guess has no end, as its margins one integration step after its start show."""
     system, motion = guess.dynamics.system, guess.motions[phase]
     k = min(1, motion.times.size - 1)
     at = system.margins(guess.cycle.phases[phase])(motion.times[k], motion.states[k], motion.p, motion.data[k])
@@ -245,14 +246,15 @@ def _missing_event(guess: Rollout, phase: int) -> Cause:
 
 @overflow_allowed()
 def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: Rollout) -> tuple[Cause, ...]:
-    """The margins that a periodic motion violates, solved with or without them; otherwise the worst equality.
+    """Why a search found no gait: the margins that a periodic motion violates, or the worst equality if there is none.
 
-    A reference that ends before the step explains more than the violations of motions beyond its end, and an event
-    that is missing from the guess more than its time before the phase.
+    The periodic motion is sought with and without the margins. If the reference ends before the step, that is the
+    cause, and not a violation beyond its end. If an event of the guess did not happen, that is the cause, and not a
+    negative duration.
 
     Parameters
     ----------
-    start, failed : where IPOPT started, and where it ended.
+    start, failed : start and end of IPOPT.
     guess : the motion from which the search began.
     """
     missing = None
@@ -273,7 +275,7 @@ def _failure_causes(problem: Problem, start: Solution, failed: Solution, guess: 
 
 
 def _foot_below_ground(guess: Rollout) -> Cause | None:
-    """A landing of the guess for which the swing foot, or a contact, comes too late; None if there is none."""
+    """A landing of the guess before which the swing foot, or a contact, is below the ground; None if none is."""
     system, cycle, time = guess.dynamics.system, guess.cycle, 0.0
     for phase, (mode, duration) in enumerate(zip(cycle.phases, guess.durations, strict=True)):
         time = duration if phase in cycle.first_phases else time + duration

@@ -19,7 +19,8 @@ from gaitopt.model.buffered import BufferedFunction
 from gaitopt.threads import cached_property
 
 SINGULAR = 1e-300
-"""Diagonal of R below which a matrix is singular: far below 1e-16, which is meaningful where a phase vanishes."""
+"""A matrix with a smaller entry on the diagonal of R is singular. Entries of 1e-16 still have a meaning where a phase
+vanishes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +29,7 @@ class Pattern:
 
     Attributes
     ----------
-    shape : rows and columns.
+    shape : numbers of rows and columns.
     pointers : index of the first entry of every column, and the number of entries; shape (n_columns + 1,).
     rows : row of every entry, ascending within a column.
     """
@@ -43,7 +44,7 @@ class Pattern:
         return np.repeat(np.arange(self.shape[1]), np.diff(self.pointers))
 
     def largest(self, entries: Array) -> Array:
-        """The largest entry of every row, or 1 if it is not finite and positive; shape (n_rows,)."""
+        """The largest of ``entries`` in every row, or 1 if it is not finite and positive; shape (n_rows,)."""
         order, starts = self._by_row
         sizes = np.maximum.reduceat(entries[order], starts)
         return np.where((sizes > 0) & (sizes < np.inf), sizes, 1.0)
@@ -89,7 +90,7 @@ class SparseMatrix:
 class ScaledMatrix:
     """A square matrix in natural units with rows of size one, so that units and stiff rows do not cost digits.
 
-    Such a row is the end of a slip that has just appeared, which is divided by its vanishing duration.
+    A stiff row is for instance the end of a slip that has just appeared, which is divided by its vanishing duration.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from gaitopt.gait.gait import Gait
 from gaitopt.gait.records import BranchRecord, PointRecord, SpecialRecord
 from gaitopt.model.cycle import Cycle
 from gaitopt.problem.problem import Problem
-from gaitopt.solver.arclength import SOLVED
+from gaitopt.solver.arclength import LARGEST_ROUNDING
 from gaitopt.solver.mesh import Mesh, MeshArc
 from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import roll_out
@@ -245,7 +245,7 @@ def stored_solution(
     )
     equations = transcribe(system, Mesh(cycle=cycle, arcs=tuple(arcs)), free)
     solution = Solution(equations, state.unknowns, family.dynamics.at(origins).p)
-    if not solution.size < SOLVED:
+    if not solution.size < LARGEST_ROUNDING:
         raise ValueError("walk.unknowns are not a gait with these phases")
     durations = solution.durations
     if durations.min() > 0 and not equations.mesh.in_order(durations, system.control.breakpoints):
