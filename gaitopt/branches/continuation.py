@@ -26,6 +26,7 @@ from gaitopt.branches.change import (
 )
 from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through, first_point
 from gaitopt.branches.monitors import MonitorKey, bifurcations_between, is_bifurcation, stride
+from gaitopt.branches.normal_forms import gait_coefficients, stability_words
 from gaitopt.branches.request import FOLLOWS, Request
 from gaitopt.branches.switching import beginnings
 from gaitopt.callbacks import Stop
@@ -318,7 +319,9 @@ class Continuation:
             if kind not in events and not (is_bifurcation(kind, gait.multipliers) and stride(gait) > VANISHED_STRIDE):
                 continue
             special = self._special(kind, location.point, location.status)
-            special = replace(special, gait=gait.verified(confirm(gait).to_record()))
+            form = gait_coefficients(kind, gait)
+            words = stability_words(form, gait.multipliers)
+            special = replace(special, gait=gait.verified(confirm(gait).to_record()), coefficients=form, reason=words)
             if kind == "branch_point":  # the tangent is undetermined there; take the mean of both sides
                 sides = [here.step(location.length + side * TANGENT_DISTANCE) for side in (-1, 1)]
                 tangents = [side.curve.solutions.entries(side.tangent) for side in sides if side is not None]

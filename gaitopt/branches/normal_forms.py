@@ -33,6 +33,8 @@ from gaitopt.solver.newton import Solution, opened_cycle
 
 RESONANT = 1e-4
 """Distance of cos theta from that of a resonance 1:1 to 1:4 below which a Neimark-Sacker point has no normal form."""
+CRITICAL = 1e-6
+"""Distance from the unit circle within which a located multiplier is critical."""
 STRONG = (1.0, -1.0, -0.5, 0.0)
 """cos theta at the resonances 1:1, 1:2, 1:3 and 1:4."""
 Taylor = Callable[[Array, int], Array]
@@ -168,11 +170,17 @@ def gait_coefficients(kind: str, gait: Gait) -> dict[str, float | None]:
         return {}
 
 
-def stability_words(values: Mapping[str, float | None]) -> str:
-    """What a normal form says about the loss of stability; empty if nothing."""
-    c, d = values.get("c"), values.get("re_d")
-    if c is not None:
-        return "soft: the doubled gait is stable" if c > 0 else "hard: the doubled gait is unstable"
-    if d is not None:
-        return "soft: the torus is stable" if d < 0 else "hard: the torus is unstable"
-    return ""
+def stability_words(form: Mapping[str, float | None], multipliers: NDArray[np.complex128]) -> str:
+    """What a normal form says about the loss of stability at a bifurcation; empty for a fold or a resonance.
+
+    Parameters
+    ----------
+    multipliers : of the gait, with the critical ones.
+    """
+    c, d = form.get("c"), form.get("re_d")
+    if c is None and d is None:
+        return ""
+    if (np.abs(multipliers) > 1 + CRITICAL).any():
+        return "the gait is unstable on both sides"
+    born, soft = ("doubled gait", c > 0) if c is not None else ("torus", d is not None and d < 0)
+    return f"a {'soft' if soft else 'hard'} loss of stability, the {born} is {'stable' if soft else 'unstable'}"

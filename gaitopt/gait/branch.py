@@ -10,7 +10,7 @@ M. J. Feigenbaum (1978), Quantitative universality for a class of nonlinear tran
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast, overload
 
@@ -171,6 +171,8 @@ class SpecialPoint(ReadOnlyArrays):
     tangent : ndarray - direction of the branch in section coordinates, durations and parameter, in SI; None if
         unknown.
     parameter : dotted key of the parameter.
+    coefficients : of the normal form of a bifurcation: ``b`` of a fold, ``c`` of a period doubling, ``re_d`` and
+        ``im_d`` of a Neimark-Sacker point; None at a strong resonance.
     """
 
     branch: int
@@ -187,6 +189,7 @@ class SpecialPoint(ReadOnlyArrays):
     gait: Gait | None = None
     tangent: Array | None = None
     parameter: str = ""
+    coefficients: Mapping[str, float | None] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         reason = f": {self.reason}" if self.reason else ""
@@ -208,6 +211,7 @@ class SpecialPoint(ReadOnlyArrays):
         for key, cycle in (("from", self.before), ("to", self.after)):
             if cycle is not None:
                 record[key] = cycle_data(cycle)
+        record |= {"coefficients": dict(self.coefficients)} if self.coefficients else {}
         record["tangent"] = None if self.tangent is None else self.tangent.tolist()
         record["gait"] = {} if self.gait is None else self.gait.to_record()
         return cast(SpecialRecord, record)

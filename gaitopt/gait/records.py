@@ -394,6 +394,7 @@ SpecialRecord = TypedDict(
         "open": NotRequired[Flag],
         "from": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
         "to": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
+        "coefficients": NotRequired[Annotated[dict[Word, Number | None], Len(max_length=10)]],
         "tangent": NotRequired[Numbers | None],
         "gait": EmptyRecord | Annotated[GaitRecord, AfterValidator(_consistent)],
     },

@@ -147,6 +147,7 @@ def special_point(family: Gait, parameter: str, record: SpecialRecord) -> Specia
         gait=None if gait is None else branch_gait(family, {parameter: record["value"]}, gait),
         tangent=None if tangent is None else np.array(tangent),
         parameter=parameter,
+        coefficients=record.get("coefficients", {}),
     )
 
 
