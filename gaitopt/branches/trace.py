@@ -95,7 +95,8 @@ def curve_start(special: SpecialPoint) -> CurveStart:
             "falls apart into folds; continue the gait in the second parameter a little way, and trace the fold that "
             "takes its place"
         )
-    if special.type not in MARGINS:
+    at_margin = special.type == "end" and not (special.bound or special.open) and special.status == "converged"
+    if special.type not in MARGINS and not at_margin:
         known = ", ".join((*KINDS, *MARGINS))
         raise ProblemError(f"a special point of type {special.type} has no curve; trace one of the types {known}")
     fewest = min((c for c in (gait.cycle, special.before, special.after) if c is not None), key=lambda c: len(c.phases))

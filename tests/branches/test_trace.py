@@ -124,6 +124,16 @@ def test_friction_that_the_wheel_needs_to_stick_is_that_of_the_closed_form_on_ev
         assert point.values["friction"] == pytest.approx(wheel_friction(point.values[SLOPE]), rel=0, abs=AGREEMENT)
 
 
+@pytest.mark.slow
+def test_the_wheel_that_slides_without_end_needs_the_tangent_of_the_slope():
+    """Its family ends where the slip no longer comes to rest; that end is a margin, and has a curve."""
+    ends = special("rimless-wheel-slip", "end", "friction", 0.22)
+    curve = trace(ends, SLOPE, (radians(13.2), radians(12.8)), progress=False, max_points=12)
+    assert len(curve) > 20
+    for point in curve:
+        assert point.values["friction"] == pytest.approx(np.tan(point.values[SLOPE]), rel=0, abs=AGREEMENT)
+
+
 def crawler_friction(front, slope):
     """Friction of the rear mass that holds it while the front one slides, where their gap is least.
 
@@ -336,7 +346,7 @@ def test_what_cannot_be_traced_is_refused_with_one_sentence():
         ProblemError, match=r"the period_doubling lies at friction = 0.14430\d* whatever walker.gravity is"
     ):
         trace(walker, "walker.gravity", 12.0, progress=False)
-    end = continuation(named("compass-passive-b"), "friction", 0.141, progress=False).special("end")[0]
+    end = special("compass-passive-b", "end", "friction", 0.146)
     with pytest.raises(ProblemError, match="a special point of type end has no curve"):
         trace(end, SLOPE, 0.02)
 
