@@ -1,9 +1,9 @@
-"""Derivatives of everything that a result says about a gait, in every continuous parameter.
+"""Derivatives of every quantity in the result of a gait by every continuous parameter.
 
     dw/dp = -F_w^-1 F_p,      d quantity / dp = quantity_w dw/dp + quantity_p      see ``design.sensitivity``
 
-A derivative does not exist where the gait turns back, at multipliers that coincide, where two multipliers have the
-largest modulus, or where several values are an extremum. It is then null, with the reason.
+A derivative does not exist if the branch of the gait has a fold there, if multipliers coincide, if two multipliers have
+the largest modulus, or if several values are an extremum. The table then contains null, with the reason.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,28 +29,28 @@ from gaitopt.solver.rollout import retraced
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COINCIDENT = 1e-6
-"""Distance of two multipliers, relative to the largest one or to one, below which they are one: rounding of the return
-map moves a double multiplier by its root."""
-LARGEST = 1e9
-"""A derivative of a state in natural units and relative to a parameter that exceeds this belongs to a fold."""
+SMALLEST_DISTANCE = 1e-6
+"""Two multipliers that are closer than this, relative to the largest one or to one, are a double multiplier: rounding
+of the return map moves it by the root of the rounding."""
+LARGEST_DERIVATIVE = 1e9
+"""A larger derivative of a state, in natural units and relative to a parameter, belongs to a fold."""
 SPECTRAL_RADIUS = "spectral_radius"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Derivatives(Tabulated, ReadOnlyArrays):
-    """The derivatives of a gait's quantities in its parameters.
+    """The derivatives of a gait's quantities by its parameters.
 
     Attributes
     ----------
-    problem : of the gait.
+    problem : problem of the gait.
     quantities : ``state.NAME``, the scalars of the result, ``multipliers.K.re``, of complex ones also
         ``multipliers.K.im``, and ``spectral_radius``.
     parameters : dotted keys of the continuous parameters.
-    at : ndarray, shape (n_parameters,) - their values.
-    values : ndarray, shape (n_quantities,) - of the quantities.
+    at : ndarray, shape (n_parameters,) - values of the parameters.
+    values : ndarray, shape (n_quantities,) - values of the quantities.
     table : ndarray, shape (n_quantities, n_parameters) - the derivatives; NaN where there is none.
-    reasons : why a quantity has no derivatives, or not in all parameters.
+    reasons : why a quantity has no derivatives, or not by all parameters.
     """
 
     problem: Problem
@@ -124,7 +124,7 @@ class Derivatives(Tabulated, ReadOnlyArrays):
 
 
 def continuous_parameters(gait: Gait) -> tuple[str, ...]:
-    """Dotted keys of the parameters of a gait that are no whole numbers."""
+    """Dotted keys of the parameters of a gait that are not whole numbers."""
     stated = gait.problem.parameters
     return tuple(key for key in gait.system.parameters if not isinstance(stated.get(key), int))
 
@@ -135,7 +135,7 @@ def derivatives(gait: Gait) -> Derivatives:
     Raises
     ------
     SolveError
-        If there is no gait, or it is not a function of its parameters, as at a fold.
+        If there is no gait, or if it is not a function of its parameters, as at a fold.
     """
     name, keys = gait.problem.name, continuous_parameters(gait)
     if not gait.converged:
@@ -146,7 +146,7 @@ def derivatives(gait: Gait) -> Derivatives:
     except RuntimeError:  # singular
         raise _not_a_function(name) from None
     sizes = np.abs(sensitivity.slopes[: gait.state.size] * at / gait.dynamics.state_units[:, None])
-    if not sizes.max(initial=0.0) < LARGEST:
+    if not sizes.max(initial=0.0) < LARGEST_DERIVATIVE:
         raise _not_a_function(name)
     rows, reasons = dict[str, tuple[float, Array]](), dict[str, str]()
     for state in gait.system.state_names:
@@ -192,15 +192,15 @@ def _solution(gait: Gait, keys: tuple[str, ...]) -> Solution:
 def _stability(
     multipliers: Sequence[Multiplier], n: int, reasons: dict[str, str]
 ) -> Iterator[tuple[str, tuple[float, Array]]]:
-    """Multipliers and spectral radius with their derivatives in n parameters; also why there are none."""
+    """Multipliers and spectral radius with their derivatives by n parameters; the reason if they have none."""
     values, none = np.array([m.value for m in multipliers]), np.full(n, np.nan)
-    near = COINCIDENT * max(1.0, float(np.abs(values).max(initial=0.0)))
+    near = SMALLEST_DISTANCE * max(1.0, float(np.abs(values).max(initial=0.0)))
     pairs = (pair for pair in combinations(range(values.size), 2) if abs(values[pair[0]] - values[pair[1]]) < near)
     multiple = {k for pair in pairs for k in pair}
     for k, (value, gradient) in enumerate(multipliers):
-        for part, number, slope in (("re", value.real, gradient.real), ("im", value.imag, gradient.imag)):
-            key = f"multipliers.{k}.{part}"
-            if part == "im" and not value.imag:
+        for axis, number, slope in (("re", value.real, gradient.real), ("im", value.imag, gradient.imag)):
+            key = f"multipliers.{k}.{axis}"
+            if axis == "im" and not value.imag:
                 continue
             if k in multiple:
                 reasons[key] = "the multiplier is multiple"

@@ -5,8 +5,8 @@
 w are the nodes and durations, and F the equations of the step. The search starts from a known gait, or from the motion
 rolled out from the guess. IPOPT first solves the smoothed problem over w and v (``smoothed``). It starts again from its
 solution if that lies on the boundary of its trust region, or if a switch has passed a breakpoint of the control. Then
-sequential quadratic programming in v alone solves the exact problem (``exact``, ``sqp``), again on a finer mesh until
-the gait is resolved.
+sequential quadratic programming in v only solves the exact problem (``exact``, ``sqp``). It is repeated on finer meshes
+until the gait is resolved.
 """
 
 from collections.abc import Mapping
@@ -32,13 +32,13 @@ from gaitopt.solver.rollout import guessed_motion, retraced, rolled_again
 from gaitopt.solver.solve import free_parameters
 
 MAX_ROUNDS = 12
-"""Searches of the smoothed problem, each from the solution of the one before."""
+"""Largest number of searches of the smoothed problem, each from the solution of the one before."""
 MAX_MESHES = 3
-"""Searches of the exact problem, each on the mesh that the optimum of the one before needs."""
-COALESCED = 1e-3
-"""Distance of two multipliers, relative to their modulus, below which rounding errors grow like their root."""
-CREDITED = 1.2
-"""Ratio of absolute to net cost above which the message says that the design profits from negative work."""
+"""Largest number of searches of the exact problem, each on the mesh that the optimum of the one before needs."""
+COALESCENCE = 1e-3
+"""If two multipliers are closer than this, relative to their modulus, rounding changes them by its root."""
+CREDITED_COST = 1.2
+"""If the ratio of absolute to net cost is larger, the message says that the design profits from negative work."""
 
 
 def design_gait(
@@ -56,7 +56,7 @@ def design_gait(
     ----------
     first : a gait of the same system with the same mode sequence, at which the design starts. If it is a failed
         attempt, the design starts from the guess.
-    exact_only : solve the exact problem at once, without the smoothed one; ``first`` must be a gait.
+    exact_only : whether to solve the exact problem without the smoothed one; ``first`` must then be a gait.
     """
     design = _Design(problem, system, progress, should_stop)
     return design.run_exact(first) if exact_only else design.run(first)
@@ -98,8 +98,8 @@ class _Design:
                 gait = self._optimum(at, iterations)
                 # constraints that no gait meets may be met where a motion degenerates, which is no gait
                 causes = () if gait.status in (Status.CONVERGED, Status.INTERRUPTED) else self._conflicts(begin)
-                words = "\n".join(cause.words for cause in causes)
-                return self._failed(Status.INFEASIBLE, words, gait.solver, causes) if causes else gait
+                message = "\n".join(cause.words for cause in causes)
+                return self._failed(Status.INFEASIBLE, message, gait.solver, causes) if causes else gait
             start = rolled_again(at).on_mesh(self._free)
         return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver, at=at)
 
@@ -138,14 +138,14 @@ class _Design:
         return conflicts(self._problem, elastic, result)
 
     def _optimum(self, start: Solution, iterations: int) -> Gait:
-        """The optimum of the exact problem, by a cautious search if the swift one fails."""
+        """The optimum of the exact problem. If the fast search fails, a cautious one follows."""
         gait = self._exact(start, iterations)
         if gait.status in (Status.CONVERGED, Status.INTERRUPTED):
             return gait
         return self._exact(start, int(gait.solver.get("iterations", iterations)), cautious=True)
 
     def _exact(self, smoothed: Solution, iterations: int, *, cautious: bool = False) -> Gait:
-        """The optimum of the exact problem next to a solution of the smoothed one; ``cautious`` as in ``optimise``."""
+        """The optimum of the exact problem next to a solution of the smoothed one; ``cautious``: see ``optimise``."""
         exact = ExactProblem(self._problem, self._free, self._bounds)
         refined = refine(polish(smoothed))
         for _ in range(MAX_MESHES):
@@ -177,13 +177,13 @@ class _Design:
     def _failed(
         self,
         status: Status,
-        words: str,
+        message: str,
         solver: Mapping[str, float | str],
         causes: tuple[Cause, ...] = (),
         *,
         at: Solution | None = None,
     ) -> Gait:
-        """A failed design, which keeps the point where it ended."""
+        """A failed design, which records the point at which the search ended."""
         best = None
         if at is not None and np.isfinite(at.w).all():
             nodes, durations, freed = at.equations.unpack(at.w)
@@ -192,7 +192,7 @@ class _Design:
             problem=self._problem,
             dynamics=self._dynamics,
             status=status,
-            message=words,
+            message=message,
             solver=solver,
             causes=causes,
             best=best,
@@ -201,17 +201,19 @@ class _Design:
 
 def _message(gait: Gait) -> str:
     """``solved``, with warnings about the cost and the spectral radius."""
-    words, problem = ["solved"], gait.problem
+    sentences, problem = ["solved"], gait.problem
     net, absolute = gait.measures["cost_of_transport"], gait.measures["absolute_cost_of_transport"]
     names = {*problem.objective, *problem.constraints}
     by_net = bool({"cost_of_transport", "work"} & names)
-    if by_net and net is not None and absolute is not None and absolute > CREDITED * abs(net):
-        words.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
+    if by_net and net is not None and absolute is not None and absolute > CREDITED_COST * abs(net):
+        sentences.append(f"the net cost {net:.4g} credits negative work, the absolute cost is {absolute:.4g}")
     if RADIUS in names:
         distances = np.sort(np.abs(gait.multipliers - gait.multipliers[0]))
-        if distances.size > 1 and distances[1] < COALESCED * abs(gait.multipliers[0]):
-            words.append("multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters")
+        if distances.size > 1 and distances[1] < COALESCENCE * abs(gait.multipliers[0]):
+            sentences.append(
+                "multipliers at the radius coalesce, where it is not a Lipschitz function of the parameters"
+            )
     if gait.stable is False:
         remedy = f"constrain {RADIUS}: {{max: 0.95}} for a stable gait"
-        words.append(f"the optimum is unstable, its spectral radius is {gait.scalar(RADIUS):.4g}: {remedy}")
-    return "; ".join([*words, *exceeded_limits(gait.steps)])
+        sentences.append(f"the optimum is unstable, its spectral radius is {gait.scalar(RADIUS):.4g}: {remedy}")
+    return "; ".join([*sentences, *exceeded_limits(gait.steps)])

@@ -1,12 +1,12 @@
-"""The exact problem of a design in its freed parameters alone: the equations of the step eliminated, nothing smoothed.
+"""The exact problem of a design in its freed parameters only: the equations of the step are eliminated.
 
     min f(u)    s.t.    c(u) >= 0 or = 0,          u = (freed parameters, levels)
 
-An extremum that is minimised has a level: a further unknown that bounds all values whose extremum it is. Every value
-has its own constraint, so that f and c are smooth where another value becomes the extremum. The spectral radius is
-bounded by the circle inequalities of ``spectral_radius``.
+Nothing is smoothed. An extremum that is minimised has a level: a further unknown that bounds all values over which it
+is the extremum. Every value has its own constraint, so that f and c are smooth where another value becomes the
+extremum. The spectral radius is bounded by the circle inequalities of ``spectral_radius``.
 
-The gait at given freed parameters is solved by Newton's method from a nearby one. Where a switch passes a breakpoint of
+The gait at given freed parameters is solved by Newton's method from a nearby one. If a switch passes a breakpoint of
 the control, the step is cut into arcs again.
 """
 
@@ -27,29 +27,30 @@ from gaitopt.solver.rollout import rolled_again
 RADIUS = "spectral_radius"
 EXTREMA = {name: scalar.extremum for name, scalar in SCALARS.items() if scalar.extremum and scalar.of_designs}
 """Scalars that are the largest (1) or smallest (-1) of some values: of a curve, or of a number and its negative."""
-SOLVED = 1e-10
+LARGEST_RESIDUAL = 1e-10
 """Largest residual of the equations of the step at a gait."""
 CLEARANCE = 1e-10
-"""Distance in natural units between a design and the edge of the friction cone, where optima often lie: more than the
-rounding that would decide there, and less than anyone could measure."""
+"""Distance in natural units between a design and the edge of the friction cone, where optima often lie. It exceeds the
+rounding that would otherwise decide, and is less than anyone could measure."""
 OUTSIDE = 1e-3
-"""If the spectral radius is this far outside of a circle whose inequalities all hold, two multipliers left together."""
+"""If all circle inequalities hold, but the spectral radius exceeds the circle by this, two multipliers left it
+together."""
 INACTIVE = 0.3
-"""A larger value of a circle inequality, which is a product of numbers of the order of one, is not close to zero."""
+"""A circle inequality with a larger value, which is a product of numbers of the order of one, is not close to zero."""
 UNIT = 1e-3
 """Smallest bound that serves as the unit of its scalar."""
 SMALL = 1e-3
 """Smallest typical size of an extremum, objective or bound."""
-SMALLEST_PART = 0.02
+SMALLEST_SIZE = 0.02
 """Smallest typical size of a freed parameter, relative to the range of its bounds."""
 
 
 def freed_sizes(freed: Array, bounds: Array) -> Array:
     """Typical sizes of the freed parameters, from their values and bounds (2, n_free); shape (n_free,)."""
     span = bounds[1] - bounds[0]
-    open_sizes = np.maximum(np.abs(freed), SMALLEST_PART * np.abs(freed).max(initial=SMALL))
+    open_sizes = np.maximum(np.abs(freed), SMALLEST_SIZE * np.abs(freed).max(initial=SMALL))
     span = np.where(np.isfinite(span), span, open_sizes)
-    return np.clip(np.abs(freed), SMALLEST_PART * span, span)
+    return np.clip(np.abs(freed), SMALLEST_SIZE * span, span)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,10 +59,12 @@ class Constraint:
 
     Attributes
     ----------
-    name : of the scalar, parameter or margin that it bounds; ``key`` distinguishes constraints of one name.
-    value : in its natural unit.
-    gradient : ndarray, shape (n_u,).
-    by_work : derivative in the absolute work of the motors.
+    name : name of the bounded scalar, parameter or margin.
+    key : name that distinguishes the constraint from others on the same quantity.
+    value : value in natural units.
+    gradient : ndarray, shape (n_u,) - derivative by the unknowns.
+    by_work : derivative by the absolute work of the motors.
+    equality : whether the value must be zero.
     """
 
     name: str
@@ -73,7 +76,7 @@ class Constraint:
 
     @property
     def violation(self) -> float:
-        """Amount by which it is violated; 0 if it is met."""
+        """Amount by which the condition is violated; 0 if it is met."""
         return abs(self.value) if self.equality else max(0.0, -self.value)
 
 
@@ -85,9 +88,9 @@ class Evaluation:
     ----------
     u : ndarray, shape (n_u,) - freed parameters, and levels.
     objective, gradient : value and gradient of the objective, shape (n_u,).
-    by_work : derivative of the objective in the absolute work of the motors.
+    by_work : derivative of the objective by the absolute work of the motors.
     constraints : margins, bounds, levels and constraints of the problem.
-    sensitivity : the gait.
+    sensitivity : the gait as a function of the freed parameters.
     """
 
     u: Array
@@ -118,8 +121,8 @@ class ExactProblem:
 
     Parameters
     ----------
-    problem : objective and constraints.
-    free, bounds : the freed parameters by dotted key, and their bounds; shape (2, n_free).
+    problem : the problem, with its objective and constraints.
+    free, bounds : dotted keys of the freed parameters, and their bounds; shape (2, n_free).
     """
 
     def __init__(self, problem: Problem, free: tuple[str, ...], bounds: Array) -> None:
@@ -129,26 +132,26 @@ class ExactProblem:
         )
 
     def evaluate(self, start: Solution, levels: Array | None = None) -> Evaluation | None:
-        """The problem at the gait next to ``start``, with its freed parameters; None where there is no gait.
+        """The problem at the gait next to ``start``, with its freed parameters; None if there is no gait.
 
         Parameters
         ----------
-        levels : shape (n_levels,); at their extrema unless given.
+        levels : shape (n_levels,) - values of the levels; by default those of their extrema.
         """
         solution = polish(start)
-        if not solution.size < SOLVED or not (solution.durations > 0).all():
+        if not solution.size < LARGEST_RESIDUAL or not (solution.durations > 0).all():
             return None
         if not solution.in_order:  # a switch has passed a breakpoint: cut the same gait into arcs again
             solution = polish(rolled_again(solution).on_mesh(start.equations.free))
-            if not solution.size < SOLVED or not solution.in_order:
+            if not solution.size < LARGEST_RESIDUAL or not solution.in_order:
                 return None
         return self._evaluated(solution, levels)
 
     def evaluate_beside(self, here: Evaluation, step: Array) -> Evaluation | None:
-        """The problem at a step (n_u,) from here; None where Newton's method finds no gait."""
+        """The problem at a step (n_u,) from here; None if Newton's method finds no gait."""
         s, n = here.sensitivity, len(self.free)
         w = s.solution.w + s.slopes @ step[:n]
-        w[-n:] = np.clip(w[-n:], *self.bounds)  # the step meets them up to rounding
+        w[-n:] = np.clip(w[-n:], *self.bounds)  # the step satisfies the bounds only up to rounding
         return self.evaluate(Solution(s.equations, w, s.solution.p), here.u[n:] + step[n:])
 
     def _evaluated(self, solution: Solution, levels: Array | None) -> Evaluation | None:
@@ -195,14 +198,14 @@ class ExactProblem:
 
 
 class _ExactScalars:
-    """Scalars of one gait, and constraints on them, with derivatives in u = (freed parameters, levels)."""
+    """Scalars of one gait, and constraints on them, with derivatives by u = (freed parameters, levels)."""
 
     def __init__(self, sensitivity: Sensitivity, n_levels: int) -> None:
         self.gait = sensitivity
         self._no_levels, self._zero = np.zeros(n_levels), np.zeros(sensitivity.freed.size + n_levels)
 
     def scalar(self, name: str) -> tuple[float, Array]:
-        """A scalar and its derivatives; those of an extremum belong to the value that is the extremum here."""
+        """A scalar and its derivatives; an extremum has those of the value that is the extremum here."""
         if name == RADIUS:
             value, weights = modulus_gradient(self.gait.return_map[1])
             return value, self._by_return_map(weights)
@@ -219,7 +222,7 @@ class _ExactScalars:
         return self.scalar(name)[0]
 
     def escaped(self, radius: float) -> bool:
-        """Whether multipliers have left the circle of a radius two at a time."""
+        """Whether two multipliers together have left the circle of this radius."""
         if not np.isfinite(radius) or self.extreme(RADIUS) <= radius + OUTSIDE:
             return False
         return all(row.value > 0 for row in circle_inequalities(self.gait.return_map[1], radius))
@@ -231,14 +234,14 @@ class _ExactScalars:
             yield Constraint(name=name, key=candidate.key, value=value, gradient=self._in_u(candidate.gradient) / unit)
 
     def invariance(self) -> Iterator[Constraint]:
-        """Outputs of invariant curves and their rates just after the impact."""
+        """The outputs of invariant curves and their rates just after the impact, which must be zero."""
         for name, unit, (key, value, gradient) in self.gait.invariance():
             yield Constraint(
                 name=name, key=key, value=value / unit, gradient=self._in_u(gradient) / unit, equality=True
             )
 
     def bounded(self, name: str, bound: float, slope: Array, sense: int) -> Iterator[Constraint]:
-        """All values of an extremum lie below a bound with derivative ``slope``; above it where ``sense`` is -1."""
+        """Constraints by which all values lie below a bound with derivative ``slope``; above it if ``sense`` is -1."""
         if name == RADIUS:
             for row in circle_inequalities(self.gait.return_map[1], bound):
                 if row.value <= INACTIVE:
@@ -252,7 +255,7 @@ class _ExactScalars:
             yield Constraint(name=name, key=f"{name} {candidate.key}", value=value, gradient=gradient)
 
     def within(self, name: str, span: Range) -> Iterator[Constraint]:
-        """The range of a scalar."""
+        """Constraints by which a scalar is in its range."""
         equality = span.minimum == span.maximum
         for bound, side in ((span.minimum, -1), (span.maximum, 1)):
             if not np.isfinite(bound):
@@ -274,7 +277,7 @@ class _ExactScalars:
                 return
 
     def _by_return_map(self, weights: Array) -> Array:
-        """Derivatives of <weights, M> in u."""
+        """Derivatives of <weights, M> by u."""
         return self._in_u(self.gait.by_return_map(weights))
 
     def _in_u(self, gradient: Array) -> Array:

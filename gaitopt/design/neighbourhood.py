@@ -4,7 +4,7 @@
 
 The check uses no gradient of the search for the design v*. At each neighbour v the gait is solved again by Newton's
 method and measured like any other gait. Violated constraints c are corrected by Gauss-Newton steps, with their Jacobian
-C by finite differences; the first step corrects those that the linear model predicts.
+C by finite differences. The first step already corrects violations that the linear model predicts.
 """
 
 from collections.abc import Callable
@@ -31,14 +31,17 @@ from gaitopt.solver.solve import free_parameters
 
 RADII = (1e-2, 1e-3, 1e-4)
 """Distances of neighbours, relative to the sizes of the freed parameters."""
-FEASIBLE = 1e-9
-"""Violation of a constraint, in its natural unit, that rounding may cause."""
-BETTER = 1e-7
-"""Relative gain that exceeds the effect of rounding in the constraints."""
-CORRECTIONS = 8
+LARGEST_VIOLATION = 1e-9
+"""Largest violation of a constraint, in its natural unit, that rounding may cause."""
+SMALLEST_GAIN = 1e-7
+"""Smallest relative gain that exceeds the effect of rounding in the constraints."""
+MAX_CORRECTIONS = 8
+"""Largest number of Gauss-Newton steps at a neighbour."""
 DIFFERENCE = 1e-6
-"""Step of the differences: the root of rounding, and a multiple of what a gait is solved to."""
-SOLVED = 1e-10
+"""Step of the differences, relative to the sizes of the freed parameters: the root of rounding, and a multiple of the
+accuracy of a gait."""
+LARGEST_RESIDUAL = 1e-10
+"""Largest residual of the equations of the step at a gait."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,21 +61,21 @@ class Neighbourhood:
     freed: Array
 
     def to_record(self) -> dict[str, float]:
-        """JSON-able record."""
+        """A record for JSON."""
         return {"tried": self.tried, "feasible": self.feasible, "gain": self.gain}
 
     @property
     def words(self) -> str:
         """The result as a sentence."""
         seen = f"{self.feasible} of {self.tried} neighbours meet all constraints"
-        if self.gain > BETTER:
+        if self.gain > SMALLEST_GAIN:
             return f"{seen}; NOT an optimum, one of them is better by {self.gain:.2g} of the objective"
         return f"{seen}, and none of them is better" if self.feasible else f"{seen}; no conclusion"
 
     @property
     def optimal(self) -> bool:
         """Whether no neighbour is better."""
-        return self.feasible > 0 and self.gain <= BETTER
+        return self.feasible > 0 and self.gain <= SMALLEST_GAIN
 
 
 def neighbourhood(
@@ -88,7 +91,9 @@ def neighbourhood(
     Parameters
     ----------
     gait : a converged design with an objective.
-    directions, radii, seed : number of random directions, distances along each, and random seed.
+    directions : number of random directions.
+    radii : distances of the neighbours in each direction.
+    seed : random seed.
     progress : called with the number of directions done and their total.
 
     Raises
@@ -116,7 +121,7 @@ def neighbourhood(
 
 
 class _Search:
-    """Neighbours of one gait. Of its constraints, the inequalities come first and the equalities last."""
+    """The search among the neighbours of one gait. In all rows of constraints the equalities come last."""
 
     def __init__(self, gait: Gait) -> None:
         self._gait, self._problem = gait, gait.problem.origin or gait.problem
@@ -144,12 +149,12 @@ class _Search:
         self._objective, self._rows = _objective(gait, self._problem), _constraints(gait, self._problem)
 
     def feasible(self, freed: Array) -> tuple[float, Array] | None:
-        """Relative gain and place of the feasible point next to ``freed``; None where there is none."""
+        """Relative gain and freed parameters of the feasible point next to ``freed``; None if there is none."""
         freed = np.clip(freed, *self._bounds)
         rows = self._rows + self._by_freed @ (freed - self.freed)
         equality = np.arange(rows.size) >= rows.size - self._n_equalities
-        wrong, active = np.where(equality, np.abs(rows), -rows) > FEASIBLE, equality
-        for _ in range(CORRECTIONS):
+        wrong, active = np.where(equality, np.abs(rows), -rows) > LARGEST_VIOLATION, equality
+        for _ in range(MAX_CORRECTIONS):
             if wrong.any():
                 active = active | wrong
                 matrix = self._by_freed[active] * self.sizes
@@ -159,17 +164,17 @@ class _Search:
             if values is None:
                 return None
             _, objective, rows = values
-            wrong = np.where(equality, np.abs(rows), -rows) > FEASIBLE
+            wrong = np.where(equality, np.abs(rows), -rows) > LARGEST_VIOLATION
             if not wrong.any():
                 return (self._objective - objective) / abs(self._objective), freed
         return None
 
     def _values(self, freed: Array) -> tuple[Array, float, Array] | None:
-        """Unknowns, objective and constraints at other freed parameters; None where there is no gait."""
+        """Unknowns, objective and constraints at other freed parameters; None if there is no gait."""
         w, p = self._w + self._slopes @ (freed - self.freed), self._gait.p.copy()
         p[self._places] = freed
         at = polish(Solution(self._equations, w, p))
-        if not at.size < SOLVED or not at.in_order:
+        if not at.size < LARGEST_RESIDUAL or not at.in_order:
             return None
         errors = np.zeros(self._equations.n_phases)
         gait = assemble_gait(self._gait.problem, at, errors=errors, message="", solver={})
@@ -181,7 +186,7 @@ def _objective(gait: Gait, problem: Problem) -> float:
 
 
 def _constraints(gait: Gait, problem: Problem) -> Array:
-    """Margins and constraints in natural units: those that must not be negative, and then those that must be zero."""
+    """Margins and constraints in natural units: first those that must not be negative, then those that must be zero."""
     (step,) = gait.steps
     scales, rows, zero = gait.dynamics.scales, list[float](), list[float]()
     for arc in step.arcs:
@@ -215,13 +220,13 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
 
 
 def _in_time(problem: Problem) -> bool:
-    """Whether the period must stay: the intervals of open-loop torques divide it, but their times are fixed here."""
+    """Whether the period must not change, because it is the sum of open-loop intervals whose times are fixed here."""
     law = problem.control
     return isinstance(law, OpenLoop) and (law.intervals > 1 or law.order is Order.LINEAR)
 
 
 def _along(step: Step, name: str, span: Range) -> list[float]:
-    """Least room that a constraint along the step leaves on every arc; the foot starts and ends on the ground."""
+    """Smallest slack of a constraint along every arc of a step, without both ends for the height of the swing foot."""
     rows = list[float]()
     for k, arc in enumerate(step.arcs):
         if name == CLEARANCE:

@@ -1,4 +1,4 @@
-"""Optimal open-loop torques: the gait that minimises an objective over the torques' values c, and meets constraints.
+"""Optimal open-loop torques: the gait and the torque values c that minimise an objective and meet constraints.
 
     min over (z, c, T) of f      s.t.   z is the motion of one step under u(t; c, T),  margins >= 0,  lo <= g <= hi
 
@@ -35,30 +35,33 @@ from gaitopt.solver.program import EXTERNAL, LARGEST_RESIDUAL, NonlinearProgram,
 from gaitopt.solver.rollout import guessed_motion
 
 MAX_EXCHANGES = 8
-"""Rounds in which places between the points are added."""
-MISSED = 1e-6
-"""A bound that is missed by more, relative to it or to one, cannot be met."""
-VIOLATED = 0.5 * ROOM
-"""A margin that is less than this, in natural units, between the points is held there too."""
-PROBABLE = 1e-4
-"""A margin that is less than this between the points, in the motion of a gait with which a search begins, is held there
-from the beginning: fewer rounds."""
+"""Largest number of rounds in which places between the points are added."""
+LARGEST_VIOLATION = 1e-6
+"""If the best value that can be reached violates a bound by more, relative to the bound or to one, the bound cannot be
+met."""
+VIOLATED_MARGIN = 0.5 * ROOM
+"""If a margin between the points is smaller than this, in natural units, it becomes a row of the program there too."""
+SUSPECT_MARGIN = 1e-4
+"""If a search begins at a gait, a margin of that gait between the points that is smaller than this, in natural units,
+is a row from the beginning. This saves rounds."""
 BESIDE = 2
-"""Samples on either side of such a place that are held too, because the least margin moves between neighbours."""
+"""Number of samples on either side of such a place that become rows too, because the smallest margin moves."""
 MESHES = (INTERVALS, 2 * INTERVALS, 4 * INTERVALS)
-"""Fewest intervals, tried in turn: fast motions differ from polynomials by more than ``ROOM`` on long ones."""
-PRESSING = 0.05
-"""Multiplier of a condition that is in the way, relative to the largest."""
-SIDE = {1.0: "<=", -1.0: ">="}
+"""Smallest numbers of intervals, tried in turn: on long intervals fast motions differ from polynomials by more than
+``ROOM``."""
+SMALLEST_MULTIPLIER = 0.05
+"""A condition is in the way of another one if its multiplier, relative to the largest one, exceeds this."""
+RELATIONS = {1.0: "<=", -1.0: ">="}
 UNBOUNDED = Range(minimum=-np.inf, maximum=np.inf)
-ROUNDING = 1e-7
-"""Part of its bound by which a spectral radius at the bound may exceed it."""
-FIRST_PART, SMALLEST_PART = 0.1, 0.02
-"""Steps of the bound of the radius, relative to it: the first one, and that below which the search ends."""
+RADIUS_TOLERANCE = 1e-7
+"""A spectral radius at its bound may exceed it by this part of the bound."""
+FIRST_REDUCTION, SMALLEST_REDUCTION = 0.1, 0.02
+"""First and smallest step by which the bound of the radius is reduced, relative to the bound. If the smallest one
+fails, the search ends."""
 STEP_ITERATIONS = 60
-"""Iterations for one step of that bound; a step that succeeds takes 15 to 40."""
+"""Largest number of iterations for one step of that bound; a step that succeeds takes 15 to 40."""
 CLOSE_ITERATIONS = 25
-"""Iterations of a search that stays close to a known optimum; one that succeeds takes 7 to 15."""
+"""Largest number of iterations of a search that stays close to a known optimum; one that succeeds takes 7 to 15."""
 
 _Begin: TypeAlias = tuple[Motion, Array, Array, list[float]]
 """Motion, torque values, durations and freed parameters with which a search starts."""
@@ -71,9 +74,9 @@ class OpenLoopOptimum:
 
     Attributes
     ----------
-    problem : with the torques fixed in time; its ``origin`` is the problem that was solved.
+    problem : the problem with the torques fixed in time; its ``origin`` is the problem that was solved.
     collocation, x : the last program, and its solution.
-    solver : numbers for ``Gait.solver``.
+    solver : entries of ``Gait.solver``.
     """
 
     problem: Problem
@@ -96,9 +99,9 @@ def optimise(
 
     Parameters
     ----------
-    system : of the problem, whose law has no duration.
+    system : system of the problem, whose law has no duration.
     start : a gait at which the search starts instead of the guess.
-    intervals : least number of intervals of the collocation.
+    intervals : smallest number of intervals of the collocation.
 
     Raises
     ------
@@ -118,23 +121,23 @@ def optimise(
             collocation = _collocation(
                 problem, system, begin[2], free, radius=radius, intervals=intervals, places=places
             )
-            most = CLOSE_ITERATIONS if close else STEP_ITERATIONS if np.isfinite(radius) else MAX_ITERATIONS
+            limit = CLOSE_ITERATIONS if close else STEP_ITERATIONS if np.isfinite(radius) else MAX_ITERATIONS
             result = collocation.solve(
-                *begin, progress=progress, should_stop=should_stop, again=again, close=close, max_iterations=most
+                *begin, progress=progress, should_stop=should_stop, again=again, close=close, max_iterations=limit
             )
             iterations += result.iterations
             converged = result.status is Status.CONVERGED
             if close and not converged and result.status is not Status.INTERRUPTED:
                 close = False
                 continue
-            more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED, beside=BESIDE)) if converged else ()
+            more = tuple(collocation.violated(result.w, SAMPLES, VIOLATED_MARGIN, beside=BESIDE)) if converged else ()
             if not more:
                 break
             begin, places, again = _begin(collocation, result.w), (*places, *more), (collocation, result)
             close = False
         return collocation, result
 
-    def failed(found: _Found, status: Status, words: str, causes: tuple[Cause, ...]) -> Gait:
+    def failed(found: _Found, status: Status, message: str, causes: tuple[Cause, ...]) -> Gait:
         collocation, result = found
         values, first, lengths = _reached(collocation, result.w)
         best = best_point(problem, first, lengths, values) if np.isfinite(result.w).all() else None
@@ -142,8 +145,8 @@ def optimise(
             problem=problem,
             dynamics=dynamics,
             status=status,
-            message=words,
-            solver=_numbers(result, iterations),
+            message=message,
+            solver=_solver_record(result, iterations),
             causes=causes,
             best=best,
         )
@@ -158,45 +161,47 @@ def optimise(
     begin, places = (states, values, durations, [dynamics.parameter(key) for key in free]), Places()
     if known:
         collocation = _collocation(problem, system, durations, free, radius=np.inf, intervals=intervals)
-        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, PROBABLE, beside=BESIDE))
+        places = tuple(collocation.violated(collocation.start(*begin), SAMPLES, SUSPECT_MARGIN, beside=BESIDE))
     found = search(begin, places, None)
     collocation, result = found
     if result.status is not Status.CONVERGED:
-        status, words, causes = result.status, result.words, tuple[Cause, ...]()
+        status, message, causes = result.status, result.words, tuple[Cause, ...]()
         if status is not Status.INTERRUPTED:
             causes = tuple(_conflicts(_without_radius(problem), system, free, begin, should_stop))
             status = Status.INFEASIBLE if causes else status
             causes = causes or tuple(collocation.worst(result.w))
             reasons = "\n".join(cause.words for cause in causes)
             limits = what_limits(*_labelled(collocation), result)
-            words = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (words, limits, reasons)))
-        return failed(found, status, words, causes)
+            message = reasons if status is Status.INFEASIBLE else ": ".join(filter(None, (message, limits, reasons)))
+        return failed(found, status, message, causes)
 
-    # the bound of the radius falls from the optimum without it, in steps that are halved where a search fails
-    reached, part = largest_modulus(collocation, result.w) if np.isfinite(limit) else 0.0, FIRST_PART
-    while reached > limit * (1 + ROUNDING):
-        bound = max(limit, (1 - part) * reached)
+    # the bound is reduced step by step from the radius of the optimum without it; a step that fails is halved
+    best, reduction = largest_modulus(collocation, result.w) if np.isfinite(limit) else 0.0, FIRST_REDUCTION
+    while best > limit * (1 + RADIUS_TOLERANCE):
+        bound = max(limit, (1 - reduction) * best)
         collocation, result = search(_begin(found[0], found[1].w), found[0].places, found, bound)
-        # the inequalities hold again where two multipliers have left the circle together: they meet at such a bound
-        if result.status is Status.CONVERGED and largest_modulus(collocation, result.w) <= bound * (1 + ROUNDING):
-            found, reached, part = (collocation, result), bound, min(0.5, 2 * part)
+        # the inequalities hold again if two multipliers have left the circle together, so that the radius is checked
+        if result.status is Status.CONVERGED and largest_modulus(collocation, result.w) <= bound * (
+            1 + RADIUS_TOLERANCE
+        ):
+            found, best, reduction = (collocation, result), bound, min(0.5, 2 * reduction)
             continue
-        part /= 2
+        reduction /= 2
         if result.status is Status.INTERRUPTED:
             return failed((collocation, result), result.status, result.words, ())
-        if part < SMALLEST_PART:
+        if reduction < SMALLEST_REDUCTION:
             _, place = problem.place.locate(("constraints", RADIUS))
-            words = f"{place}: {RADIUS} <= {limit:g} was not met: best reached {reached:.4g}"
-            cause = Cause(what=RADIUS, words=words, needed=limit, available=reached)
-            return failed((collocation, result), Status.NOT_CONVERGED, words, (cause,))
+            message = f"{place}: {RADIUS} <= {limit:g} was not met: best reached {best:.4g}"
+            cause = Cause(what=RADIUS, words=message, needed=limit, available=best)
+            return failed((collocation, result), Status.NOT_CONVERGED, message, (cause,))
     vanishing = found[0].vanishing(found[1].w)
     if vanishing is not None:
         return failed(found, Status.NOT_CONVERGED, vanishing.words, (vanishing,))
-    return _optimum(problem, found[0], found[1].w, _numbers(found[1], iterations))
+    return _optimum(problem, found[0], found[1].w, _solver_record(found[1], iterations))
 
 
 def _without_radius(problem: Problem) -> Problem:
-    """The problem whose constraints a collocation states by itself."""
+    """The problem without the bound on the spectral radius, which ``Collocation`` does not state."""
     return replace(problem, constraints={key: span for key, span in problem.constraints.items() if key != RADIUS})
 
 
@@ -210,7 +215,7 @@ def _collocation(
     intervals: int = INTERVALS,
     places: Places = (),
 ) -> Collocation:
-    """The program of a problem; ``radius`` bounds the multipliers, like the problem by default."""
+    """The program of a problem; ``radius`` is the bound on the multipliers, by default that of the problem."""
     goals, bound = _without_radius(problem), problem.constraints.get(RADIUS)
     timed = bound is not None
     program = Collocation(goals, system, durations, free=free, intervals=intervals, places=places, timed=timed)
@@ -226,8 +231,8 @@ def _begin(collocation: Collocation, x: Array) -> _Begin:
     return _Polynomials(collocation, x), blocks["values"], blocks["durations"], blocks["freed"].tolist()
 
 
-def _numbers(result: IpoptResult, iterations: int) -> dict[str, float | str]:
-    """Numbers for ``Gait.solver``."""
+def _solver_record(result: IpoptResult, iterations: int) -> dict[str, float | str]:
+    """Entries of ``Gait.solver``."""
     return {"iterations": float(iterations), "kkt": _kkt(result), "objective": result.objective}
 
 
@@ -250,7 +255,7 @@ def _optimum(
         problem=problem.with_torques(known, first, durations),
         collocation=collocation,
         x=x,
-        # of the law: the gait's period differs by the error of the collocation
+        # duration of the law, from which the gait's period differs by the error of the collocation
         solver={**solver, "duration": float(sum(durations))},
     )
 
@@ -268,7 +273,7 @@ def finished(optimum: OpenLoopOptimum, system: HybridSystem) -> Gait:
 
 
 def keeps_contact(gait: Gait) -> bool:
-    """Whether the stance foot sticks and presses along the whole motion, not only along that of the collocation."""
+    """Whether the stance foot sticks and presses along the whole motion of a gait, not only at collocation points."""
     needed, lowest = gait.measures.get("required_friction"), gait.measures.get("min_normal_force")
     sticks = needed is None or not needed > gait.dynamics.static_friction
     return sticks and (lowest is None or not lowest < 0)
@@ -280,8 +285,8 @@ class CollocationProgram(NonlinearProgram):
 
     Attributes
     ----------
-    collocation : its mesh, points and equations.
-    built : the system of a problem whose torques are known.
+    collocation : the collocation, with its mesh, points and equations.
+    built : maps a problem whose torques are known to its system.
     """
 
     collocation: Collocation
@@ -312,12 +317,12 @@ class CollocationProgram(NonlinearProgram):
         return self.collocation.point_times(durations)
 
     def refined(self, w: Array) -> "CollocationProgram | None":
-        """The program with the places between the points at which a solution violates a margin; None if there is none.
+        """The program with margins also at those places between the points at which a solution violates them.
 
-        It starts from the solution.
+        It starts from the solution. It is None if the solution violates no margin.
         """
         x, collocation = self._checked(w), self.collocation
-        more = tuple(collocation.violated(x, SAMPLES, VIOLATED))
+        more = tuple(collocation.violated(x, SAMPLES, VIOLATED_MARGIN))
         if not more:
             return None
         blocks, places = collocation.unpack(x), (*collocation.places, *more)
@@ -332,8 +337,8 @@ class CollocationProgram(NonlinearProgram):
         off = np.asarray(self._constraints(point, p)).ravel()[equal] - self.lbg[equal]
         worst = int(np.argmax(np.abs(off)))
         if not abs(off[worst]) <= LARGEST_RESIDUAL:
-            words = f"{self.g_labels[equal[worst]]} is off by {abs(off[worst]):.3g}"
-            cause: Cause | None = Cause(what="motion", words=words, needed=0.0, available=float(off[worst]))
+            text = f"{self.g_labels[equal[worst]]} is off by {abs(off[worst]):.3g}"
+            cause: Cause | None = Cause(what="motion", words=text, needed=0.0, available=float(off[worst]))
         else:
             cause = self._violated_bound(point, p)
         if cause is not None:
@@ -345,7 +350,7 @@ class CollocationProgram(NonlinearProgram):
 def open_loop_program(
     problem: Problem, system: HybridSystem, built: Callable[[Problem], HybridSystem]
 ) -> CollocationProgram:
-    """The program that ``optimise`` solves first; arguments as there, and for ``built`` see ``CollocationProgram``."""
+    """The program that ``optimise`` solves first; see there, and for ``built`` see ``CollocationProgram``."""
     law = problem.control
     assert isinstance(law, OpenLoop)
     dynamics, free = Dynamics.of(system, problem.parameters), problem.free
@@ -413,8 +418,9 @@ class _Known:
 def guessed_states(problem: Problem, dynamics: Dynamics, start: Gait | None) -> tuple[Motion, Array]:
     """The motion with which a search begins, and durations of the phases.
 
-    It is that of a gait; or that from the guess, if the walker takes a step with the guessed torques; or a straight
-    one, from the guessed posture just after the impact to the one that the impact maps to it.
+    It is the motion of the gait ``start``, if there is one; or the motion from the guess, if the walker takes a step
+    with the guessed torques; or a straight one, from the guessed posture just after the impact to the posture that the
+    impact maps to it.
     """
     cycle, system = problem.cycle, dynamics.system
     if start is not None and start.steps:
@@ -440,7 +446,9 @@ def _conflicts(
     begin: _Begin,
     should_stop: Stop,
 ) -> Iterator[Cause]:
-    """Constraints that the others exclude, with what is in their way: the best value that each reaches without it.
+    """Constraints that the others exclude, with the best value that can be reached and the conditions in the way.
+
+    For each constraint the program without it seeks that best value.
 
     Parameters
     ----------
@@ -458,12 +466,14 @@ def _conflicts(
             result = collocation.solve(*begin, should_stop=should_stop)
             if result.status is not Status.CONVERGED:
                 continue
-            reached = sign * result.objective
-            if sign * (bound - reached) >= -MISSED * max(1.0, abs(bound)):
+            best_value = sign * result.objective
+            if sign * (bound - best_value) >= -LARGEST_VIOLATION * max(1.0, abs(bound)):
                 continue
             active = collocation.active(result.multipliers, result.bound_multipliers)
-            against = ", ".join(key if "." in key else key.replace("_", " ") for key, size in active if size > PRESSING)
+            against = ", ".join(
+                key if "." in key else key.replace("_", " ") for key, size in active if size > SMALLEST_MULTIPLIER
+            )
             _, place = problem.place.locate(("constraints", name))
-            relation = "=" if span.minimum == span.maximum else SIDE[sign]
-            words = f"{place}: {name} {relation} {bound:g} conflicts with {against}: best reached {reached:.4g}"
-            yield Cause(what=name, words=words, needed=bound, available=reached)
+            relation = "=" if span.minimum == span.maximum else RELATIONS[sign]
+            words = f"{place}: {name} {relation} {bound:g} conflicts with {against}: best reached {best_value:.4g}"
+            yield Cause(what=name, words=words, needed=bound, available=best_value)

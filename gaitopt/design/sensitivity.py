@@ -1,4 +1,4 @@
-"""A gait as a function of the freed parameters alone: its curves and scalars with exact derivatives.
+"""A gait as a function of the freed parameters only: its curves and scalars with exact derivatives.
 
 The equalities F(w, v) = 0 leave nodes and durations w as a function of the freed parameters v,
 
@@ -7,8 +7,9 @@ The equalities F(w, v) = 0 leave nodes and durations w as a function of the free
 and with them every state between the nodes, through the derivative of a partial Runge-Kutta step. Derivatives of a
 curve are taken at a fixed fraction of its arc, whose ends move too.
 
-Extrema are located on the curves, also between the nodes. The derivative of an extremum is that of the curve at its
-place, because its place has no effect to first order. |power| is integrated between its zeros.
+Extrema are located on the curves, also between the nodes. The derivative of an extremum is that of the curve at the
+time of the extremum, because a change of this time has no effect to first order. |power| is integrated between its
+zeros.
 
 The multipliers are the eigenvalues of M = DPi, and those of M + dM are, with left and right eigenvectors l' r = 1,
 
@@ -48,15 +49,15 @@ EVENT_MARGINS = ("touchdown", "upright")
 """Margins that are not constraints of a design: the touchdown ends the step, and a gait is always upright."""
 
 TIED = 1e-9
-"""Relative difference of two values below which both are the extremum."""
+"""If the relative difference of two values is smaller, both are the extremum."""
 DIFFERENT = 1e-6
-"""Relative difference of two gradients that is no rounding."""
-UNIT = 1e-6
-"""Smallest size to which a difference is relative."""
+"""If the relative difference of two gradients is larger, it is not rounding."""
+SMALLEST_SIZE = 1e-6
+"""Relative differences of smaller numbers are relative to this."""
 
 
 class Differentiated(NamedTuple):
-    """A number and its gradient in the freed parameters, shape (n_free,), with the operators that formulas need."""
+    """A number and its gradient by the freed parameters, shape (n_free,), with the operators that formulas need."""
 
     value: float
     gradient: Array
@@ -83,9 +84,9 @@ class DifferentiatedCurve:
 
     Attributes
     ----------
-    values : ndarray, shape (m,) - at the arc's Chebyshev points.
-    slopes : ndarray, shape (m, n_free) - derivatives in the freed parameters at fixed fractions of the arc.
-    duration, stretch : length of the arc in time [s], and its derivatives; shape (n_free,).
+    values : ndarray, shape (m,) - values at the arc's Chebyshev points.
+    slopes : ndarray, shape (m, n_free) - derivatives by the freed parameters at fixed fractions of the arc.
+    duration, stretch : duration of the arc [s], and its derivatives, shape (n_free,).
     """
 
     values: Array
@@ -100,7 +101,7 @@ class DifferentiatedCurve:
         return Differentiated(value, gradient)
 
     def absolute_integral(self) -> Differentiated:
-        """Integral of the absolute value; where the sign changes the value is zero and adds nothing to the gradient."""
+        """Integral of the absolute value. A change of sign adds nothing to the gradient: the value is zero there."""
         weights = curves.signed_weights(self.values)[0] * self.duration / 2
         value = float(weights @ self.values)
         return Differentiated(value, weights @ self.slopes + value * self.stretch / self.duration)
@@ -132,8 +133,8 @@ class ContactCurves:
 class ArcCurves:
     """All curves of one arc.
 
-    ``height`` and ``ahead`` are those of the swing foot over the ground and in front of the stance foot, ``centre`` is
-    the height of the centre of mass, ``loss`` the power that the dampers dissipate.
+    ``height`` and ``ahead`` are the height of the swing foot over the ground and its distance in front of the stance
+    foot, ``centre`` is the height of the centre of mass, ``loss`` the power that the dampers dissipate.
     """
 
     arc: Arc
@@ -208,7 +209,7 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
 
 @built_once(maxsize=64)
 def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Function:
-    """(t, z, p, r) -> the curves of ``ArcCurves``, in the order of its fields; their Jacobian by t, z and ``free``."""
+    """(t, z, p, r) -> the curves of ``ArcCurves``, in the order of its fields, and their Jacobian by (t, z, free)."""
     t, z = SX.sym("t"), SX.sym("z", system.n_z)
     p, r = SX.sym("p", len(system.parameters)), SX.sym("r", system.n_r)
     force, torque, power, foot, _, rate, loss, slip = system.observation(mode)(t, z, p, r)
@@ -224,14 +225,14 @@ def _quantities(system: HybridSystem, mode: Mode, free: tuple[str, ...]) -> Func
 
 
 class Multiplier(NamedTuple):
-    """A multiplier and its gradient, complex, shape (n_free,); the gradient has no meaning where it is not simple."""
+    """A multiplier and its complex gradient, shape (n_free,), which has no meaning if the multiplier is not simple."""
 
     value: complex
     gradient: NDArray[np.complex128]
 
 
 class Candidate(NamedTuple):
-    """One of the values whose largest or smallest is an extremum; ``key`` distinguishes it from the others."""
+    """One of the values over which an extremum is taken; ``key`` distinguishes it from the others."""
 
     key: str
     value: float
@@ -239,7 +240,7 @@ class Candidate(NamedTuple):
 
 
 OF_WALKER, OF_STEP = ("weight", "incline"), ("step_length", "impulse_t", "impulse_n", "push_work")
-"""Scalars of the walker, and of the end of each step; the impulse is that of a sticking impact."""
+"""Quantities of the walker, and of the end of each step; the impulse is that of a sticking impact."""
 
 
 class Sensitivity:
@@ -247,13 +248,13 @@ class Sensitivity:
 
     Parameters
     ----------
-    solution : of the equalities F = 0.
+    solution : solution of the equalities F = 0.
 
     Attributes
     ----------
     slopes : ndarray, shape (n_w, n_free) - derivatives of nodes, durations and freed parameters.
     freed : ndarray, shape (n_free,) - the freed parameters.
-    dynamics : of the system, with their values.
+    dynamics : dynamics of the system with the freed parameters at these values.
     arcs : curves of every arc.
 
     Raises
@@ -350,16 +351,16 @@ class Sensitivity:
         return sum(terms, start=Differentiated(0.0, np.zeros(len(self.equations.free))))
 
     def by_work(self, name: str) -> float:
-        """Derivative of a scalar in the absolute work of the motors [1/J]."""
+        """Derivative of a scalar by the absolute work of the motors [1/J]."""
         return 1 / self.transport.value if name == "absolute_cost_of_transport" else 0.0
 
     def extremum(self, name: str) -> Candidate | None:
         """The value that is an extremum, None if there is none.
 
-        The gradient is NaN in the parameters with which several values that are the extremum change differently.
+        If several values are the extremum, the gradient is NaN by those parameters that change them differently.
         """
         sense = SCALARS[name].extremum
-        if name == "foot_clearance":  # the least of the largest heights of every swing
+        if name == "foot_clearance":  # the smallest over all swings of the largest height in the swing
             highest = [_extreme(heights, 1) for heights in self._clearances()]
             return _extreme([each for each in highest if each is not None], -1)
         if name == "apex_height":
@@ -368,14 +369,14 @@ class Sensitivity:
         return _extreme(self.candidates(name), sense)
 
     def _clearances(self) -> Iterator[list[Candidate]]:
-        """Of every swing, the heights of the foot in flight or in front of the stance foot; without one, zero."""
+        """For every swing, the heights of the foot in flight or in front of the stance foot."""
         numbered = iter(enumerate(self.arcs))
         for swing in swings([[(arc, next(numbered)) for arc in step.arcs] for step in self.steps]):
             heights = list[Candidate]()
             for _, (k, arc) in swing:
                 if not arc.arc.mode.touching:
                     heights += _extremes(arc.height, f"foot_clearance {k}")
-                elif arc.ahead.values[-1] > 0:  # from where the legs pass each other for the last time
+                elif arc.ahead.values[-1] > 0:  # after the legs pass each other for the last time
                     passing = curves.roots(arc.ahead.values)[-1:]
                     after = float(passing[0]) if passing.size else -1.0
                     heights += _extremes(arc.height, f"foot_clearance {k}", [1.0], after=after)
@@ -402,7 +403,7 @@ class Sensitivity:
         ]
 
     def candidates(self, name: str) -> list[Candidate]:
-        """The values whose extremum a scalar is."""
+        """The values over which a scalar is the extremum."""
         scalar, found = SCALARS[name], list[Candidate]()
         if scalar.quotient is None:
             raise KeyError(name)
@@ -427,10 +428,10 @@ class Sensitivity:
         return _both_signs(found) if scalar.both_signs else found
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
-        """Name, natural unit and value of every margin: at its minima along the arcs, and of the impact.
+        """Name, natural unit and value of every margin at its minima along the arcs, and of the margins of the impact.
 
-        The margin that ends a timed phase is left out at its end: where it is negative, the switch leaves its
-        breakpoint, and the gait goes on with another mesh.
+        The margin that ends a timed phase is left out at its end. If it is negative there, the switch leaves its
+        breakpoint, and the gait needs another mesh.
         """
         t, scales = self.equations, self.dynamics.scales
         cycle, table = t.mesh.cycle, t.system.transitions
@@ -450,7 +451,7 @@ class Sensitivity:
             yield label.name, label.size(scales), Candidate(f"impact {label.name}", value, slope)
 
     def invariance(self) -> Iterator[tuple[str, float, Candidate]]:
-        """Name, natural unit and value of everything that is zero at an invariant curve, see ``invariance``."""
+        """Name, natural unit and value of every quantity that is zero for an invariant curve, see ``invariance``."""
         labels = invariance(self.equations)[1]
         if not labels:
             return
@@ -469,10 +470,10 @@ OUTPUT, RATE = "output after the impact", "rate of the output after the impact"
 
 
 def invariance(equations: MultipleShooting) -> tuple[MX, tuple[Label, ...]]:
-    """What is zero where virtual constraints are invariant under the impact: outputs and rates just after it.
+    """Quantities that are zero if virtual constraints are invariant under the impact: outputs and rates just after it.
 
-    The outputs then stay zero up to the next impact, which leads back to a posture and rates on the curves. None where
-    the curves need not be invariant.
+    The outputs then stay zero up to the next impact, which leads back to a posture and rates on the curves. There are
+    no such quantities if the curves need not be invariant.
     """
     t, law = equations, equations.system.control
     if not isinstance(law, VirtualConstraints) or not law.is_invariant:
@@ -488,7 +489,7 @@ def invariance(equations: MultipleShooting) -> tuple[MX, tuple[Label, ...]]:
 
 @built_once(maxsize=8)
 def _at_start(t: MultipleShooting) -> Function:
-    """(w, p) -> rows of ``invariance``, and their Jacobian in w."""
+    """(w, p) -> rows of ``invariance``, and their Jacobian by w."""
     rows, _ = invariance(t)
     return Function("at_start", [t.w, t.parameters], [rows, densify(jacobian(rows, t.w))])
 
@@ -498,8 +499,8 @@ class ImpactQuantities(NamedTuple):
 
     Attributes
     ----------
-    of_walker : ``OF_WALKER``.
-    of_steps : ``OF_STEP`` of every step.
+    of_walker : the quantities that ``OF_WALKER`` names.
+    of_steps : for every step, the quantities that ``OF_STEP`` names.
     of_landings : work of the pushes at landings within the steps.
     """
 
@@ -550,7 +551,7 @@ def _at_impacts(t: MultipleShooting) -> Function:
 
 @built_once(maxsize=8)
 def _impact_margins(t: MultipleShooting) -> Function:
-    """(w, p) -> the margins of the impacts; and their Jacobian by w."""
+    """(w, p) -> the margins of the impacts, and their Jacobian by w."""
     margins = vertcat(MX(0, 1), *(expression for expression, _ in t.impact_margins))
     return Function("impact_margins", [t.w, t.parameters], [margins, jacobian(margins, t.w)])
 
@@ -558,7 +559,7 @@ def _impact_margins(t: MultipleShooting) -> Function:
 def _extremes(
     curve: DifferentiatedCurve, key: str, ends: Sequence[float] = (-1.0, 1.0), after: float = -1.0
 ) -> Iterator[Candidate]:
-    """The curve at the given ends of the arc, and at its extrema after a point."""
+    """The values of a curve at the given ends of its arc, and at its extrema after a point."""
     inside = [s for s in curves.critical(curve.values) if s > after]
     names = [*(f"{key} end {s:+.0f}" for s in ends), *(f"{key} extremum {k}" for k in range(len(inside)))]
     for name, value, slope in zip(names, *curve.at(np.array([*ends, *inside])), strict=True):
@@ -566,7 +567,7 @@ def _extremes(
 
 
 def _at_root(curve: DifferentiatedCurve, of: DifferentiatedCurve, root: float) -> tuple[float, Array]:
-    """A curve at a root of another one, which moves along the arc; or at its start, which does not."""
+    """Value and gradient of a curve at a root of another one, which moves along the arc, or at the start of the arc."""
     (value,), (slope,) = curve.at(np.array([root]))
     if root > -1:
         rates = [float(curves.slopes(each.values, np.array([root]))[0]) for each in (curve, of)]
@@ -575,12 +576,12 @@ def _at_root(curve: DifferentiatedCurve, of: DifferentiatedCurve, root: float) -
 
 
 def _extreme(candidates: Sequence[Candidate], sense: int) -> Candidate | None:
-    """The largest candidate, or the smallest where ``sense`` is -1, see ``Sensitivity.extremum``; None without any."""
+    """The largest candidate, or the smallest if ``sense`` is -1; None without any; see ``Sensitivity.extremum``."""
     if not candidates:
         return None
     best = max(candidates, key=lambda candidate: sense * candidate.value)
-    tied = [c.gradient for c in candidates if abs(c.value - best.value) <= TIED * max(abs(best.value), UNIT)]
-    differ = np.ptp(tied, axis=0) > DIFFERENT * np.maximum(np.abs(tied).max(axis=0), UNIT)
+    tied = [c.gradient for c in candidates if abs(c.value - best.value) <= TIED * max(abs(best.value), SMALLEST_SIZE)]
+    differ = np.ptp(tied, axis=0) > DIFFERENT * np.maximum(np.abs(tied).max(axis=0), SMALLEST_SIZE)
     return best._replace(gradient=np.where(differ, np.nan, best.gradient))
 
 
@@ -593,7 +594,7 @@ def _squared(curve: DifferentiatedCurve) -> DifferentiatedCurve:
 
 
 def _quotient(above: DifferentiatedCurve, below: DifferentiatedCurve) -> DifferentiatedCurve:
-    """The quotient of two curves; where both are zero at an end, as a spring's force at take-off, its limit there."""
+    """The quotient of two curves, with its limit at an end where both are zero, as a spring's forces at take-off."""
     both = [np.column_stack([curve.values, curve.slopes]) for curve in (above, below)]
     ends = curves.points(above.values.size)[[0, -1]]
     limits = [curves.evaluate(curves.derivative(curves.coefficients(columns)), ends) for columns in both]

@@ -5,16 +5,16 @@
           lo <= scalar <= hi
           extremum >= the curve's values                   for peak torque and the like
 
-Integrals are sums over the Lobatto points of every shooting interval, extrema bound the values at those points. What
-is not smooth is replaced: |power| by sqrt(power^2 + width^2), the spectral radius by the certified radius of
-``spectral_radius``, or under invariant virtual constraints by the multiplier of the zero dynamics. The solution is
-where sequential quadratic programming of the exact problem (``sqp``) starts.
+Integrals are sums over the Lobatto points of every shooting interval, extrema bound the values at those points.
+Functions that are not smooth are replaced: |power| by sqrt(power^2 + width^2), the spectral radius by the certified
+radius of ``spectral_radius``, or under invariant virtual constraints by the multiplier of the zero dynamics. Sequential
+quadratic programming of the exact problem (``sqp``) starts from the solution.
 
 The search has a trust region around its start: angles, rates and slip velocity at a node change by no more than their
 largest value in the step, so that the motion remains a walk. The same values are the typical sizes of the unknowns.
 
-In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. From its solution
-``conflicts`` reads which constraints cannot be met and, by the multipliers, which others are in their way.
+In elastic mode all constraints of the problem have slack, and the sum of the slacks is minimised. The solution shows
+which constraints cannot be met, and the multipliers show which others are in their way (``conflicts``).
 
 Direct collocation is no substitute: with secants it finds the six optima of the compass, in 0.5 to 2.3 times the time,
 but it has one step, and no timed phases, slips from rest, unloaded feet without mass and static cones, which the
@@ -52,19 +52,20 @@ from gaitopt.solver.shooting import Label, MultipleShooting
 from gaitopt.threads import cached_property
 
 NEAR_OPTIMUM = 1e-4
-"""KKT residual at which the search for conflicts ends, in the sizes of its objective and unknowns."""
+"""The search for conflicts ends at this KKT residual, in the sizes of its objective and unknowns."""
 MAX_CONFLICT_ITERATIONS = 600
-"""Iterations of the search for conflicts, whose objective is flat near its optimum. A design takes up to 140."""
-ROUGH = 0.2
-"""KKT residual, in the sizes of objective and unknowns, at which ``sqp`` takes over: it needs one iteration where
-IPOPT, which learns all curvature by secants, needs twenty."""
+"""Largest number of iterations of the search for conflicts, whose objective is flat near its optimum. A design takes up
+to 140."""
+ROUGH_OPTIMUM = 0.2
+"""The smoothed problem is solved to this KKT residual, in the sizes of objective and unknowns. Then ``sqp`` takes over:
+it needs one iteration for twenty of IPOPT, which learns all curvature by secants."""
 LONGEST_PHASE = 3.0
 """Upper bound of a phase's duration in one search, in periods."""
 BOUNDARY = 1e-6
 """A solution closer to the boundary of the trust region, relative to its width, lies on it."""
-MISSED = 1e-6
+LARGEST_VIOLATION = 1e-6
 """A constraint that is violated by more, relative to the bound or to one, is not met."""
-PRESSING = 1e-4
+SMALLEST_MULTIPLIER = 1e-4
 """A bound with a larger multiplier is in the way; the multipliers of the slacks themselves are of the order of one."""
 
 
@@ -79,9 +80,9 @@ class _Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
-    """Quantities of one arc at its N Lobatto points; ``ahead`` is the swing foot's lead over the stance foot.
+    """Quantities of one arc at its N Lobatto points.
 
-    ``nodes`` are those before the points.
+    ``ahead`` is the distance of the swing foot in front of the stance foot; ``nodes`` are the nodes before the points.
     """
 
     mode: Mode
@@ -96,19 +97,19 @@ class _Samples:
 
 
 class SmoothedScalars:
-    """Scalars of a cycle as expressions of the NLP's unknowns, and the quantities that their formulas are made of.
+    """Scalars of a cycle, and the quantities in their formulas, as expressions of the program's unknowns.
 
     Parameters
     ----------
-    equations : of the cycle.
-    width : MX - of the smoothing of |power| [W].
+    equations : the equations of the cycle.
+    width : MX - |power| is smoothed over this width [W].
     """
 
     def __init__(self, equations: MultipleShooting, width: MX) -> None:
         self._t, self._width, self._at_impacts = equations, width, impact_quantities(equations)
 
     def value(self, name: str) -> MX:
-        """A scalar that is no extremum: of the result, ``state.NAME``, ``phases.K.duration``, or a dotted key."""
+        """A scalar that is not an extremum: one of the result, ``state.NAME``, ``phases.K.duration``, or a dotted key."""
         phase = phase_of(name)
         if phase is not None:
             return self._t.durations[phase]
@@ -171,10 +172,10 @@ class SmoothedScalars:
     def bounded(self, name: str, extremum: MX) -> tuple[MX, tuple[Label, ...]]:
         """Rows that are nonnegative if ``extremum`` bounds the curve, with their labels.
 
-        The least row is zero if it is the extremum.
+        The smallest row is zero if ``extremum`` is the extremum of the curve.
         """
         scalar, rows, labels = SCALARS[name], list[MX](), list[Label]()
-        if name == "impulse_ratio":  # of sticking impacts, also where they slip
+        if name == "impulse_ratio":  # that of sticking impacts, even if an impact slips
             for k, (step, mode) in enumerate(zip(self._at_impacts.of_steps, self._t.mesh.cycle.impacts, strict=True)):
                 impulse_t, impulse_n = (step[OF_STEP.index(part)] for part in ("impulse_t", "impulse_n"))
                 added = scalar.bounded(extremum, Instant(impulse_t, impulse_n, None, None))
@@ -194,7 +195,7 @@ class SmoothedScalars:
         return vertcat(*rows), tuple(labels)
 
     def active_rows(self, name: str, w: Array, p: Array) -> list[int]:
-        """Indices of the rows of ``bounded`` that count: of the clearance those after the legs last pass each other."""
+        """Indices of the rows of ``bounded`` that count. The clearance counts after the legs last pass each other."""
         if name != "foot_clearance":
             return list(range(len(self.bounded(name, MX(0))[1])))
         leads = Function("leads", [self._t.w, self._t.parameters], [horzcat(*(s.ahead for s in self._samples))])
@@ -245,14 +246,14 @@ def _contacts(system: HybridSystem, mode: Mode, force: MX, slip: MX) -> Iterator
 
 
 class SmoothedProblem:
-    """The NLP of one design on one mesh; ``program`` is its statement.
+    """The smoothed problem of one design on one mesh, as the nonlinear program ``program``.
 
     Parameters
     ----------
-    problem : objective and constraints.
+    problem : the problem, with its objective and constraints.
     start : motion at which the search starts, with the freed parameters among its unknowns.
-    bounds : of the freed parameters; shape (2, n_free).
-    elastic : give the problem's constraints slack, and minimise that instead of the objective.
+    bounds : bounds of the freed parameters; shape (2, n_free).
+    elastic : whether the problem's constraints have slack, which is minimised instead of the objective.
     """
 
     @building
@@ -277,7 +278,7 @@ class SmoothedProblem:
             self._radius = zero_dynamics_radius(equations, w, p) or certified_radius(equations)
         slack = MX.sym("slack", len(problem.constraints) if elastic else 0)
 
-        # the gait, and margins that leave room for the rounding of a cone
+        # the gait, and margins; those of a cone must exceed rounding
         margins, labels = equations.inequalities
         scales = Dynamics(equations.system, p).scales
         least = np.array([CLEARANCE * label.size(scales) if "cone" in label.name else 0.0 for label in labels])
@@ -296,7 +297,7 @@ class SmoothedProblem:
         on_curves, labels = invariance(equations)
         blocks.append(Block(name="invariance", expression=on_curves, lower=0.0, upper=0.0, labels=labels))
 
-        # extrema, each on its side of the samples of a curve
+        # extrema, each of which bounds the samples of a curve from one side
         self._extrema, extrema = dict[str, MX](), list[float]()
         for name in self.names:
             if name not in EXTREMA or name == RADIUS:
@@ -314,7 +315,7 @@ class SmoothedProblem:
             span = problem.constraints.get(name, Range(minimum=-np.inf, maximum=np.inf))
             bound = span.minimum if sign > 0 else -span.maximum
             if np.isfinite(bound) or sign * problem.objective.get(name, 0.0) < 0:
-                # the problem would push the extremum away from its curve: it stays at its present sample
+                # the problem would push the extremum away from its curve: it is tied to the sample that is extreme now
                 sample = int(np.argmin(np.asarray(function(extrema[-1], w, p))))
                 label = (labels[sample],)
                 blocks.append(Block(name=name, expression=rows[sample], lower=0.0, upper=0.0, labels=label))
@@ -343,7 +344,7 @@ class SmoothedProblem:
             objective = sum1(slack) if elastic else sum(weighted, MX(0))
             value = float(Function("objective", [unknowns, parameters], [objective])(start_point, p))
             size = max(abs(value), SMALL) if np.isfinite(value) else 1.0
-            tolerance, scaling = NEAR_OPTIMUM if elastic else ROUGH, 1 / size
+            tolerance, scaling = NEAR_OPTIMUM if elastic else ROUGH_OPTIMUM, 1 / size
         self._options = {"tol": tolerance, "max_iter": limit, "obj_scaling_factor": scaling}
         extremum_labels = [Label(name=name, unit=unit_of(name, problem) or SI["one"]) for name in self._extrema]
         slack_labels = [Label(name="slack", coordinate=name) for name in problem.constraints if elastic]
@@ -370,7 +371,7 @@ class SmoothedProblem:
         return ipopt.solve(progress=self._progress, should_stop=self._should_stop)
 
     def motion(self, x: Array) -> Solution:
-        """The motion among all unknowns: nodes, durations and freed parameters."""
+        """The motion of a point x, by its nodes, durations and freed parameters."""
         return Solution(self.equations, x[: self.equations.w.numel()], self.program.p0)
 
     def scalar(self, name: str) -> MX:
@@ -403,8 +404,8 @@ class SmoothedProblem:
         ends = np.cumsum([block.expression.numel() for block in self.program.rows])
         return list(zip(self.program.rows, np.split(result.multipliers, ends[:-1]), strict=True))
 
-    def margin_words(self, row: int) -> str:
-        """The phase or impact, and the margin, of one row of the margins."""
+    def margin_text(self, row: int) -> str:
+        """A text that names the phase or impact, and the margin, of one row of the margins."""
         label = self.equations.inequalities[1][row]
         name = label.name.replace("_", " ")
         if label.phase is None:
@@ -453,7 +454,7 @@ class SmoothedProblem:
 
 
 def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -> tuple[Cause, ...]:
-    """The constraints that cannot be met; empty where all can be met or the search failed.
+    """The constraints that cannot be met; empty if all can be met or the search failed.
 
     Parameters
     ----------
@@ -466,11 +467,11 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
     causes = []
     for name, span in problem.constraints.items():
         value = values[name]
-        bound = _missed_bound(span, value)
+        bound = _violated_bound(span, value)
         if bound is None:
             continue
         needed = span.minimum if value < span.minimum else span.maximum
-        against = dict.fromkeys(words for other, words in obstacles if other != name)
+        against = dict.fromkeys(obstacle for other, obstacle in obstacles if other != name)
         reason = f"conflicts with {', '.join(against)}" if against else "cannot be met by these phases near the start"
         _, place = problem.place.locate(("constraints", name))
         words = f"{place}: {name} {bound} {reason}: best reached {value:.4g}"
@@ -478,11 +479,11 @@ def conflicts(problem: Problem, elastic: SmoothedProblem, result: IpoptResult) -
     return tuple(causes)
 
 
-def _missed_bound(span: Range, value: float) -> str | None:
-    """The bound that a value misses, as text; None if it is within both."""
-    if value < span.minimum - MISSED * max(1.0, abs(span.minimum)):
+def _violated_bound(span: Range, value: float) -> str | None:
+    """The bound that a value violates, as text; None if it is within both."""
+    if value < span.minimum - LARGEST_VIOLATION * max(1.0, abs(span.minimum)):
         return f">= {span.minimum:g}" if span.minimum < span.maximum else f"= {span.minimum:g}"
-    if value > span.maximum + MISSED * max(1.0, abs(span.maximum)):
+    if value > span.maximum + LARGEST_VIOLATION * max(1.0, abs(span.maximum)):
         return f"<= {span.maximum:g}" if span.minimum < span.maximum else f"= {span.maximum:g}"
     return None
 
@@ -490,17 +491,17 @@ def _missed_bound(span: Range, value: float) -> str | None:
 def _obstacles(
     problem: Problem, elastic: SmoothedProblem, result: IpoptResult, values: dict[str, float]
 ) -> Iterator[tuple[str, str]]:
-    """Name and words of every bound of a freed parameter, constraint that is met, and margin that is in the way."""
+    """Name and text of all conditions in the way: bounds of freed parameters, constraints that are met, and margins."""
     for name, (multiplier, bound) in elastic.active_bounds(result).items():
-        if abs(multiplier) > PRESSING:
+        if abs(multiplier) > SMALLEST_MULTIPLIER:
             yield name, f"{name} {'<=' if multiplier > 0 else '>='} {bound:g}"
     for block, multipliers in elastic.block_multipliers(result):
         worst = float(np.abs(multipliers).max(initial=0.0))
-        if worst <= PRESSING or block.name not in (*problem.constraints, "margins"):
+        if worst <= SMALLEST_MULTIPLIER or block.name not in (*problem.constraints, "margins"):
             continue
         if block.name == "margins":
-            yield block.name, elastic.margin_words(int(np.argmax(np.abs(multipliers))))
-        elif _missed_bound(span := problem.constraints[block.name], values[block.name]) is None:
+            yield block.name, elastic.margin_text(int(np.argmax(np.abs(multipliers))))
+        elif _violated_bound(span := problem.constraints[block.name], values[block.name]) is None:
             side = f"<= {np.max(block.upper):g}" if multipliers[0] > 0 else f">= {np.min(block.lower):g}"
             side = f"= {span.minimum:g}" if span.minimum == span.maximum else side
             yield block.name, f"{block.name} {side}"

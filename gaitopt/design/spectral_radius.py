@@ -1,10 +1,11 @@
 """The spectral radius of a gait's return map as an objective or a constraint, with exact gradients.
 
-Two formulations bound it. Both need M = DPi, the derivative of the return map. The equalities F, differentiated along
-deviations V = (nodes, durations) that start on the section, give it; the durations follow the events, so that no
-saltation formula is needed:
+Two formulations bound it. Both need M = DPi, the derivative of the return map. It follows from the equalities F,
+differentiated along deviations V = (nodes, durations) that start on the section. The durations follow the events, so
+that no saltation formula is needed:
 
-    A V = B,      M = R V_K             A = dF/dw with the section in the place of periodicity, R that of the impact
+    A V = B,      M = R V_K             A = dF/dw with the section instead of periodicity, R the derivative of the
+    impact
 
 **Smoothed radius**, for IPOPT. A radius rho with
 
@@ -24,7 +25,8 @@ the products of two:
 
 On the boundary of the matrices whose multipliers lie within rho, there is a multiplier at rho, one at -rho, or a
 complex pair on the circle (Jury 1964). The inequalities are smooth where multipliers coalesce; the modulus there is not
-even Lipschitz. They hold again after two multipliers have left the circle together, so they only serve near a solution.
+even Lipschitz. They hold again after two multipliers have left the circle together, so that they serve only near a
+solution.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -48,18 +50,18 @@ from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import MultipleShooting
 
 EPSILON = 1e-6
-"""The square of the certified radius of a matrix of norm N exceeds that of its spectral radius by some eps N^2; N is a
+"""The square of the certified radius of a matrix of norm N exceeds that of its spectral radius by about eps N^2; N is a
 hundred where a slip sticks again."""
 NARROWEST = 1e-8
-"""Relative distance above the largest modulus at which the search for the radius starts: trace P > 1 there."""
-FAR = 50.0
-"""Stands for the logarithm of an infinite trace."""
+"""The search for the radius starts at this relative distance above the largest modulus, where trace P > 1."""
+INFINITE_LOG = 50.0
+"""This number stands for the logarithm of an infinite trace."""
 SMALLEST_RADIUS = 1e-3
 """Smaller multipliers count as zero: deviations vanish within a step."""
 
 
 class ReturnMapGradient:
-    """Gradient of <G, M> in the unknowns w, where M is the derivative of the return map and G a matrix of weights."""
+    """Gradient of <G, M> by the unknowns w, where M is the derivative of the return map and G a matrix of weights."""
 
     @building
     def __init__(self, t: MultipleShooting) -> None:
@@ -78,21 +80,21 @@ class ReturnMapGradient:
         self._gradient = BufferedFunction(BUILT.watch(function))
 
     def __call__(self, w: Array, p: Array, V: Array, adjoint: Array, G: Array) -> Array:
-        """The gradient, shape (n_w,); V and adjoint as in ``newton.section_sensitivity``."""
+        """The gradient, shape (n_w,); for V and adjoint see ``newton.section_sensitivity``."""
         matrices = (matrix.ravel(order="F") for matrix in (V, adjoint, G))
         return self._gradient(w, p, *matrices)[0].copy()
 
 
 @built_once(maxsize=8)
 def return_map_gradient(equations: MultipleShooting) -> ReturnMapGradient:
-    """The gradient of the return map of these equations, kept because searches and tables evaluate it repeatedly."""
+    """The gradient of the return map of these equations, cached because searches and tables evaluate it repeatedly."""
     return ReturnMapGradient(equations)
 
 
 def certified_radius(equations: MultipleShooting) -> Function:
     """(w, p) -> bound of the multipliers' moduli, with an exact gradient; NaN where the return map has none.
 
-    Keep it as long as an NLP uses it.
+    It must be kept as long as a nonlinear program uses it.
     """
     return _CertifiedRadius(equations)
 
@@ -101,12 +103,12 @@ def certified_radius(equations: MultipleShooting) -> Function:
 def zero_dynamics_radius(equations: MultipleShooting, w: Array, p: Array) -> Function | None:
     """(w, p) -> delta_zero^2, the multiplier of an invariant gait that sticks; None for any other gait.
 
-    The other multipliers are those of the outputs, which decay as fast as the gains say. A certified radius takes ten
-    times longer.
+    The other multipliers are those of the outputs, whose decay the gains determine. A certified radius takes ten times
+    longer.
 
     Parameters
     ----------
-    w, p : a motion, at which the direction without a motor is taken.
+    w, p : a motion, which determines the direction without a motor.
     """
     t, system, cycle = equations, equations.system, equations.mesh.cycle
     sticks = len(t.mesh.arcs) == 1 and {*cycle.phases, cycle.impact} == {Mode.STICK}
@@ -121,7 +123,7 @@ def zero_dynamics_radius(equations: MultipleShooting, w: Array, p: Array) -> Fun
 
 
 class _CertifiedRadius(Callback):
-    """(w, p) -> rho. The last evaluation is kept: IPOPT asks for the radius and its gradient at the same point."""
+    """(w, p) -> rho. The last evaluation is kept, because IPOPT needs radius and gradient at the same point."""
 
     def __init__(self, equations: MultipleShooting) -> None:
         super().__init__()
@@ -155,7 +157,7 @@ class _CertifiedRadius(Callback):
 
     @overflow_allowed()
     def certificate(self, w: Array, p: Array) -> "_Certificate | None":
-        """The radius with its certificate; None where the derivative of the return map is not finite or too large."""
+        """The radius with its certificate; None if the derivative of the return map is not finite or too large."""
         key = (w.tobytes(), p.tobytes())
         if key == self._key:
             return self._certificate
@@ -215,7 +217,7 @@ class _RadiusGradient(Callback):
 
 
 def smoothed_radius(M: Array) -> tuple[float, Array]:
-    """The least certified radius of a matrix (n, n), and its P; shape (n, n)."""
+    """The smallest certified radius of a matrix (n, n), and its P; shape (n, n)."""
     n = len(M)
     largest = max(float(np.abs(np.linalg.eigvals(M)).max()), SMALLEST_RADIUS)
 
@@ -225,9 +227,9 @@ def smoothed_radius(M: Array) -> tuple[float, Array]:
     def excess(radius: float) -> float:
         with suppress(np.linalg.LinAlgError):
             trace = float(np.trace(lyapunov(radius)))
-            if trace > (1 if radius == lowest else 0):  # else rounding hides that it is infinite
+            if trace > (1 if radius == lowest else 0):  # otherwise rounding hides that it is infinite
                 return float(np.log(trace))
-        return FAR
+        return INFINITE_LOG
 
     lowest, ceiling = largest * (1 + NARROWEST), 2 * max(largest, float(np.linalg.norm(M, 2)))
     radius = bracketed_root(excess, lowest, ceiling, 1e-14)
@@ -235,7 +237,7 @@ def smoothed_radius(M: Array) -> tuple[float, Array]:
 
 
 def radius_gradient(M: Array, radius: float, P: Array) -> Array:
-    """Derivative of the certified radius in the entries of the matrix; shape (n, n)."""
+    """Derivative of the certified radius by the entries of the matrix; shape (n, n)."""
     weight = P @ M @ _lyapunov(M / radius, np.eye(len(M)))
     return np.asarray(weight * radius / np.trace(M.T @ weight))
 
@@ -252,7 +254,7 @@ def _lyapunov(A: Array, Q: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CircleInequality:
-    """``value`` >= 0 with its derivatives in the matrix, shape (n, n), and in the radius."""
+    """``value`` >= 0 with its derivatives by the matrix, shape (n, n), and by the radius."""
 
     name: str
     value: float
@@ -261,7 +263,7 @@ class CircleInequality:
 
 
 def circle_inequalities(M: Array, radius: float) -> list[CircleInequality]:
-    """The inequalities for a matrix (n, n) and a radius; that of pairs is left out for a single multiplier."""
+    """The inequalities for a matrix (n, n) and a radius; a single multiplier has none for pairs."""
     n = len(M)
     C, identity = M / radius, np.eye(n)
     rows = [

@@ -35,57 +35,59 @@ from gaitopt.gait import curves
 
 ACTIVE = 1e-7
 """A constraint is active if this change of the unknowns, relative to their sizes, would violate it."""
-NEGLIGIBLE = 1e-6
-"""The unknowns do not govern a constraint whose gradient, in its natural unit and the sizes, is smaller."""
+SMALLEST_GRADIENT = 1e-6
+"""If the gradient of a constraint, in its natural unit and the sizes, is smaller, the unknowns do not govern it."""
 ARMIJO = 1e-4
-"""A step must reach this part of the gain that the slope promises."""
+"""A step must gain at least this part of what the slope promises."""
 PENALTY = 2.0
-"""Weight of violations in the merit functions, in multipliers."""
+"""Weight of violations in the merit functions, as a multiple of the largest multiplier."""
 
-# of the model
+# the model at one point
 MAX_PROGRAMS = 60
-"""Quadratic programs of one model."""
-PRECISE = 1e-3
-"""Last step of a model relative to their sum: a model is solved as precisely as it describes the problem."""
-SHORTEST_OF_MODEL = 1e-9
-"""Part of a step at which its line search gives up: next to a touch of zero, r changes like a root."""
+"""Largest number of quadratic programs of one model."""
+LAST_PROGRAM = 1e-3
+"""A model is solved when the step of its last program is smaller than this, relative to the sum of all. It does not
+describe the problem more precisely."""
+SHORTEST_STEP_OF_MODEL = 1e-9
+"""The line search of a model gives up at this part of a step. Where the power touches zero, r changes like a root."""
 ROUNDING_OF_MODEL = 1e-14
 """Rounding of the merit of a model."""
 FLATTEST, STIFFEST = 1e-6, 1e7
-"""Least and largest curvature of a quadratic program. That of r grows like the inverse root of the distance from where
-the power touches zero; there Newton's step would have no length."""
+"""Smallest and largest curvature of a quadratic program. Near a point at which the power touches zero, the curvature of
+r grows like the inverse root of the distance; Newton's step would have no length there."""
 TOLERANCES = (1e-11, 1e-9, 1e-6)
 """Violations that DAQP may allow, tried in turn: flat curvatures magnify them, and rounding may exceed the first."""
 SMALLEST_PIVOT = 1e-14
-"""DAQP takes an active set with a smaller pivot for singular. Its default 1e-11 is above those of flat curvatures."""
-RELAXED = 1e4
+"""DAQP regards an active set with a smaller pivot as singular. Flat curvatures have pivots below its default 1e-11."""
+SLACK_CURVATURE = 1e4
 """Curvature of the slack of a quadratic program whose constraints contradict each other."""
 
-# of the search
-MAX_SWIFT, MAX_CAUTIOUS = 40, 200
-"""Iterations of a search with the exact curvature, and of a cautious one."""
+# the search
+MAX_FAST, MAX_CAUTIOUS = 40, 200
+"""Largest number of iterations of a search with the exact curvature, and of a cautious one."""
 DAMPING = 0.2
 """Part of the previous curvature that an update must keep, Powell (1978)."""
-OPTIMALITY, MET = 1e-6, 1e-9
-"""KKT residual, and violation of constraints in their natural units, of a design that counts as converged."""
-OPTIMAL, FEASIBLE = 1e-7, 1e-11
-"""KKT residual and violation at which a search ends when the rounding of a gait stops its fast convergence."""
+LARGEST_RESIDUAL, LARGEST_VIOLATION = 1e-6, 1e-9
+"""Largest KKT residual of a converged design, and largest violation of its constraints in their natural units."""
+SMALL_RESIDUAL, SMALL_VIOLATION = 1e-7, 1e-11
+"""Below this KKT residual and this violation a search ends when the rounding of a gait stops its fast convergence."""
 FAST = 0.1
 """Largest ratio of successive KKT residuals in fast convergence."""
 FIRST_REACH = 0.3
 """Longest first step, relative to the sizes of the unknowns; doubled after steps that gain what the model promises."""
-LEAST_REACH = 1e-3
-"""Shorter steps are left to the line search."""
-SHRUNK, HOPELESS = 0.1, 1e-5
-"""Factor of the reach if no part of a step is better, and the reach at which the search gives up."""
+SMALLEST_REACH = 1e-3
+"""Smallest reach after a step. Shorter steps are left to the line search."""
+SHRINKING, HOPELESS_REACH = 0.1, 1e-5
+"""If no part of a step is better, the reach is multiplied by the first number. At a reach below the second one, the
+search gives up."""
 EDGE = 0.99
-"""A step longer than this part of the reach counts as limited by it."""
-PROMISED = 0.7
-"""Part of the model's gain that a step must have for a longer reach."""
-SMALLEST_PART = 1e-4
-"""Part of a step at which a line search gives up."""
+"""A step that is longer than this part of the reach is limited by it."""
+SUFFICIENT_GAIN = 0.7
+"""The reach is doubled only if a step gains this part of what the model predicts."""
+SHORTEST_STEP = 1e-4
+"""The line search gives up at this part of a step."""
 DIFFERENCE = 1e-4
-"""Step of the differences of gradients, relative to the sizes: a thousand times what a gait is solved to."""
+"""Step of the differences of gradients, relative to the sizes: a thousand times the accuracy of a gait."""
 ROUNDING = 1e-11
 """Rounding of the merit: that of a gait, times the weight of its constraints."""
 
@@ -109,11 +111,11 @@ class SearchResult:
 
     @property
     def shortcoming(self) -> str | None:
-        """Why it is not an optimum; None if it is one."""
-        if not self.evaluation.violation < MET:
+        """Why the point is not an optimum; None if it is one."""
+        if not self.evaluation.violation < LARGEST_VIOLATION:
             worst = max(self.evaluation.constraints, key=lambda constraint: constraint.violation)
             return f"{worst.name} is only satisfied to {worst.violation:.2g}"
-        if not self.kkt < OPTIMALITY:
+        if not self.kkt < LARGEST_RESIDUAL:
             return f"stalled: the optimality conditions are only satisfied to {self.kkt:.2g}"
         return None
 
@@ -132,15 +134,15 @@ def optimise(
     Parameters
     ----------
     sizes : typical sizes of the unknowns, shape (n_u,).
-    cautious : start from unit curvature and keep it positive definite. This takes more iterations, but avoids folds to
-        which the exact curvature may lead.
+    cautious : whether to start from unit curvature and keep it positive definite. This takes more iterations, but
+        avoids folds to which the exact curvature may lead.
     progress : called at every iteration with its number and the largest violation.
     should_stop : polled at every iteration; True ends the search.
     """
     point, penalty, reach = start, 0.0, FIRST_REACH
     B: Array | None = np.eye(sizes.size) if cautious else None
     before, learnt = None, False
-    for iteration in range((MAX_CAUTIOUS if cautious else MAX_SWIFT) + 1):
+    for iteration in range((MAX_CAUTIOUS if cautious else MAX_FAST) + 1):
         kkt, multipliers = kkt_residual(point, sizes)
         if progress is not None:
             progress(iteration, point.violation)
@@ -148,8 +150,13 @@ def optimise(
         here = SearchResult(evaluation=point, kkt=kkt, iterations=iteration, interrupted=interrupted)
         if interrupted:
             break
-        if before is not None and before.kkt < OPTIMAL and kkt >= FAST * before.kkt and point.violation < FEASIBLE:
-            return min(before, here, key=lambda end: (end.evaluation.violation >= FEASIBLE, end.kkt))
+        if (
+            before is not None
+            and before.kkt < SMALL_RESIDUAL
+            and kkt >= FAST * before.kkt
+            and point.violation < SMALL_VIOLATION
+        ):
+            return min(before, here, key=lambda end: (end.evaluation.violation >= SMALL_VIOLATION, end.kkt))
         before = here
 
         model = _Model(point, sizes, reach)
@@ -164,19 +171,19 @@ def optimise(
             if cautious:
                 reach = FIRST_REACH
             elif part < 1.0:
-                reach = max(2 * part * longest, LEAST_REACH)
+                reach = max(2 * part * longest, SMALLEST_REACH)
             elif longest > EDGE * reach:
                 promised = model.merit(np.zeros(d.size), B, penalty) - model.merit(d, B, penalty)
                 gain = _merit(point, model.scale, penalty) - _merit(after, model.scale, penalty)
-                reach *= 2 if gain > PROMISED * promised - ROUNDING else 1
+                reach *= 2 if gain > SUFFICIENT_GAIN * promised - ROUNDING else 1
             B = (_damped_update if cautious else _symmetric_update)(B, *model.secant(after, weights))
             point, learnt = after, True
-        elif (kkt < OPTIMAL and point.violation < FEASIBLE) or reach < HOPELESS:
+        elif (kkt < SMALL_RESIDUAL and point.violation < SMALL_VIOLATION) or reach < HOPELESS_REACH:
             break
         elif learnt:
             B, reach, learnt = np.eye(sizes.size) if cautious else None, FIRST_REACH, False
         else:
-            reach *= SHRUNK
+            reach *= SHRINKING
     return here
 
 
@@ -192,7 +199,7 @@ def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, floa
     for constraint in point.constraints:
         normal = constraint.gradient * sizes
         length = float(np.linalg.norm(normal))
-        if length > NEGLIGIBLE and (constraint.equality or constraint.value / length <= ACTIVE):
+        if length > SMALLEST_GRADIENT and (constraint.equality or constraint.value / length <= ACTIVE):
             for sign in (1.0, -1.0) if constraint.equality else (1.0,):
                 scales.append((constraint.key, sign / length))
                 normals.append(sign * normal / length)
@@ -211,7 +218,7 @@ def kkt_residual(point: Evaluation, sizes: Array) -> tuple[float, dict[str, floa
 
 
 def quadratic_program(H: Array, g: Array, A: Array, b: Array) -> tuple[Array, Array] | None:
-    """Solution and multipliers of min g'd + d'Hd/2 s.t. A d + b >= 0, strictly convex; None where infeasible.
+    """Solution and multipliers of the strictly convex min g'd + d'Hd/2 s.t. A d + b >= 0; None if it is infeasible.
 
     The dual active-set method of DAQP (Arnström, Bemporad & Axehill 2022), which CasADi includes, finds the active set.
     The equations of the active set are then solved to rounding.
@@ -244,8 +251,8 @@ class WorkRemainder:
 
     Parameters
     ----------
-    arcs : of the gait.
-    sizes : of the unknowns, which are the units of d, shape (n_u,); freed parameters come first.
+    arcs : curves of the arcs of the gait.
+    sizes : typical sizes of the unknowns, which are the units of d, shape (n_u,); freed parameters come first.
     """
 
     def __init__(self, arcs: Sequence[ArcCurves], sizes: Array) -> None:
@@ -276,7 +283,7 @@ class WorkRemainder:
             mixed = torque_slopes.T @ (weights[:, None] * rate_slopes)
             bent = mixed + mixed.T
             slopes = u[:, None] * rate_slopes + w[:, None] * torque_slopes
-            if changes.size:  # 2 P' P' / |dP/dt| at each
+            if changes.size:  # a change of sign of the power P adds 2 P' P' / |dP/dt|
                 crossing = curves.evaluate(curves.coefficients(slopes), changes)
                 bent += (crossing.T * (duration / np.abs(curves.slopes(u * w, changes)))) @ crossing
             value += float(weights @ (u * w))
@@ -289,12 +296,12 @@ class _Model:
 
     Parameters
     ----------
-    sizes : of the unknowns, shape (n_u,).
-    reach : longest step in any of them, relative to its size.
+    sizes : typical sizes of the unknowns, shape (n_u,).
+    reach : longest step in any unknown, relative to its size.
 
     Attributes
     ----------
-    constraints : the ones that a step may violate.
+    constraints : the constraints that a step may violate.
     scale : typical size of the objective.
     """
 
@@ -305,7 +312,7 @@ class _Model:
         self.constraints = list[Constraint]()
         for constraint in point.constraints:
             length = float(np.linalg.norm(constraint.gradient * sizes))
-            if length > NEGLIGIBLE and constraint.value < farthest * length:
+            if length > SMALLEST_GRADIENT and constraint.value < farthest * length:
                 self.constraints.append(constraint)
         self._A = np.array([c.gradient * sizes for c in self.constraints]).reshape(-1, sizes.size)
         self._b = np.array([c.value for c in self.constraints])
@@ -319,9 +326,9 @@ class _Model:
 
         Parameters
         ----------
-        B : shape (n_u, n_u).
+        B : shape (n_u, n_u) - the Hessian without that of r.
         weights : guess of the multipliers.
-        shift : added to the values of the constraints.
+        shift : numbers that are added to the values of the constraints.
         """
         d, penalty = np.zeros(self.sizes.size), 0.0
         for _ in range(MAX_PROGRAMS):
@@ -338,16 +345,16 @@ class _Model:
             now, part = merit(d), 1.0
             while not merit(d + part * step) <= now + ARMIJO * part * slope + ROUNDING_OF_MODEL:
                 part /= 2
-                if part < SHORTEST_OF_MODEL:
+                if part < SHORTEST_STEP_OF_MODEL:
                     part = 0.0
                     break
             d = d + part * step
-            if part * np.linalg.norm(step) <= PRECISE * np.linalg.norm(d):
+            if part * np.linalg.norm(step) <= LAST_PROGRAM * np.linalg.norm(d):
                 break
         return d, weights
 
     def merit(self, d: Array, B: Array, penalty: float, shift: Array | float = 0.0) -> float:
-        """Change of the objective, with violations as a penalty."""
+        """Change of the objective in the model, plus a penalty for violations."""
         r, _, _ = self._remainder.at(d)
         change = self.gradient @ d + d @ B @ d / 2 + self._a * r
         return float(change) + penalty * self._violation(self._b + self._A @ d + self._c * r + shift)
@@ -357,7 +364,7 @@ class _Model:
         return self._b + self._A @ d + self._c * self._remainder.at(d)[0]
 
     def secant(self, after: Evaluation, weights: Array) -> tuple[Array, Array]:
-        """A step, and the change of the Lagrangian's gradient that r does not explain; each of shape (n_u,)."""
+        """A step, and the change of the Lagrangian's gradient without that of r; each of shape (n_u,)."""
         gradients = {constraint.key: constraint.gradient for constraint in after.constraints}
         s = (after.u - self.point.u) / self.sizes
         y = after.gradient * self.sizes / self.scale - self.gradient
@@ -374,14 +381,14 @@ class _Model:
         return float(np.where(self._equality, np.abs(values), np.maximum(0.0, -values)).sum())
 
     def _quadratic_step(self, H: Array, gradient: Array, A: Array, b: Array, d: Array) -> tuple[Array, Array]:
-        """Further step from d, and multipliers of the constraints; infeasible constraints are all relaxed alike."""
+        """A further step from d, and multipliers of the constraints. If these contradict each other, all have slack."""
         n, m = d.size, b.size
         A = np.vstack([A, -A[self._equality], np.eye(n), -np.eye(n)])
         c = np.concatenate([b, -b[self._equality], self._reach + d, self._reach - d])
         solution = quadratic_program(H, gradient, A, c)
         if solution is None:
             wide = np.zeros((n + 1, n + 1))
-            wide[:n, :n], wide[n, n] = H, RELAXED
+            wide[:n, :n], wide[n, n] = H, SLACK_CURVATURE
             slack = np.maximum(0.0, -c)[:, None]
             solution = quadratic_program(wide, np.append(gradient, 0.0), np.hstack([A, slack]), c)
         if solution is None:  # there is one, but rounding hides it: no step
@@ -410,11 +417,11 @@ def _hessian_by_differences(problem: ExactProblem, model: _Model, weights: Array
 def _line_search(
     problem: ExactProblem, model: _Model, B: Array, d: Array, weights: Array, penalty: float
 ) -> tuple[Evaluation | None, float]:
-    """The first better point along a step, and its part of the step; the full step is corrected once."""
+    """The first better point along a step, and its part of the step. A full step that is worse is corrected once."""
     now = _merit(model.point, model.scale, penalty)
     slope = min(0.0, float(model.gradient @ d) - penalty * model.point.total_violation)
     part = 1.0
-    while part >= SMALLEST_PART and d.any():
+    while part >= SHORTEST_STEP and d.any():
         goal = now + ARMIJO * part * slope + ROUNDING
         trial = problem.evaluate_beside(model.point, part * d * model.sizes)
         if trial is not None and _merit(trial, model.scale, penalty) > goal and part == 1.0:

@@ -5,12 +5,13 @@ derivative M of the return map, as in ``spectral_radius``:
 
     A V = B,      M = R V_K             A = dF/d(states, durations) without the last impact, R that of the impact
 
-The multipliers lie within a radius where the ``circle_inequalities`` of M hold. Derivatives of M are products with the
-Hessian H of the program's Lagrangian, Lambda being the adjoint of V and G the weights of M:
+The multipliers lie within a radius if the ``circle_inequalities`` of M hold. Derivatives of M are products with the
+Hessian H of the program's Lagrangian; Lambda is the adjoint of V, and G are the weights of M:
 
     A' Lambda = R' G,      d <G, M> = <Lambda, dB> + sum_k H(mu_k) V_k,      mu_k = -Lambda_k, and -G_k at the impact
 
-The curvature of the rows along the motion's equations, over torques and freed parameters, is taken by differences.
+The curvature of the rows by torques and freed parameters, along the solutions of the motion's equations, is computed by
+differences.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,12 +32,12 @@ from gaitopt.solver.collocation import Collocation
 from gaitopt.solver.collocation_rows import DURATION
 
 RADIUS = "spectral_radius"
-STEP = 1e-5
-"""Step of the differences that give the curvature, in the unknown that changes most."""
+DIFFERENCE = 1e-5
+"""Step of the differences for the curvature, in the unknown that changes most."""
 
 
 class ReturnMap:
-    """The derivative M of the return map of a collocation's motion, under its law fixed in time."""
+    """The derivative M of the return map of a collocation's motion, while its law is fixed in time."""
 
     @building
     def __init__(self, collocation: Collocation) -> None:
@@ -115,7 +116,7 @@ class ReturnMap:
         return slope
 
     def along_motion(self, x: Array, p: Array) -> Array:
-        """Derivatives in the unknowns ``controls`` while the equations of motion hold; shape (n_x, n_controls)."""
+        """Derivatives by the unknowns ``controls`` while the equations of motion hold; shape (n_x, n_controls)."""
         J = self._jacobian_at(x, p)[self._all_rows]
         slopes = np.zeros((x.size, self.controls.size))
         slopes[self._all_columns] = -splu(J[:, self._all_columns].tocsc()).solve(J[:, self.controls].toarray())
@@ -124,12 +125,12 @@ class ReturnMap:
 
 
 def _pattern(sparsity: Sparsity) -> csc_array:
-    """A matrix of SciPy with this sparsity."""
+    """A matrix of SciPy with this sparsity, filled with zeros."""
     return csc_array((np.zeros(sparsity.nnz()), sparsity.row(), sparsity.colind()), shape=sparsity.shape)
 
 
 class _Point(NamedTuple):
-    """Response V, adjoints of M, and the rows."""
+    """Response V, adjoint of V, and the rows at a point."""
 
     V: Array
     adjoint: Callable[[Array], Array]
@@ -139,7 +140,7 @@ class _Point(NamedTuple):
 class CircleRows(Callback):
     """(x, p) -> circle inequalities of the multipliers for a radius, with a Jacobian; NaN where there is no return map.
 
-    Keep it as long as a program uses it.
+    It must be kept as long as a program uses it.
     """
 
     @building
@@ -175,7 +176,7 @@ class CircleRows(Callback):
         return [DM(np.full(self.count, np.nan) if point is None else [row.value for row in point.rows])]
 
     def has_jacobian(self) -> bool:
-        """Derivatives are given."""
+        """Whether derivatives are given."""
         return True
 
     def get_jacobian(
@@ -188,7 +189,7 @@ class CircleRows(Callback):
 
     @overflow_allowed()
     def at(self, x: Array, p: Array) -> _Point | None:
-        """The rows at a point; the last point is kept. None where the return map has no finite derivative."""
+        """The rows at a point; None if the return map has no finite derivative. The last point is kept."""
         key = x.tobytes(), p.tobytes()
         if key != self._key:
             self._key, self._point = key, None
@@ -215,14 +216,14 @@ class CircleRows(Callback):
             return curvature
         slopes = self.returned.along_motion(x, p)
         for k, direction in enumerate(slopes.T):
-            step = STEP / max(1.0, float(np.abs(direction).max()))
+            step = DIFFERENCE / max(1.0, float(np.abs(direction).max()))
             ends = [self.gradient(x + sign * step * direction, p, weights) for sign in (1.0, -1.0)]
             curvature[:, k] = slopes.T @ (ends[0] - ends[1]) / (2 * step)
         return (curvature + curvature.T) / 2 if np.isfinite(curvature).all() else np.zeros((n, n))
 
 
 class _CircleJacobian(Callback):
-    """(x, p, rows) -> derivatives of the rows in x, and zero for those in p, which are never used."""
+    """(x, p, rows) -> derivatives of the rows by x, and zero for those by p, which are never used."""
 
     def __init__(self, circle: CircleRows, name: str, options: Mapping[str, Any]) -> None:
         super().__init__()
@@ -249,7 +250,7 @@ class _CircleJacobian(Callback):
 
 
 class _CircleCurvature(Callback):
-    """(x, p, multipliers) -> curvature of the rows over torques and freed parameters."""
+    """(x, p, multipliers) -> curvature of the rows by torques and freed parameters."""
 
     def __init__(self, circle: CircleRows) -> None:
         super().__init__()
@@ -281,7 +282,7 @@ def bound_radius(collocation: Collocation, radius: float) -> None:
 
 
 def largest_modulus(collocation: Collocation, x: Array) -> float:
-    """Largest modulus of the multipliers of a solution; infinite where there is no return map."""
+    """Largest modulus of the multipliers of a solution; infinite if there is no return map."""
     with suppress(RuntimeError):  # singular
         M = ReturnMap(collocation).response(x, collocation.dynamics.p)[1]
         if np.isfinite(M).all():

@@ -7,7 +7,7 @@ import pytest
 
 import gaitopt as go
 from gaitopt import Status
-from gaitopt.design.smoothed import MISSED, PRESSING, conflicts
+from gaitopt.design.smoothed import LARGEST_VIOLATION, SMALLEST_MULTIPLIER, conflicts
 
 BOUND = ("control.ankle", 0.8)
 
@@ -25,7 +25,7 @@ def elastic(constraints, reached, *, at_bound=0.0, against=0.0, margin=0.0):
         values=lambda w: np.array(list(reached.values())),
         active_bounds=lambda result: {BOUND[0]: (at_bound, BOUND[1])},
         block_multipliers=lambda result: list(zip(blocks, multipliers, strict=True)),
-        margin_words=lambda row: f"row {row} of the margins",
+        margin_text=lambda row: f"row {row} of the margins",
     )
     return problem, searched
 
@@ -38,7 +38,7 @@ SPEED = {"speed": {"min": 0.8}}
 
 
 def test_constraints_that_are_met_up_to_rounding_conflict_with_nothing():
-    assert conflicts(*elastic(SPEED, {"speed": 0.8 - MISSED / 2}), solved()) == ()
+    assert conflicts(*elastic(SPEED, {"speed": 0.8 - LARGEST_VIOLATION / 2}), solved()) == ()
 
 
 def test_an_elastic_search_that_failed_proves_no_conflict():
@@ -66,7 +66,9 @@ def test_what_presses_against_the_search_is_named_and_what_does_not_is_not():
     (cause,) = conflicts(*elastic(limits, reached, at_bound=1.0, against=0.1, margin=-1.0), solved())
     obstacles = "control.ankle <= 0.8, row 1 of the margins, peak_torque <= 2"
     assert f"speed >= 0.8 conflicts with {obstacles}: best reached 0.7" in cause.words
-    (calm,) = conflicts(*elastic(limits, reached, at_bound=PRESSING / 2, against=PRESSING / 2), solved())
+    (calm,) = conflicts(
+        *elastic(limits, reached, at_bound=SMALLEST_MULTIPLIER / 2, against=SMALLEST_MULTIPLIER / 2), solved()
+    )
     assert "conflicts with" not in calm.words
 
 
