@@ -109,7 +109,7 @@ class SmoothedScalars:
         self._t, self._width, self._at_impacts = equations, width, impact_quantities(equations)
 
     def value(self, name: str) -> MX:
-        """A scalar that is not an extremum: one of the result, ``state.NAME``, ``phases.K.duration``, or a dotted key."""
+        """A scalar that is not an extremum: one of the result, ``state.NAME``, ``phases.K.duration``, a dotted key."""
         phase = phase_of(name)
         if phase is not None:
             return self._t.durations[phase]
