@@ -651,8 +651,8 @@ class _StatementReader:
             return None, None
         self._cycle_end = self._read_cycle_end(gait.section)
         has_box = self._model is None or has_stated_sections(self._model, self._cycle_end)
-        if gait.impact is not None and not has_box:
-            self._fault(("gait", "impact"), "the section of this walker follows from its impact, which auto finds")
+        if gait.impact is not None and self._cycle_end != TOUCHDOWN:
+            self._fault(("gait", "impact"), "the cycle ends without an impact: leave it out")
             return None, None
         least = 1 if self._model is None else self._model.steps_per_cycle()
         sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, least))

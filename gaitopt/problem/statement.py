@@ -308,7 +308,7 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     modes, start = problem.modes, problem.start
     if isinstance(modes, OpenSequence):
         gait: dict[str, Any] = {"phases": OPEN}
-        gait |= {} if modes.impact is None else {"impact": str(modes.impact)}
+        gait |= {} if modes.impact is None else {"impact": modes.impact.words}
         gait |= {} if modes.steps == 1 else {"steps": modes.steps}
     else:
         gait = cycle_data(modes)

@@ -23,6 +23,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import has_stated_sections
 from gaitopt.problem.problem import Problem
+from gaitopt.problem.statement import OpenSequence
 from gaitopt.requests import Method, SearchRequest
 from gaitopt.search.candidate import SAME
 from gaitopt.search.candidates import SearchJob, find_candidates, walks_of
@@ -115,12 +116,12 @@ def gaits_of(
     tolerance = np.inf if problem.free or problem.objective else SAME  # designs of one mode sequence reach one optimum
     listed: list[tuple[Gait, list[str]]] = []
     rejected = dict[tuple[str, str], list[str]]()
-    most, impact = longest_cycle(problem), getattr(problem.modes, "impact", None)
+    most, impact = longest_cycle(problem), required_impact(problem)
     fitting = [
         candidate
         for candidate in candidates
         if len(candidate["steps"]) <= most
-        and (impact is None or impact in [step["impact"] for step in candidate["steps"]])
+        and (impact is None or impact.words in [step["impact"] for step in candidate["steps"]])
     ]
     for group in grouped(fitting, lambda a, b: _same(a, b, tolerance)):
         starts = [candidate["start"] for candidate in group]
@@ -215,6 +216,11 @@ def counted_gaits(stable: Sequence[bool]) -> str:
     if len(stable) < 2:
         return f"1 gait, {'stable' if stable[0] else 'unstable'}" if stable else "no gait"
     return f"{len(stable)} gaits, {'none' if not any(stable) else sum(stable)} of them stable"
+
+
+def required_impact(problem: Problem) -> Mode | None:
+    """The mode just after some impact of the cycle that a problem with an open mode sequence asks for, if any."""
+    return problem.modes.impact if isinstance(problem.modes, OpenSequence) else None
 
 
 def longest_cycle(problem: Problem) -> int:

@@ -103,7 +103,7 @@ def test_every_contact_may_have_friction_of_its_own() -> None:
         ("theta2: -0.317", "theta2: 0.9", "0.9 contradicts the section, where it is"),
         ("slope: 0.0524", "slope: {free: [0.05, 0.06], guess: 0.0524}", "too many unknowns: no objective"),
         (", dtheta2: -0.34413086", "", "dtheta2: is missing; at the end of this cycle the section is theta1, dtheta1"),
-        (f"phases: [{PHASES}]", "phases: auto", "gait.impact: the section of this walker follows from its impact"),
+        (f"phases: [{PHASES}]", "phases: auto", "y: is missing; where the modes are open"),
         (f"phases: [{PHASES}]\n  impact: {{heel: stick}}", "phases: auto", "y: is missing; where the modes are open"),
     ],
 )  # fmt: skip
