@@ -189,17 +189,40 @@ def load_run(
 def _loaded(path: str | Path) -> "Result | BranchPoint | SpecialPoint | Attractor":
     from gaitopt.runs.results import read_result
 
-    try:
-        is_whole = "@" not in str(path) or Path(path).exists()
-    except OSError:  # for example, the name is too long
-        is_whole = False
-    if is_whole:
+    if not is_element(path):
         return read_result(Path(path))
     if SPECIAL in str(path):
         return load_special_point(str(path))[0]
     if ATTRACTOR in str(path):
         return load_attractor(str(path))
     return load_branch_point(str(path))
+
+
+def is_element(path: str | Path) -> bool:
+    """Whether a path is the name of an element of a result, such as ``RUN@special.0``."""
+    try:
+        return "@" in str(path) and not Path(path).exists()
+    except OSError:  # for example, the name is too long
+        return True
+
+
+def problem_of_element(path: str | Path) -> Problem:
+    """The problem of the gait at a point or a special point of a branch, or of an attractor of a basin.
+
+    It has the parameters, the mode sequence and the motion of that gait.
+
+    Raises
+    ------
+    GaitoptError
+        If there is no such element, see ``load_run``, or no gait there.
+    """
+    from gaitopt.search.solve import solve_attractor
+
+    element = _loaded(path)
+    gait = solve_attractor(element) if isinstance(element, Attractor) else getattr(element, "gait", None)
+    if not isinstance(gait, Gait) or not gait.converged:
+        raise UnknownNameError(f"{path}: there is no gait from which to start")
+    return gait.problem.with_gait(gait.to_record())
 
 
 def load_records(path: str | Path) -> list[dict[str, Any]]:

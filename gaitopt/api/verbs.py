@@ -28,7 +28,7 @@ from gaitopt.api.progress import (
     value_progress,
     word_progress,
 )
-from gaitopt.api.stored import compared, save, save_best_point, stored_gait
+from gaitopt.api.stored import compared, is_element, problem_of_element, save, save_best_point, stored_gait
 from gaitopt.callbacks import Stop, TimeLimit
 from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
@@ -1267,6 +1267,8 @@ def _loaded(problem: Problem | str | Path, *, needs_gait: bool = True) -> Proble
     if not isinstance(problem, str | Path):
         remedy = "; its problem is gait.problem" if isinstance(problem, Gait) else ""
         raise ProblemError(f"expected a problem, its name or its path, not a {type(problem).__name__}{remedy}")
+    if is_element(problem):
+        return problem_of_element(problem)
     return _loaded(load_problem(problem), needs_gait=needs_gait)
 
 

@@ -209,14 +209,15 @@ def is_bifurcation(kind: str, multipliers: NDArray[np.complex128]) -> bool:
 def stride(gait: Gait) -> float:
     """Largest distance between the feet where they swap roles on the ground, without slip, in natural units.
 
-    If they never do so, because no feet swap or they land after a flight, it is the largest range of a coordinate.
+    If they never do so, because no feet at the base point swap or they land after a flight, it is the largest range of
+    a coordinate.
     """
     x, table, distances = gait.system.n_shape, gait.system.transitions, list[float]()
     for step in gait.steps:
         landings = [*(float(arc.states[0, x]) for arc in step.arcs[1:]), step.final_impact.step_length]
         ends = [*(arc.struck is not None and arc.struck.swaps for arc in step.arcs[1:]), table.cycle_end == TOUCHDOWN]
         for arc, landing, swaps in zip(step.arcs, landings, ends, strict=True):
-            if swaps and arc.mode.touching:
+            if swaps and gait.system.walker.base_contact() in arc.mode.touching:
                 distances.append(abs(landing - arc.states[-1, x]))
     if distances:
         return float(max(distances)) / gait.dynamics.scales.length

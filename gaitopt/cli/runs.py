@@ -25,10 +25,14 @@ PROBLEM_SUFFIXES = (".yaml", ".yml")
 
 
 def load(problem: str, changes: list[str] | None, terminal: Terminal | None = None) -> "Problem":
-    """Load a problem by name or path and apply the ``--set`` options; unusual values are warnings on the terminal."""
+    """Load a problem by name, path or element of a run, and apply the ``--set`` options.
+
+    Unusual values are warnings on the terminal.
+    """
+    from gaitopt.api.stored import is_element, problem_of_element
     from gaitopt.problem.problem import load_problem
 
-    stated = load_problem(problem)
+    stated = problem_of_element(problem) if is_element(problem) else load_problem(problem)
     changed = stated.replace(overrides(changes), label="--set ") if changes else stated
     if terminal is not None:
         options = [argument for text in changes or () for argument in ("--set", text)]
@@ -46,6 +50,7 @@ def is_folder(run: str) -> bool:
     UnknownNameError
         If it is a path that does not exist, and not the name of a problem file.
     """
+    from gaitopt.api.stored import is_element
     from gaitopt.problem.faults import shown
     from gaitopt.problem.source import problem_names
 
@@ -56,6 +61,8 @@ def is_folder(run: str) -> bool:
         exists, is_dir = path.exists(), path.is_dir()
     except OSError as error:  # a name that is too long, for instance
         raise UnknownNameError(f"there is no run folder {shown(run)}: {error.strerror}") from error
+    if is_element(run):
+        return False
     if len(path.parts) > 1 and path.suffix not in PROBLEM_SUFFIXES and not exists:
         raise UnknownNameError(f"there is no run folder {run}; `ls results` lists the existing runs")
     return is_dir

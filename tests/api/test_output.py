@@ -139,6 +139,20 @@ def test_parts_of_a_stored_branch_are_loaded_by_their_place():
     assert go.load_run("me@home@0.1").value == point.value
 
 
+def test_every_verb_starts_from_an_element_of_a_stored_result(run):
+    branch = go.continuation(named(WHEEL), "friction", TARGET, max_points=3, output="branch")
+    code, out, _ = run("solve", "branch@0.2", "--json", "--quiet", "-o", "gait")
+    assert code == 0
+    assert json.loads(out)["friction"] == pytest.approx(branch[2].value, rel=1e-14)
+    gait = go.solve("branch@special.0", progress=False)
+    assert gait.state == pytest.approx(branch.specials[0].gait.state, abs=1e-12)
+    swept = go.sweep("branch@0.2", {"walker.slope": (0.22, 0.23, 2)}, output="sweep", workers=1, progress=False)
+    alone = go.solve(go.load_problem(WHEEL).replace({"friction": branch[2].value, "walker.slope": 0.23}))
+    assert swept.column("period")[1] == pytest.approx(alone.scalar("period"), rel=1e-10)
+    with pytest.raises(UnknownNameError, match="no special point '9'"):
+        go.solve("branch@special.9")
+
+
 def test_a_kept_gait_is_taken_from_its_folder_on_request(monkeypatch):
     gait = go.solve(WHEEL, output="run")
     monkeypatch.setattr("gaitopt.search.solve.solve", None)
