@@ -23,13 +23,13 @@ completes keys and shows their units if the first line of a file is
 |---|---|
 | number | number in the unit of the row |
 | angle | number in rad, or a text such as `1 deg` |
-| unknown | `{{free: [lo, hi], guess: value}}`: a design finds the value between these bounds |
+| number\\*, angle\\* | the same, or an unknown `{{free: [lo, hi], guess: value}}`, which a design finds between these bounds |
 | mode | {modes}; or [a mapping](problem-file.md#modes) for stops, switches or several contacts |
 | list, mapping | `[a, b]`, `{{key: value}}`; *numbers by name* maps names, such as those of motors, to numbers |
 
-Values outside the range are errors; unusual values only trigger a warning. Ranges may be in natural units: l is the leg
-length (radius), m the total mass, g gravity; "±100 X" means from -100 X to 100 X. All numbers are at most 1e30 in size,
-and numbers that must be more than 0 are at least 1e-30. A key that is neither required nor has a default may be left
+Values outside the range are errors; those outside the range after "usually" only trigger a warning. Ranges may be in
+natural units: l is the leg length (radius), m the total mass, g gravity; "±100 X" means from -100 X to 100 X. All numbers
+are at most 1e30 in size, and positive ones at least 1e-30. A key that is neither required nor has a default may be left
 out.
 
 ```{{raw}} html
@@ -43,6 +43,10 @@ PARTS = {
 }
 """Parts of the page by the key to which they belong, each with its beginning."""
 TOP = "top level"
+FREE = r"\*"
+"""Mark of a number that may be an unknown."""
+SIGNS = {"more than ": ">", "at most ": "≤", "at least ": "≥", " to ": "…"}
+"""Signs in place of words of a range."""
 UNIT = re.compile(r" \[((?:(?:, or |[ /])?(?:kg|rad|[NJms1])(?:\^\d)?)+)\]")
 """A unit in a description."""
 SIZE = re.compile(r"at most ([^;]*?) in size")
@@ -175,9 +179,11 @@ def _kind(value: Mapping[str, Any]) -> str:
     kinds = dict.fromkeys("unknown" if v.get("description") == "an unknown" else _kind(v) for v in variants)
     if "angle" in kinds:  # which is a number too
         kinds.pop("number", None)
-    words = [kind for kind in kinds if kind not in ("any", "null")]
+    words = [kind for kind in kinds if kind not in ("any", "null", "unknown")]
     if words:
-        return " or ".join(words)
+        return " or ".join(
+            f"{kind}{FREE}" if "unknown" in kinds and kind in ("number", "angle") else kind for kind in words
+        )
     kind = value.get("type", "any")
     if kind == "array":
         entries = [_kind(entry) for entry in value.get("prefixItems", [value.get("items", {})])]
@@ -194,7 +200,7 @@ def _plural(kind: str) -> str:
     """``numbers or unknowns`` for ``number or unknown``."""
     if kind.startswith(("list", "`")) or kind.endswith("by name"):
         return kind.replace("list of", "lists of", 1)
-    return " or ".join(f"{word}s" for word in kind.split(" or "))
+    return " or ".join(f"{word.removesuffix(FREE)}s{FREE * word.endswith(FREE)}" for word in kind.split(" or "))
 
 
 def _range(value: Mapping[str, Any], stated: Sequence[str]) -> str:
@@ -216,7 +222,15 @@ def _range(value: Mapping[str, Any], stated: Sequence[str]) -> str:
     else:
         words = f"at least {least:.6g}" if least is not None else "" if most is None else f"at most {most:.6g}"
     usual = [part.replace("usually from", "usually") for part in stated if part.startswith("usually")]
-    return "; ".join(SIZE.sub(r"±\1", part) for part in filter(None, (words, *usual)))
+    return "; ".join(_short(part) for part in filter(None, (words, *usual)))
+
+
+def _short(part: str) -> str:
+    """A range with signs in place of words: ``> 0, ≤ 1000·m·g·l``."""
+    part = SIZE.sub(r"±\1", part)
+    for words, sign in SIGNS.items():
+        part = part.replace(words, sign)
+    return re.sub(r"(?<=[\w)]) (?=[mgl]\b|sqrt)", "·", part)
 
 
 def _cell(text: str) -> str:
