@@ -97,9 +97,8 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
     cycle, table, drops = gait.cycle, gait.system.transitions, gait.dynamics.friction_drops
     period, scales = abs(gait.scalar("period")), gait.dynamics.scales
     phases: list[list[Arc]] = [[] for _ in cycle.phases]  # breakpoints of the control cut a phase into several arcs
-    for first, step in zip(cycle.first_phases, gait.steps, strict=True):
-        for arc, phase in zip(step.arcs, step.arc_phases, strict=True):
-            phases[first + phase].append(arc)
+    for arc, phase in gait.arcs_by_phase:
+        phases[phase].append(arc)
     margins = {id(arc): _margins(gait, arc) for arcs in phases for arc in arcs}
     values: dict[MonitorKey, MonitorValue] = {}
 
@@ -153,12 +152,7 @@ def _rising_margins(gait: Gait, margins: Mapping[int, Array]) -> Iterator[tuple[
     margins : margins of every arc in natural units, by the identity of the arc.
     """
     cycle, table = gait.cycle, gait.system.transitions
-    arcs = [
-        (arc, first + phase)
-        for first, step in zip(cycle.first_phases, gait.steps, strict=True)
-        for arc, phase in zip(step.arcs, step.arc_phases, strict=True)
-    ]
-    for _, group in groupby(arcs, key=lambda pair: cycle.swings[pair[1]]):
+    for _, group in groupby(gait.arcs_by_phase, key=lambda pair: cycle.swings[pair[1]]):
         swing = list(group)
         rows = [row for arc, _ in swing for row in table.of(arc.mode).values()]
         for name in dict.fromkeys(row.guard for row in rows if row.margin.rises):

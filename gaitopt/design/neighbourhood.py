@@ -19,8 +19,9 @@ from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import angles_of, observe
-from gaitopt.gait.trajectory import Step
+from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.open_loop import OpenLoop, Order
+from gaitopt.model.transitions import margin_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
 from gaitopt.problem.statement import Range
@@ -187,22 +188,22 @@ def _objective(gait: Gait, problem: Problem) -> float:
 
 def _constraints(gait: Gait, problem: Problem) -> Array:
     """Margins and constraints in natural units: first those that must not be negative, then those that must be zero."""
-    (step,) = gait.steps
-    scales, rows, zero = gait.dynamics.scales, list[float](), list[float]()
-    for arc in step.arcs:
+    cycle, table, scales = gait.cycle, gait.system.transitions, gait.dynamics.scales
+    rows, zero, last_arcs = list[float](), list[float](), dict[int, Arc]()
+    for arc, phase in gait.arcs_by_phase:
+        last_arcs[phase] = arc
         names, units = gait.system.transitions.margin_names(arc.mode), gait.dynamics.margin_units(arc.mode)
         margins = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states) / units
         guarded = (row for name, row in zip(names, margins.T, strict=True) if name not in EVENT_MARGINS)
         rows += [-curves.maximum(-row)[1] for row in guarded]
-    impact, friction = step.final_impact, gait.dynamics.static_friction
-    if impact.mode.sticks:
-        f_t, f_n = impact.stick_impulse / scales.impulse
-        rows += [f_n, friction * f_n + f_t, friction * f_n - f_t]
-    else:
-        rows += [impact.impulse[1] / scales.impulse, impact.mode.direction * impact.state[-1] / scales.speed]
+    for phase, _ in cycle.resets:
+        struck, arc = table.struck(cycle, phase), last_arcs[phase]
+        if struck is not None:
+            of_impact = arc.dynamics.impact_margins(struck, arc.states[-1], arc.mode)
+            rows += [value / margin_unit(name, scales) for name, value in of_impact.items()]
     for name, span in problem.constraints.items():
         if name == CLEARANCE or name.startswith(ANGLE):
-            rows += _along(step, name, span)
+            rows += [room for step in gait.steps for room in _along(step, name, span)]
             continue
         unit = max(abs(bound) for bound in (span.minimum, span.maximum, SMALL) if np.isfinite(bound))
         values = np.abs(gait.multipliers) if name == RADIUS else np.array([gait.scalar(name)])
@@ -215,7 +216,7 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
             rows.append((values.max() - span.minimum) / unit)
     if _in_time(gait.problem):
         assert isinstance(gait.problem.control, OpenLoop)
-        zero.append(step.period - (gait.problem.control.duration or 0.0))
+        zero.append(sum(step.period for step in gait.steps) - (gait.problem.control.duration or 0.0))
     return np.array([*rows, *zero], dtype=float)
 
 

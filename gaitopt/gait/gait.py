@@ -324,6 +324,16 @@ class Gait(WalkerMotion):
         return tuple(arc for step in self.steps for arc in step.arcs)
 
     @property
+    def arcs_by_phase(self) -> tuple[tuple[Arc, int], ...]:
+        """The arcs of all steps, each with the index of its phase in the cycle."""
+        firsts = zip(self.cycle.first_phases, self.steps, strict=True)
+        return tuple(
+            (arc, first + phase)
+            for first, step in firsts
+            for arc, phase in zip(step.arcs, step.arc_phases, strict=True)
+        )
+
+    @property
     def phases(self) -> tuple[tuple[Mode, float], ...]:
         """Modes and durations [s] of the phases of all steps."""
         return tuple(phase for step in self.steps for phase in step.phases)

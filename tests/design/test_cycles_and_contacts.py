@@ -7,6 +7,7 @@ import pytest
 from named import named
 
 import gaitopt as go
+from gaitopt.design.neighbourhood import neighbourhood
 from gaitopt.errors import ProblemError
 
 FREE: dict[str, Any] = {
@@ -133,6 +134,13 @@ def test_no_other_hip_torque_is_cheaper_with_unequal_legs(unequal: go.Gait, shif
 
 def test_a_design_of_two_steps_is_walked_by_the_simulator(unequal: go.Gait) -> None:
     assert go.verify(unequal).passed
+
+
+def test_random_neighbours_of_designs_are_no_better(unequal: go.Gait, crawler: go.Gait) -> None:
+    for design in (unequal, crawler):
+        near = neighbourhood(design, directions=10)
+        assert near.feasible > near.tried / 2
+        assert near.optimal
 
 
 def test_spectral_radius_of_two_unequal_steps_is_bounded() -> None:
