@@ -52,7 +52,7 @@ from gaitopt.gait.trajectory import Arc
 from gaitopt.model.cycle import BREAKPOINT, Cycle
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
-from gaitopt.model.transitions import Transitions, contact_of, kind, margin_unit, named
+from gaitopt.model.transitions import Transitions, contact_of, is_held, kind, margin_unit, named
 from gaitopt.solver.rollout import SMALLEST_JUMP
 
 LARGEST_TOUCHDOWN_MONITOR = 1.0
@@ -109,8 +109,8 @@ def monitor_values(gait: Gait) -> dict[MonitorKey, MonitorValue]:
         if not long:  # the phase is short, or a breakpoint divides it into short arcs
             continue
         after = cycle.after(phase)
-        for row, (name, transition) in enumerate(table.of(cycle.phases[phase]).items()):
-            if name != "upright" and not transition.margin.rises:
+        for row, name in enumerate(table.margin_names(cycle.phases[phase])):
+            if is_held(name):
                 along, orders = (
                     [margins[id(arc)][row] for arc in long],
                     zero_orders(table, cycle, phase, name, drops=drops),

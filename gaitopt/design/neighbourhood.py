@@ -14,18 +14,18 @@ import numpy as np
 
 from gaitopt.arrays import Array
 from gaitopt.design.exact import RADIUS, SMALL, freed_sizes
-from gaitopt.design.sensitivity import EVENT_MARGINS
 from gaitopt.errors import SolveError
 from gaitopt.gait import curves
 from gaitopt.gait.gait import Gait
 from gaitopt.gait.measures import angles_of, observe
 from gaitopt.gait.trajectory import Arc, Step
 from gaitopt.model.open_loop import OpenLoop, Order
-from gaitopt.model.transitions import margin_unit
+from gaitopt.model.transitions import is_held, margin, margin_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import ANGLE, CLEARANCE
 from gaitopt.problem.statement import Range
 from gaitopt.solver.assembly import assemble_gait
+from gaitopt.solver.diagnosis import AIRBORNE
 from gaitopt.solver.newton import Solution, polish, refine
 from gaitopt.solver.rollout import retraced
 from gaitopt.solver.solve import free_parameters
@@ -190,12 +190,19 @@ def _constraints(gait: Gait, problem: Problem) -> Array:
     """Margins and constraints in natural units: first those that must not be negative, then those that must be zero."""
     cycle, table, scales = gait.cycle, gait.system.transitions, gait.dynamics.scales
     rows, zero, last_arcs = list[float](), list[float](), dict[int, Arc]()
+    rising = dict[tuple[int, str], list[tuple[Array, Array]]]()  # times and values by swing and margin
     for arc, phase in gait.arcs_by_phase:
         last_arcs[phase] = arc
-        names, units = gait.system.transitions.margin_names(arc.mode), gait.dynamics.margin_units(arc.mode)
+        names, units = table.margin_names(arc.mode), gait.dynamics.margin_units(arc.mode)
         margins = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states) / units
-        guarded = (row for name, row in zip(names, margins.T, strict=True) if name not in EVENT_MARGINS)
-        rows += [-curves.maximum(-row)[1] for row in guarded]
+        for name, values in zip(names, margins.T, strict=True):
+            if margin(name).rises:
+                rising.setdefault((cycle.swings[phase], name), []).append((arc.times, values))
+            elif is_held(name):
+                rows.append(-curves.maximum(-values)[1])
+    for arcs in rising.values():
+        times, along = zip(*arcs, strict=True)
+        rows.append(min(1.0, curves.lowest_after_rise(times, along, AIRBORNE)[0]))
     for phase, _ in cycle.resets:
         struck, arc = table.struck(cycle, phase), last_arcs[phase]
         if struck is not None:

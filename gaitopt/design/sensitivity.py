@@ -18,7 +18,7 @@ The multipliers are the eigenvalues of M = DPi, and those of M + dM are, with le
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, groupby
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,9 +35,11 @@ from gaitopt.model.buffered import buffered, buffered_map
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import is_held, margin, margin_unit
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.scalars import SCALARS, Instant, phase_of
 from gaitopt.solver.assembly import assemble_steps
+from gaitopt.solver.diagnosis import AIRBORNE
 from gaitopt.solver.interval import step_derivatives
 from gaitopt.solver.newton import Solution, section_sensitivity
 from gaitopt.solver.shooting import Label, MultipleShooting
@@ -45,8 +47,6 @@ from gaitopt.threads import cached_property
 
 COUNTS = (17, 25, 33, 65, 129, 257)
 """Numbers of Chebyshev points, tried in turn until an arc is resolved; every point takes an integration step."""
-EVENT_MARGINS = ("touchdown", "upright")
-"""Margins that are not constraints of a design: the touchdown ends the step, and a gait is always upright."""
 
 TIED = 1e-9
 """If the relative difference of two values is smaller, both are the extremum."""
@@ -428,7 +428,9 @@ class Sensitivity:
         return _both_signs(found) if scalar.both_signs else found
 
     def margins(self) -> Iterator[tuple[str, float, Candidate]]:
-        """Name, natural unit and value of every margin at its minima along the arcs, and of the margins of the impact.
+        """Name, natural unit and value of every margin at its minima along the arcs, and of the margins of the impacts.
+
+        A margin that rises before it falls counts after it has risen.
 
         The margin that ends a timed phase is left out at its end. If it is negative there, the switch leaves its
         breakpoint, and the gait needs another mesh.
@@ -438,7 +440,7 @@ class Sensitivity:
         for k, arc in enumerate(self.arcs):
             last, mode = t.mesh.arcs[k].intervals, arc.arc.mode
             for (name, curve), unit in zip(arc.margins.items(), self.dynamics.margin_units(mode), strict=True):
-                if name in EVENT_MARGINS:
+                if not is_held(name):
                     continue
                 ends = [s for s, node in ((-1.0, 0), (1.0, last)) if not t.is_zero_by_event(k, node, name)]
                 phase = t.mesh.arcs[k].phase
@@ -446,9 +448,26 @@ class Sensitivity:
                     ends = [s for s in ends if s < 0 or name != table.between(mode, cycle.after(phase)).guard]
                 for candidate in _extremes(curve, f"{name} {k}", ends):
                     yield name, float(unit), candidate
+        yield from self._rising_margins()
         margins = self._evaluated(_impact_margins(t))
         for (value, slope), (_, label) in zip(margins, t.impact_margins, strict=True):
             yield label.name, label.size(scales), Candidate(f"impact {label.name}", value, slope)
+
+    def _rising_margins(self) -> Iterator[tuple[str, float, Candidate]]:
+        cycle, phases = self.equations.mesh.cycle, [arc.phase for arc in self.equations.mesh.arcs]
+        numbered = zip(range(len(phases)), phases, self.arcs, strict=True)
+        for _, group in groupby(numbered, key=lambda each: cycle.swings[each[1]]):
+            swing = [(k, arc) for k, _, arc in group]
+            for name in dict.fromkeys(name for _, arc in swing for name in arc.margins if margin(name).rises):
+                having = [(k, arc) for k, arc in swing if name in arc.margins]
+                unit = margin_unit(name, self.dynamics.scales)
+                times, values = zip(
+                    *((arc.arc.times, arc.margins[name].values / unit) for _, arc in having), strict=True
+                )
+                for n, (index, s) in enumerate(curves.minima_after_rise(times, values, AIRBORNE)):
+                    k, arc = having[index]
+                    (value,), (slope,) = arc.margins[name].at(np.array([s]))
+                    yield name, unit, Candidate(f"{name} {k} minimum {n}", float(value), slope)
 
     def invariance(self) -> Iterator[tuple[str, float, Candidate]]:
         """Name, natural unit and value of every quantity that is zero for an invariant curve, see ``invariance``."""

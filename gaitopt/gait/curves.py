@@ -3,7 +3,7 @@
 Integrals, extrema and roots of any quantity along a smooth arc then have the same accuracy as the states of the arc.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -194,12 +194,10 @@ def derivative(c: Array) -> Array:
     return np.asarray(_differentiation(c.shape[0]) @ c)
 
 
-def lowest_after_rise(
+def minima_after_rise(
     times: Sequence[Array], values: Sequence[Array], level: float | None = None
-) -> tuple[float, float]:
-    """Value and time of the lowest interior minimum of a margin after it has risen.
-
-    If the value is negative, the margin falls to zero too early.
+) -> Iterator[tuple[int, float]]:
+    """The interior minima of a margin after it has risen: index of the arc, and point in [-1, 1].
 
     Parameters
     ----------
@@ -207,24 +205,35 @@ def lowest_after_rise(
     values : values of the margin at these points, in natural units.
     level : value above which the margin has risen; None for the part ``RISEN`` of its largest value. If a level is
         given, a margin that starts at zero and rises at once counts as risen, however short the rise.
+    """
+    risen, rises_at_once = False, level is not None
+    level = RISEN * max(float(margin.max()) for margin in values) if level is None else level
+    for k, (arc, margin) in enumerate(zip(times, values, strict=True)):
+        if arc[-1] - arc[0] < SHORT_ARC * abs(times[-1][-1]):
+            continue
+        risen = risen or (rises_at_once and bool(margin[0] > -level and _slope(margin.size)[0] @ margin > level))
+        for s in minima(margin).tolist():
+            if risen or (margin[points(margin.size) < s] > level).any():
+                yield k, s
+        risen = risen or bool((margin[:-1] > level).any())
+
+
+def lowest_after_rise(
+    times: Sequence[Array], values: Sequence[Array], level: float | None = None
+) -> tuple[float, float]:
+    """Value and time of the lowest interior minimum of a margin after it has risen; see ``minima_after_rise``.
+
+    If the value is negative, the margin falls to zero too early.
 
     Returns
     -------
     lowest, time : infinity and the end of the step if there is no such minimum.
     """
-    lowest, at, risen = np.inf, float(times[-1][-1]), False
-    rises_at_once = level is not None
-    level = RISEN * max(float(margin.max()) for margin in values) if level is None else level
-    for arc, margin in zip(times, values, strict=True):
-        if arc[-1] - arc[0] < SHORT_ARC * abs(times[-1][-1]):
-            continue
-        c = coefficients(margin)
-        risen = risen or (rises_at_once and bool(margin[0] > -level and _slope(margin.size)[0] @ margin > level))
-        for s in minima(margin):
-            value = float(evaluate(c, s))
-            if value < lowest and (risen or (margin[points(margin.size) < s] > level).any()):
-                lowest, at = value, float(arc[0] + (s + 1) / 2 * (arc[-1] - arc[0]))
-        risen = risen or bool((margin[:-1] > level).any())
+    lowest, at = np.inf, float(times[-1][-1])
+    for k, s in minima_after_rise(times, values, level):
+        value = float(evaluate(coefficients(values[k]), np.array(s)))
+        if value < lowest:
+            lowest, at = value, float(times[k][0] + (s + 1) / 2 * (times[k][-1] - times[k][0]))
     return lowest, at
 
 

@@ -338,6 +338,11 @@ def margin(name: str) -> Margin:
     return replace(facts, lost=lost, absent=absent)
 
 
+def is_held(name: str) -> bool:
+    """Whether a margin is positive throughout a mode of a gait; others rise before they fall, or no gait loses them."""
+    return name != "upright" and not margin(name).rises
+
+
 def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
     """The candidates in which the walker touches the ground."""
     return tuple(mode for mode in candidates if mode.touching)

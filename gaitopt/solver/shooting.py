@@ -45,7 +45,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.section import CLOCK
 from gaitopt.model.system import HybridSystem
-from gaitopt.model.transitions import GROUND_FORCES, contact_of, kind, margin, margin_unit, named
+from gaitopt.model.transitions import GROUND_FORCES, contact_of, is_held, kind, margin, margin_unit, named
 from gaitopt.model.units import SI, Scales
 from gaitopt.problem.scalars import unit_of
 from gaitopt.solver.interval import differentiated_steps, shooting_step, stage_derivatives, stages_of
@@ -329,7 +329,7 @@ class MultipleShooting:
                 (row, k)
                 for row, name in enumerate(self._margin_names(i))
                 for k in range(arc.intervals + 1)
-                if name != "upright" and not margin(name).rises and not self.is_zero_by_event(i, k, name)
+                if is_held(name) and not self.is_zero_by_event(i, k, name)
             )
             for i, arc in enumerate(self.mesh.arcs)
         )

@@ -162,3 +162,37 @@ def test_what_a_cycle_does_not_have_is_no_objective(problem: str, objective: str
 
 
 FRICTION = {"free": [0.1, 0.6], "guess": 0.6}
+
+
+SHORTEST_STEPS = {
+    "compass-passive-a": ("walker.slope", "walker.leg_length"),
+    "compass-passive-static-kinetic": ("walker.slope", "walker.leg_length"),
+    "compass-push-off": ("walker.hip_mass", "walker.leg_length"),
+    "compass-unequal": ("walker.slope", "walker.leg_length"),
+    "compass-virtual-constraint-slip": ("walker.hip_mass", "walker.leg_length"),
+    "kneed-passive": ("walker.slope", "walker.thigh_length"),
+    "round-feet-passive": ("walker.slope", "walker.leg_length"),
+    "heel-toe-impact-slip": ("walker.slope", "walker.leg_length"),
+    "flat-foot": ("walker.slope", "walker.leg_length"),
+    "hopper": ("walker.stiffness", "walker.leg_length"),
+    "slip-run": ("walker.stiffness", "walker.mass"),
+    "slip-run-foot": ("walker.slope", "walker.body_mass"),
+    "slip-walk-stable": ("walker.stiffness", "walker.mass"),
+    "bounding-overlap": ("walker.stiffness", "walker.mass"),
+    "crawler": ("walker.slope", "walker.rear_mass"),
+    "inchworm": ("walker.slope", "walker.link_length"),
+}
+"""Gaits of every structure, with parameters that are freed by 3 % either way."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SHORTEST_STEPS)
+def test_every_structure_can_be_designed(name: str) -> None:
+    """Stops, switches, flight, massless and round feet, push-offs, several contacts and steps, clocks and sections."""
+    problem = go.load_problem(name)
+    at = {key: problem.parameters[key] for key in SHORTEST_STEPS[name]}
+    free = {key: {"free": [0.97 * value, 1.03 * value], "guess": value} for key, value in at.items()}
+    best = go.solve(problem.replace(free | {"objective": "period"}))
+    assert best.solver["kkt"] < 1e-6
+    assert best.scalar("period") <= go.solve(problem).scalar("period") + 1e-12
+    assert go.verify(best).passed
