@@ -1,6 +1,7 @@
-"""The bifurcation diagram: what walks settle on over a parameter, over the branches of a continuation.
+"""The bifurcation diagram: the attractors of walks over a parameter, drawn over the branches of a continuation.
 
-A point is a state just after an impact, so that a cycle of m steps has m points at a value; chaos fills bands.
+A point is a state just after an impact: a cycle of m steps has m points at a value of the parameter, and chaos fills
+bands.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,12 +24,12 @@ Record = Mapping[str, Any]
 
 HEIGHT = 4.6
 """Height of the figure [inch]."""
-SETTLED, STABLE, LOST = COLOURS[6], COLOURS[0], COLOURS[1]
-"""Colours of what walks settle on, and of stable and unstable gaits of branches."""
-SMALLEST = 1e-300
-"""Spectral radius below which its logarithm is that of this number: all deviations vanish."""
-CHAOS = 0.0
-"""Exponent above which neighbouring walks part."""
+ATTRACTOR_COLOUR, STABLE_COLOUR, UNSTABLE_COLOUR = COLOURS[6], COLOURS[0], COLOURS[1]
+"""Colours of attractors, and of stable and unstable gaits of branches."""
+SMALLEST_RADIUS = 1e-300
+"""The logarithm of a smaller spectral radius, with which all deviations vanish, is drawn as that of this number."""
+CHAOTIC_EXPONENT = 0.0
+"""Neighbouring walks diverge if the Lyapunov exponent is larger."""
 
 
 def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Sequence[Record]]) -> Figure:
@@ -50,8 +51,8 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
     for stored in branches.values():
         _draw_branch(axes, parameter.shown(stored), name)
     if branches:
-        handles += [entry("stable gaits", color=STABLE, linewidth=2.2)]
-        handles += [entry("unstable gaits", color=LOST, linewidth=1.2, linestyle=UNSTABLE)]
+        handles += [entry("stable gaits", color=STABLE_COLOUR, linewidth=2.2)]
+        handles += [entry("unstable gaits", color=UNSTABLE_COLOUR, linewidth=1.2, linestyle=UNSTABLE)]
     if name == "lyapunov":
         points = [
             (record["value"], run["lyapunov"])
@@ -59,7 +60,7 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
             for run in record["attractors"]
             if run["lyapunov"] is not None
         ]
-        axes.axhline(CHAOS, color=NEUTRAL, linewidth=0.8, linestyle="-.")
+        axes.axhline(CHAOTIC_EXPONENT, color=NEUTRAL, linewidth=0.8, linestyle="-.")
         axes.set_ylabel("largest Lyapunov exponent per step")
     else:
         column = result.names.index(name)
@@ -72,8 +73,8 @@ def bifurcation_diagram(result: Attractors, name: str, branches: Mapping[str, Se
         look |= {"markersize": 2.5, "markeredgewidth": 0}
         axes.set_ylabel(f"{symbol(name)} {cycle_start(result.problem)} [{typeset(state_unit(name))}]")
     if points:
-        axes.plot(*np.array(points).T, linestyle="", color=SETTLED, rasterized=True, zorder=3, **look)
-    handles.append(entry("walks settle here", color=SETTLED, marker=".", linestyle=""))
+        axes.plot(*np.array(points).T, linestyle="", color=ATTRACTOR_COLOUR, rasterized=True, zorder=3, **look)
+    handles.append(entry("walks settle here", color=ATTRACTOR_COLOUR, marker=".", linestyle=""))
     axes.set_xlim(min(r["value"] for r in records), max(r["value"] for r in records))
     axes.set_xlabel(str(parameter.label))
     legend_below(figure, handles)
@@ -87,7 +88,7 @@ def _draw_branch(axes: Axes, records: Sequence[Record], name: str) -> None:
 
     def heights(gait: Record) -> list[float]:
         if name == "lyapunov":
-            return [float(np.log(max(gait["spectral_radius"], SMALLEST)) / gait["n_steps"])]
+            return [float(np.log(max(gait["spectral_radius"], SMALLEST_RADIUS)) / gait["n_steps"])]
         return [step["state"][name] for step in gait.get("steps", [gait])]
 
     for branch in sorted({point["branch"] for point in points}):
@@ -99,4 +100,4 @@ def _draw_branch(axes: Axes, records: Sequence[Record], name: str) -> None:
         for first, last in pairwise([0, *(np.flatnonzero(np.diff(stable)) + 1), len(line)]):
             run = slice(max(first - 1, 0), last)
             look: dict[str, Any] = {"linewidth": 1.8} if stable[first] else {"linewidth": 1.2, "linestyle": UNSTABLE}
-            axes.plot(values[run], columns[run], color=STABLE if stable[first] else LOST, **look)
+            axes.plot(values[run], columns[run], color=STABLE_COLOUR if stable[first] else UNSTABLE_COLOUR, **look)

@@ -1,6 +1,6 @@
 """Figures of branches: a scalar over the continued parameter, and Floquet multipliers in the complex plane.
 
-A gait is stable where all its multipliers lie inside the unit circle, as in Figs 4, 9, 11 and 12 of Gamus & Or (2013).
+A gait is stable if all its multipliers lie inside the unit circle, as in Figs 4, 9, 11 and 12 of Gamus & Or (2013).
 Branches are drawn from the records that a continuation writes: ``point`` records with ``branch``, ``index`` and
 ``value``, and ``special`` records with ``type`` and ``value``.
 """
@@ -27,9 +27,9 @@ Multipliers = NDArray[np.complex128]
 
 UNSTABLE: Any = (0, (1.2, 1.4))
 """Line style of unstable gaits."""
-LOG = 10.0
-"""Multipliers beyond this are drawn on a log axis, or those near the unit circle could not be distinguished."""
-SPECIAL = {
+LARGEST_LINEAR = 10.0
+"""If a multiplier is larger, the axis is logarithmic, so that those near the unit circle can still be distinguished."""
+SPECIAL_LOOKS = {
     "fold": ("fold", "o"),
     "branch_point": ("branches cross", "p"),
     "period_doubling": ("period doubling", "s"),
@@ -41,30 +41,31 @@ SPECIAL = {
     "vanishing": ("gait vanishes", "x"),
     "end": ("branch ends", "|"),
 }
-"""Words and marker of every type of special point."""
-OTHER = "*"
+"""Legend entry and marker of every type of special point."""
+USER_MARKER = "*"
 """Marker of a special point that the user defined (``events``)."""
 OF_EACH_STEP = ("period", "step_length")
-"""Scalars that are drawn for every step of a cycle: at a period doubling the curve splits."""
+"""Scalars that are drawn for every step of a cycle, so that the curve splits at a period doubling."""
 CROSSINGS = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Special points at which a multiplier lies on the unit circle."""
 CROSSING, ON_CIRCLE = "#d55e00", 1e-3
 """Colour of the ring around a multiplier on the unit circle, and its largest distance from the circle."""
 MARKERS = "osD^v"
 SMALLEST_REACH, LARGEST_REACH = 1.15, 2.0
-"""Half width of the picture: the unit circle with a margin, and a width at which the circle can still be seen."""
-TEXT = np.array([0.12, 0.06])
-"""Size of the value beside a special point, relative to the axes; one that would cover another is left out."""
-MARK = np.array([0.015, 0.02])
+"""Smallest half width of the picture, for the unit circle with a margin; and largest one, with which the circle can
+still be seen."""
+VALUE_SIZE = np.array([0.12, 0.06])
+"""Size of the value beside a special point, relative to the axes; a value that would cover another is left out."""
+MARKER_SIZE = np.array([0.015, 0.02])
 """Half size of the marker of a special point, and distance of its value, relative to the axes."""
-AWAY = (1.0, 2.0, 3.5)
-"""Distances at which the value is tried, in those of ``MARK``: the closest one that is free is taken."""
-ROOM = 0.11
-"""Margin above and below the curves, for the value of a special point at their edge, relative to their height."""
-INSIDE = np.array([[0.0, 0.0], [1.03, 1.08]])
+DISTANCES = (1.0, 2.0, 3.5)
+"""Distances at which the value is tried, in those of ``MARKER_SIZE``: the closest one that is free is taken."""
+VERTICAL_MARGIN = 0.11
+"""Margin above and below the curves for the values of special points at their edge, relative to their height."""
+VALUE_REGION = np.array([[0.0, 0.0], [1.03, 1.08]])
 """Corners of the region for these values, relative to the axes."""
-SAME_PLACE = 0.1
-"""Distance below which crossings share their text."""
+SHARED_TEXT = 0.1
+"""Crossings that are closer than this share their text."""
 
 
 def over_parameter(
@@ -77,7 +78,7 @@ def over_parameter(
     Parameters
     ----------
     curves : records of one or several branches by their names in the legend.
-    parameter : that was continued.
+    parameter : the parameter that was continued.
     quantity : key of a scalar in the records.
     """
     figure, (axes,) = panels()
@@ -88,23 +89,25 @@ def over_parameter(
         points = [record for record in records if record["record"] == "point" and record.get(quantity) is not None]
         points.sort(key=lambda point: (point["branch"], point["index"]))
         specials = [record for record in records if record["record"] == "special" and not ends_by_request(record)]
-        if quantity == "spectral_radius":  # it may grow without bound to an end, which is drawn at the last point
+        if (
+            quantity == "spectral_radius"
+        ):  # it may grow without bound towards an end: the last point is drawn as the end
             specials = [{**record, "gait": {}} if record["type"] in TERMINAL else record for record in specials]
         sequences = {} if several else {point["branch"]: _sequence_words(point) for point in points}
         sequence_colours = dict(
             zip(dict.fromkeys(sequences.values()), cycle(CURVES), strict=False)
         )  # equal sequences share a colour
         for number, branch in groupby(points, key=lambda point: point["branch"]):
-            words = sequences.get(number, name)
-            branch_colour = sequence_colours.get(words, colour)
+            title = sequences.get(number, name)
+            branch_colour = sequence_colours.get(title, colour)
             _draw_branch(axes, joined(list(branch), specials, quantity), quantity, branch_colour)
             if several or len(sequences) > 1:
-                handles[words] = entry(words, color=branch_colour)
+                handles[title] = entry(title, color=branch_colour)
         marks += _mark(axes, specials, points, quantity, colour if several else NEUTRAL)
         drawn += points
     if quantity == "spectral_radius":
         axes.axhline(1, color=NEUTRAL, linewidth=0.8, linestyle="-.")
-        if any(point[quantity] > LOG for point in drawn):
+        if any(point[quantity] > LARGEST_LINEAR for point in drawn):
             axes.set_yscale("log")
     _write_values(axes, marks)
     axes.set_xlabel(str(parameter.label))
@@ -112,8 +115,8 @@ def over_parameter(
     split = any(len(_heights(point, quantity)) > 1 for point in drawn)
     axes.set_ylabel(str(replace(written, words=f"{written.words} of each step") if split else written))
     stability = [entry("stable", linewidth=2.2), entry("unstable", linewidth=1.3, linestyle=UNSTABLE)]
-    looks = [SPECIAL.get(kind, (kind, OTHER)) for kind in sorted({kind for kind, *_ in marks})]
-    markers = [entry(words, marker=marker, linestyle="", markerfacecolor="white") for words, marker in looks]
+    looks = [SPECIAL_LOOKS.get(kind, (kind, USER_MARKER)) for kind in sorted({kind for kind, *_ in marks})]
+    markers = [entry(title, marker=marker, linestyle="", markerfacecolor="white") for title, marker in looks]
     legend_below(figure, [*handles.values(), *stability, *markers])
     return figure
 
@@ -121,21 +124,21 @@ def over_parameter(
 def joined(branch: Sequence[Record], specials: Sequence[Record], quantity: str) -> list[Record]:
     """The points of a branch with the gaits of its special points between them, so that lines reach the markers.
 
-    A special point counts as stable where the point before it is: stability is lost at the marker.
+    A special point is as stable as the point before it, because stability is lost at the marker.
     """
     line, number = list(branch), branch[0]["branch"]
     for special in specials:
         gait = special.get("gait") or {}
         if gait.get(quantity) is None or not (special["branch"] == number or number in special.get("next", ())):
             continue
-        place = 0 if special["branch"] != number else _place(line, special["value"])
-        before = line[max(place - 1, 0)]
-        line.insert(place, {**gait, "value": special["value"], "branch": number, "stable": is_stable(before)})
+        index = 0 if special["branch"] != number else _insertion(line, special["value"])
+        before = line[max(index - 1, 0)]
+        line.insert(index, {**gait, "value": special["value"], "branch": number, "stable": is_stable(before)})
     return line
 
 
-def _place(line: Sequence[Record], value: float) -> int:
-    """Where a value fits between the points of a line with the least detour; after the last one if it lies beyond."""
+def _insertion(line: Sequence[Record], value: float) -> int:
+    """Index at which a value fits between the points of a line with the smallest detour; the end if it lies beyond."""
     values = [point["value"] for point in line]
     detours = [abs(value - a) + abs(b - value) - abs(b - a) for a, b in pairwise(values)]
     beyond = 2 * abs(value - values[-1])
@@ -166,8 +169,8 @@ def _draw_branch(axes: Axes, branch: Sequence[Record], quantity: str, colour: st
     """Draw runs of equal stability; neighbouring runs share a point, so that no gap opens between them."""
     values = np.array([point["value"] for point in branch])
     scalars = [_heights(point, quantity) for point in branch]
-    most = max(map(len, scalars))  # where a doubled family begins, the cycle of its origin counts twice
-    heights = np.array([entries * (most // len(entries)) for entries in scalars])
+    n_steps = max(map(len, scalars))  # a doubled family begins with the cycle of its origin, which counts twice
+    heights = np.array([entries * (n_steps // len(entries)) for entries in scalars])
     stable = np.array([is_stable(point) for point in branch])
     cuts = [0, *(np.flatnonzero(np.diff(stable)) + 1), len(branch)]
     for first, last in pairwise(cuts):
@@ -183,7 +186,7 @@ def _mark(
 
     Yields
     ------
-    kind, value, height : type and place of every special point, at its first height.
+    kind, value, height : type, parameter and first height of every special point.
     """
     for special in specials:
         near = [point for point in points if point["branch"] == special["branch"]]
@@ -192,7 +195,7 @@ def _mark(
         closest = min(near, key=lambda point: abs(point["value"] - special["value"]))
         gait = special.get("gait") or {}
         heights = _heights(closest if gait.get(quantity) is None else gait, quantity)
-        marker = SPECIAL.get(special["type"], (special["type"], OTHER))[1]
+        marker = SPECIAL_LOOKS.get(special["type"], ("", USER_MARKER))[1]
         values = [special["value"]] * len(heights)
         size = 7 if len(heights) == 1 else 4
         axes.plot(values, heights, marker, color=colour, markersize=size, markeredgewidth=1.4, markerfacecolor="white")
@@ -200,26 +203,26 @@ def _mark(
 
 
 def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None:
-    """Write the parameter beside special points, over no mark, value or curve; not where there is no room for it."""
-    axes.margins(y=ROOM)
+    """Write the parameter beside special points where this covers no marker, value or curve; otherwise leave it out."""
+    axes.margins(y=VERTICAL_MARGIN)
     axes.autoscale_view()
     to_axes, back = axes.transData + axes.transAxes.inverted(), axes.transAxes.inverted()
     lines = [(line.get_transform() + back).transform(line.get_xydata()) for line in axes.lines]
     curves = np.concatenate([_along(line) for line in lines])
-    taken = [(at - MARK, at + MARK) for at in (to_axes.transform(place) for _, *place in marks)]
+    taken = [(at - MARKER_SIZE, at + MARKER_SIZE) for at in (to_axes.transform(place) for _, *place in marks)]
     for kind, value, height in marks:
         at, options = to_axes.transform((value, height)), list[Any]()
-        sides = product(AWAY, (1, -1), (1, -1)) if kind not in TERMINAL else ()
+        sides = product(DISTANCES, (1, -1), (1, -1)) if kind not in TERMINAL else ()
         for away, side in ((away, np.array(side)) for away, *side in sides):
-            low, high = np.sort([at + away * MARK * side, at + (away * MARK + TEXT) * side], axis=0)
+            low, high = np.sort([at + away * MARKER_SIZE * side, at + (away * MARKER_SIZE + VALUE_SIZE) * side], axis=0)
             if any(np.all((low < top) & (bottom < high)) for bottom, top in taken):
                 continue
-            if np.all(low >= INSIDE[0]) and np.all(high <= INSIDE[1]):
+            if np.all(low >= VALUE_REGION[0]) and np.all(high <= VALUE_REGION[1]):
                 covered = np.all((low < curves) & (curves < high), axis=1)
                 if not covered.any():
                     options.append((away, side, low, high))
         if options:
-            away, (right, up), low, high = options[0]  # as close to its mark as there is room
+            away, (right, up), low, high = options[0]  # the closest free distance
             taken.append((low, high))
             axes.annotate(
                 f"{value:.4g}", (value, height), xytext=(7 * away * right, 5 * away * up), textcoords="offset points",
@@ -227,11 +230,11 @@ def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None
             )  # fmt: skip
 
 
-def _along(places: Array) -> Array:
-    """Places along a line through given ones, closer together than the text of a value is high; shape (n, 2)."""
-    lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T)))
-    evenly = np.linspace(0, lengths[-1], 2 + int(4 * lengths[-1] / TEXT.min()))
-    return np.column_stack([np.interp(evenly, lengths, column) for column in places.T])
+def _along(corners: Array) -> Array:
+    """Points along the line through some corners, closer together than the text of a value is high; shape (n, 2)."""
+    lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(corners, axis=0).T)))
+    evenly = np.linspace(0, lengths[-1], 2 + int(4 * lengths[-1] / VALUE_SIZE.min()))
+    return np.column_stack([np.interp(evenly, lengths, column) for column in corners.T])
 
 
 def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
@@ -244,9 +247,9 @@ def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
         places = _inside(values)
         filled: Any = {"fillstyle": "full" if stable else "none", "clip_on": False}
         axes.plot(places.real, places.imag, marker, color=colour, markersize=7, **filled)
-        texts = dict[complex, list[str]]()  # multipliers beyond the picture, by their places at its edge
+        texts = dict[complex, list[str]]()  # the multipliers beyond the picture, by their positions at its edge
         for place, value in zip(places[places != values].tolist(), values[places != values].tolist(), strict=True):
-            near = next((known for known in texts if abs(known - place) < SAME_PLACE), place)
+            near = next((known for known in texts if abs(known - place) < SHARED_TEXT), place)
             texts.setdefault(near, []).append(f"{abs(value):.3g}")
         for place, sizes in texts.items():
             side, shift = ("right", -5) if place.real > 0 else ("left", 5)
@@ -254,8 +257,8 @@ def multiplier_plane(named: Mapping[str, Multipliers]) -> Figure:
                 ", ".join(sizes), (place.real, place.imag), xytext=(shift, 8 + 12 * k), textcoords="offset points",
                 ha=side, color=colour,
             )  # fmt: skip
-        words = f"{name} ({'stable' if stable else 'unstable'})"
-        handles.append(entry(words, color=colour, marker=marker, linestyle="", fillstyle="full" if stable else "none"))
+        title = f"{name} ({'stable' if stable else 'unstable'})"
+        handles.append(entry(title, color=colour, marker=marker, linestyle="", fillstyle="full" if stable else "none"))
         reach = max(reach, _reach(values))
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach))
     legend_below(figure, handles)
@@ -278,7 +281,7 @@ def multiplier_paths(records: Sequence[Record], parameter: Parameter) -> Figure:
         on_circle = multipliers[np.abs(np.abs(multipliers) - 1) < ON_CIRCLE]
         axes.plot(on_circle.real, on_circle.imag, "o", color=CROSSING, fillstyle="none")
         for z in on_circle[:1]:
-            place = next((known for known in texts if abs(known - z) < SAME_PLACE), complex(z))
+            place = next((known for known in texts if abs(known - z) < SHARED_TEXT), complex(z))
             texts.setdefault(place, []).append(f"{special['value']:.4g}")
     for z, words in texts.items():
         right, up = 9 * z.real / abs(z), 9 * z.imag / abs(z)
@@ -320,6 +323,6 @@ def _reach(values: Multipliers) -> float:
 
 
 def _inside(values: Multipliers) -> Multipliers:
-    """Multipliers beyond the largest picture moved to its edge, towards the origin."""
+    """Multipliers, of which those beyond the largest picture are moved towards the origin to its edge."""
     size = np.maximum(np.abs(values.real), np.abs(values.imag)) / LARGEST_REACH
     return np.asarray(values / np.maximum(size, 1.0))

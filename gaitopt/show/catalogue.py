@@ -54,11 +54,12 @@ class Figures:
 
     Attributes
     ----------
-    draw : draws the figure of a name.
-    names : of all figures.
-    usual : of those that show something of this result; the first one represents it.
-    stem : of the files, if it is not the name of the figure.
-    animation : returns the moving walker as a file of a format: ``html``, ``gif`` or ``mp4``; None if nothing moves.
+    draw : function that draws the figure with a name.
+    names : names of all figures.
+    usual : names of those figures that are not empty for this result; the first one represents it.
+    stem : beginning of the names of the files, if it is not the name of the figure.
+    animation : function that returns the moving walker as a file of a format, ``html``, ``gif`` or ``mp4``; None if
+        nothing moves.
     """
 
     draw: Callable[[str], Figure]
@@ -78,17 +79,17 @@ MOTION_FIGURES: Mapping[str, Callable[[Sequence[Motion]], Figure]] = {
 }
 """Figures of gaits and walks."""
 GAIT_FIGURES = (*MOTION_FIGURES, "multipliers", "methods")
-"""Figures of one or several gaits; ``methods`` is of one."""
+"""Figures of one or several gaits; ``methods`` exists for a single one."""
 WALK_FIGURES = ("section", *MOTION_FIGURES)
 """Figures of a simulated walk."""
 PHASE = "phase"
 """Figure of gaits and walks whose control law has a phase variable."""
 DRAWN = {**MOTION_FIGURES, PHASE: phase_variable}
-OVER = "force_over_"
-"""Beginning of the name of the force ratio over a shape coordinate."""
+FORCE_OVER = "force_over_"
+"""Beginning of the name of the figure of the force ratio over a shape coordinate."""
 USUAL_BRANCH_FIGURES = ("spectral_radius", "multipliers", "speed", "cost_of_transport")
 CYCLE_FIGURES = ("step_length",)
-"""Further figures where cycles have several steps."""
+"""Further figures of branches whose cycles have several steps."""
 
 
 @singledispatch
@@ -98,7 +99,7 @@ def figures_of(result: Any) -> Figures:
     Raises
     ------
     TypeError
-        If there are none of this type.
+        If a result of this type has no figures.
     ProblemError
         If a problem, or its name, is given in place of its gait.
     ValueError
@@ -137,7 +138,7 @@ def _families_figures(branches: Mapping[str, Sequence[Record]], parameter: Param
 
 
 def _known_figures(records: Sequence[Record]) -> tuple[str, ...]:
-    """Names of the scalars of branches that any of their gaits has."""
+    """Names of those scalars that any gait of the branches has."""
     return tuple(name for name in (*SCALARS, "friction") if any(record.get(name) is not None for record in records))
 
 
@@ -177,7 +178,12 @@ def _(result: Attractors) -> Figures:
 
 
 def attractor_figures(result: Attractors, branches: Mapping[str, Sequence[Record]]) -> Figures:
-    """The figures of attractors, over branches by their names in the legend; a state, or the exponents."""
+    """The figures of attractors: every section coordinate, and the exponents.
+
+    Parameters
+    ----------
+    branches : records of branches that are drawn too, by their names in the legend.
+    """
     names = (*result.names, "lyapunov")
     return Figures(
         draw=lambda name: bifurcation_diagram(result, name, branches), names=names, usual=(result.names[0], "lyapunov")
@@ -218,8 +224,8 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
         motions = [motion_of(gait, words) for words, gait in named]
         if name == "methods":
             return method_comparison(motions[0], simulated(first))
-        if name.startswith(OVER):
-            return force_ratio(motions, name.removeprefix(OVER))
+        if name.startswith(FORCE_OVER):
+            return force_ratio(motions, name.removeprefix(FORCE_OVER))
         return DRAWN[name](motions)
 
     empty = set() if alone else {"methods"}
@@ -230,7 +236,7 @@ def _gait_figures(named: Sequence[tuple[str, Gait]]) -> Figures:
     common = [name for name in shapes[0] if all(name in shape for shape in shapes)]
     return Figures(
         draw=draw,
-        names=(*GAIT_FIGURES, *_phase_figures(gaits), *(f"{OVER}{name}" for name in common)),
+        names=(*GAIT_FIGURES, *_phase_figures(gaits), *(f"{FORCE_OVER}{name}" for name in common)),
         usual=(*(name for name in GAIT_FIGURES if name not in empty), *_phase_figures(gaits)),
         animation=(lambda extension: _animation(motion_of(first), first.problem.about, extension)) if alone else None,
     )
@@ -261,9 +267,14 @@ def branch_figures(problem: Problem, parameter: str, records: Sequence[Record]) 
 
 
 def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
-    """The figures of the branch, walk, sweep or basin in a folder, or of its fronts; or of the branches in all folders.
+    """The figures of the result in a folder, or of the branches in several folders.
 
-    Empty for folders with gaits. Branches are drawn from their records, without restoring the gaits of their points.
+    There are none for folders with gaits. A folder with fronts has figures for each of them. Branches are drawn from
+    their records, without restoring the gaits of their points.
+
+    Parameters
+    ----------
+    over : folders with branches over which attractors are drawn.
 
     Raises
     ------
@@ -287,8 +298,7 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
     if kind in ("basin", "sweep"):
         result = read_basin(folder) if kind == "basin" else read_sweep(folder)
         if len(result.grid.axes) > DRAWN_AXES:
-            words = f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two"
-            raise UnknownNameError(words)
+            raise UnknownNameError(f"{folder} is over {len(result.grid.axes)} keys; pictures are drawn over one or two")
         return [figures_of(result)]
     if kind == "attractors":
         if foreign := [place for place in over if kind_of(place) != "branch"]:
@@ -296,8 +306,9 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
         settled, branches = read_attractors(folder), {str(place): stored_branch(place) for place in over}
         for place, (_, key, _) in branches.items():
             if key != settled.axis.key:
-                words = f"{place} is a branch over {key}, but the attractors are over {settled.axis.key}"
-                raise UnknownNameError(words)
+                raise UnknownNameError(
+                    f"{place} is a branch over {key}, but the attractors are over {settled.axis.key}"
+                )
         return [attractor_figures(settled, {place: records for place, (_, _, records) in branches.items()})]
     if over:
         raise UnknownNameError(f"--over draws attractors over branches, but {folder} contains no attractors")

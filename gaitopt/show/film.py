@@ -6,7 +6,7 @@ A walker is drawn as points that move, lines between them, and discs for the mas
 known. A walker may define the lines that draw it (``Walker.outline``). Any other walker is drawn from its bodies and
 feet: two points at a constant distance are joined, and thin lines tie the other points to their neighbours.
 
-Columns of numbers are packed with 13 bits per number as base64, a constant with none. The low bytes of a column stand
+Columns of numbers are packed as base64 with 13 bits per number; a constant needs none. The low bytes of a column come
 before the high ones, which differ so little that the page compresses well.
 """
 
@@ -40,29 +40,31 @@ from gaitopt.show.motion import Motion, cycle_words, motor_label, time_label, wi
 from gaitopt.show.style import MODE_WORDS
 
 FRAMES = 72
-"""Maximum number of frames of a cycle; a page draws smooth curves through them."""
+"""Largest number of frames of a cycle; a page draws smooth curves through them."""
 FRAMES_OF_WALK = 240
-"""Minimum of the maximum number of frames of a walk."""
+"""A walk may have at least so many frames, even if it has few steps."""
 REPEATS = 4
-"""Cycles that the page plays before it starts again."""
-FEWEST = 5
-"""Minimum number of frames of a phase."""
-VISIBLE, SMALLEST = 3e-4, 1e-6
-"""Visible fraction of a state's range, and the smallest range [rad, m; per s] that matters."""
+"""Number of cycles that the page plays before it starts again."""
+FEWEST_FRAMES = 5
+"""Smallest number of frames of a phase."""
+VISIBLE_CHANGE, SMALLEST_RANGE = 3e-4, 1e-6
+"""Smallest change of a state that is visible, relative to its range; and the smallest range [rad, m; per s] that
+matters."""
 CODES = 8191
 """Largest code of a packed number; a chart on a page is some 300 pixels high."""
 RIGID = 1e-9
-"""Relative change of a distance below which two points belong to one rigid part."""
+"""Two points belong to one rigid part if their distance changes by a smaller part of itself."""
 COINCIDENT = 1e-9
-"""Distance [m] below which two points are one."""
-SAME_PLACE = 1e-9
-"""Distance of points that are the same up to rounding [m]."""
+"""Two points at a smaller distance [m] are one."""
+ROUNDING = 1e-9
+"""Points at a smaller distance [m] are the same up to rounding."""
 MAGNIFICATIONS = (100, 50, 20, 10, 5, 2)
-"""Of the magnifier; the largest one in which the longest slip fits."""
+"""Magnifications of the magnifier; the largest one is chosen in which the longest slip fits."""
 FITS = 0.3
-"""Length of a slip that fits into the magnifier, in heights of the walker as drawn outside it."""
+"""Longest slip that fits into the magnifier, in heights of the walker as drawn outside it."""
 DIGITS = 9
-"""Digits of lengths that are compared: rounding does not decide which of two equal legs comes first."""
+"""Number of digits of lengths that are compared, so that rounding does not decide which of two equal legs comes
+first."""
 
 
 class PackedRecord(TypedDict):
@@ -82,11 +84,12 @@ class FilmContactRecord(TypedDict):
 
 
 class FilmPhaseRecord(TypedDict):
-    """A phase: ``mode`` gives its colour, ``words`` say what the contacts do, ``contacts`` have the mode of each.
+    """A phase: ``mode`` determines its colour, ``words`` describe the contacts, ``contacts`` are their modes.
 
-    ``undetermined`` says of each whether its share of a force is undetermined: the page then draws no force. A phase
-    lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin`` [m].
-    ``closeup`` is the number of the contact under the magnifier and the place [m] at its middle; None if there is none.
+    ``undetermined`` says for each contact whether its share of a force is undetermined: the page then draws no force. A
+    phase lasts from ``start`` to ``end`` [s] and from frame ``first`` to ``last``, in a ``step`` with its ``origin``
+    [m]. ``closeup`` is the number of the contact under the magnifier and the x [m] at its middle; None if there is
+    none.
     """
 
     mode: str
@@ -103,7 +106,7 @@ class FilmPhaseRecord(TypedDict):
 
 
 class FilmRecord(TypedDict):
-    """What a page knows of a motion, in SI units: the one statement of what ``film`` writes and the scripts read.
+    """The data of a motion on a page, in SI units. ``film`` writes them and the scripts of pages read them.
 
     Frames are Chebyshev points of each phase, as many as a smooth curve needs; their columns are the coordinates ``xK``
     and ``yK`` of the points, the force ``f_tN`` and ``f_nN`` at each contact, the shape with its rates, and
@@ -149,9 +152,9 @@ class Skeleton:
     points : ndarray, shape (m, n, 2) - positions [m] at m times; the first is the stance foot, the second the swing
         foot.
     legs : pairs of indices into the points, stance leg first.
-    sides : of every pair, 0 for the leg that stands, 1 for the one that swings, None for neither; () if not known.
-    ties : pairs that are not rigid.
-    discs : index and mass fraction of every mass.
+    sides : for every pair, 0 if it is part of the stance leg, 1 for the swing leg, None for neither; () if not known.
+    ties : pairs of points that are not rigid.
+    discs : for every mass, the index of its point and its part of the whole mass.
     contacts : index of the point of every contact, in the order of ``Walker.contact_names``.
     """
 
@@ -172,7 +175,7 @@ def skeleton(arcs: Sequence[Arc]) -> Skeleton:
     places = []
     for arc in arcs:
         q = arc.states[:, : len(walker.coordinates())].T
-        for name in {*held} - {*arc.mode.touching}:  # drawn where it is going to land
+        for name in {*held} - {*arc.mode.touching}:  # it is drawn where it is going to land
             q = np.asarray(held[name](q, arc.dynamics.p[:n_p]))
         places.append(np.asarray(positions(q, arc.dynamics.p[:n_p])))
     points = np.hstack(places).T.reshape(sum(arc.times.size for arc in arcs), -1, 2)
@@ -198,22 +201,22 @@ def slope(motion: Motion) -> float:
 
 
 def magnifier(motion: Motion) -> tuple[int, list[tuple[int, float] | None]]:
-    """Magnification in which every slip of a contact is seen whole, and what is magnified in each arc of the motion.
+    """Magnification with which every slip of a contact is seen whole, and the magnified contact in every arc.
 
-    A contact is magnified while it stays on the ground, if it slips during this time. Among several, it is the one that
-    slips, or else the one that was magnified before.
+    A contact is magnified while it stays on the ground, if it slips during this time. If there are several, it is the
+    one that slips, or else the one that was magnified before.
 
     Returns
     -------
-    magnification : of ``MAGNIFICATIONS``; 0 if no contact slips, or if slips are too long to be magnified.
-    closeups : number of the contact and the place [m] in the middle of its trace, for every arc; or None.
+    magnification : one of ``MAGNIFICATIONS``; 0 if no contact slips, or if slips are too long to be magnified.
+    closeups : for every arc the number of the contact and the x [m] in the middle of its trace; or None.
     """
     names = motion.walker.contact_names()
-    arcs, steps, origins, place = list[Arc](), list[int](), list[float](), 0.0
+    arcs, steps, origins, origin = list[Arc](), list[int](), list[float](), 0.0
     for number, step in enumerate(motion.steps):
         arcs, steps = [*arcs, *step.arcs], [*steps, *[number] * len(step.arcs)]
-        origins += [place] * len(step.arcs)
-        place += step.impact.step_length if step.impact is not None else 0.0
+        origins += [origin] * len(step.arcs)
+        origin += step.impact.step_length if step.impact is not None else 0.0
     drawing = skeleton(arcs)
     rows = [slice(end - len(arc.times), end) for arc, end in zip(arcs, accumulate(map(_count, arcs)), strict=True)]
     stays, longest = list[dict[int, float]]({} for _ in arcs), 0.0
@@ -249,7 +252,7 @@ def _count(arc: Arc) -> int:
 
 
 def _wheel(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
-    """All spokes, turned about the hub from the stance spoke."""
+    """The drawing of a wheel: all spokes, turned about the hub from the stance spoke."""
     spokes = round(dynamics.parameter("walker.spokes"))
     foot, swing, hub = (bare.points[:, k] for k in range(3))
     turns = -2 * np.pi / spokes * np.arange(2, spokes)
@@ -266,7 +269,7 @@ _DRAWINGS: dict[type[Walker], Callable[[Skeleton, Dynamics], Skeleton]] = {
 
 
 def _rigid_parts(bare: Skeleton, dynamics: Dynamics) -> Skeleton:
-    """A shortest tree over the points (Kruskal), rigid pairs first."""
+    """The drawing as a shortest tree over the points (Kruskal), with rigid pairs first."""
     pairs = []
     for a, b in combinations(range(bare.points.shape[1]), 2):
         distance = np.linalg.norm(bare.points[:, a] - bare.points[:, b], axis=1)
@@ -322,11 +325,11 @@ def _mechanism(
 def _exchanged(
     walker: type[Walker], mechanism: Mechanism, lines: Sequence[Sequence[SX]], q: SX, p: SX
 ) -> tuple[int | None, ...]:
-    """The sides of the pieces of an outline: pieces of two legs change places when the feet swap roles.
+    """The sides of the pieces of an outline. The pieces of the two legs are exchanged when the feet swap roles.
 
     Returns
     -------
-    sides : of every piece; () if no piece changes places with another.
+    sides : side of every piece; () if no piece is exchanged with another.
     """
     pieces = [horzcat(*pair) for line in lines for pair in pairwise(line)]
     if mechanism.relabel.numel() == 0 or not pieces:
@@ -335,14 +338,14 @@ def _exchanged(
     shape = dict(zip(walker.shape, vertsplit(SX(mechanism.relabel)), strict=True))
     swapped = vertcat(*((shape | base)[name] for name in walker.coordinates()))
     random = np.random.default_rng(0)
-    place = random.uniform(-0.3, 0.3, q.numel()), random.uniform(0.5, 1.5, p.numel())
+    pose = random.uniform(-0.3, 0.3, q.numel()), random.uniform(0.5, 1.5, p.numel())
     drawn, after = Function("pieces", [q, p], [vertcat(*pieces)]), Function("swapped", [q, p], [swapped, base["y"]])
-    exchanged, height = after(*place)
-    here, there = (np.asarray(drawn(at, place[1])).reshape(-1, 2, 2) for at in (place[0], exchanged))
+    exchanged, height = after(*pose)
+    here, there = (np.asarray(drawn(at, pose[1])).reshape(-1, 2, 2) for at in (pose[0], exchanged))
     if "y" not in walker.coordinates():
         there = there + np.array([[0.0], [float(height)]])
     gaps = [[min(np.abs(one - other).max(), np.abs(one - other[:, ::-1]).max()) for other in there] for one in here]
-    partners = [int(np.argmin(row)) if min(row) < SAME_PLACE else k for k, row in enumerate(gaps)]
+    partners = [int(np.argmin(row)) if min(row) < ROUNDING else k for k, row in enumerate(gaps)]
     partners = [partner if partners[partner] == k else k for k, partner in enumerate(partners)]
     if all(partner == k for k, partner in enumerate(partners)):
         return ()
@@ -358,7 +361,7 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
     for index, (began, step) in enumerate(with_start_times(motion.steps)):
         time, place = path[-1]
         for whole in step.arcs:
-            arc = _at_frames(whole, max(FEWEST, round(frames * whole.duration / motion.period)))
+            arc = _at_frames(whole, max(FEWEST_FRAMES, round(frames * whole.duration / motion.period)))
             arcs.append(arc)
             phases.append(
                 {
@@ -425,25 +428,25 @@ def film(motion: Motion, frames: int = FRAMES) -> FilmRecord:
 
 
 def _overall(mode: Mode) -> str:
-    """One word for all contacts, by which a phase has its colour."""
-    words = [word for word in mode.contacts.values() if word in MODE_WORDS]
-    return next((word for word in words if word != Mode.STICK), words[0] if words else str(Mode.FLIGHT))
+    """The mode that determines the colour of a phase, one for all contacts."""
+    states = [state for state in mode.contacts.values() if state in MODE_WORDS]
+    return next((state for state in states if state != Mode.STICK), states[0] if states else str(Mode.FLIGHT))
 
 
 def contacts_words(mode: Mode) -> str:
-    """What the contacts on the ground do: ``heel slip forward, toe stick``."""
+    """A text with the mode of every contact on the ground: ``heel slip forward, toe stick``."""
     return mode.contact.brief.replace("_", " ").replace(" + ", ", ")
 
 
-def _at_frames(arc: Arc, most: int) -> Arc:
-    """The arc at as few Chebyshev points as resolve it for the eye, but no more than ``most``."""
-    if len(arc.times) == 2:  # too short to be anything but straight
+def _at_frames(arc: Arc, limit: int) -> Arc:
+    """The arc at as few Chebyshev points as resolve it for the eye, but no more than ``limit``."""
+    if len(arc.times) == 2:  # so short that it is straight
         return arc
     fitted = curves.coefficients(arc.states)
-    scale = np.maximum(np.ptp(arc.states, axis=0), SMALLEST)
-    lost = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # by a series that ends before each term
-    enough = int(np.argmax(np.append(lost, 0.0) < VISIBLE))
-    s = curves.points(min(max(enough, FEWEST), max(most, FEWEST)))
+    scale = np.maximum(np.ptp(arc.states, axis=0), SMALLEST_RANGE)
+    lost = (np.abs(fitted[::-1]).cumsum(axis=0)[::-1] / scale).max(axis=1)  # error of a series that ends before a term
+    enough = int(np.argmax(np.append(lost, 0.0) < VISIBLE_CHANGE))
+    s = curves.points(min(max(enough, FEWEST_FRAMES), max(limit, FEWEST_FRAMES)))
     states = np.asarray(curves.evaluate(fitted, s))
     return replace(arc, times=arc.start + arc.duration * (s + 1) / 2, states=states)
 

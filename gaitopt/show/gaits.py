@@ -2,8 +2,8 @@
 
     sigma = f_t / f_n,      |sigma| <= mu        the friction cone; a sticking impact needs |F_t| / F_n <= mu too
 
-Figs 2, 3, 6, 7 and 8 of Gamus & Or (2013). Only stored quantities are drawn, so that a gait that was read back from its
-folder has the same figure.
+They include Figs 2, 3, 6, 7 and 8 of Gamus & Or (2013). Only stored quantities are drawn, so that a gait that was read
+back from its folder has the same figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -62,23 +62,24 @@ from gaitopt.verification.walk import Walk
 OUTSIDE: dict[str, Any] = {"facecolor": "#b39b77", "alpha": 0.2, "edgecolor": "none"}
 """Look of the region beyond the friction cone, on any background."""
 SLIP_WIDTH, EDGE_DASHES = 4.0, (0, (1.3, 0.6))
-"""Width [points] and dashes, in widths, of the force ratio of a foot that slips: on the edge of the cone."""
-BAR, NARROW = 0.8, 0.005
-"""Height of the bar of a mode, and the part of the time axis below which a slip is marked, as it is not seen."""
+"""Width [points] and dashes, in widths, of the force ratio of a foot that slips, which lies on the edge of the cone."""
+BAR_HEIGHT, NARROW_BAR = 0.8, 0.005
+"""Height of the bar of a mode; and the part of the time axis below which the bar of a slip is so narrow that the slip
+is marked."""
 MARKED_STATES = 6
-"""Most states after impacts that are marked in the portrait of a walk."""
+"""Largest number of states after impacts that are marked in the portrait of a walk."""
 CONE_ROOM = 1.35
 """Half height of the axes relative to the coefficient of friction."""
-VISIBLE = 1e-6
+SMALLEST_JUMP = 1e-6
 """Smallest jump of a state [rad, m; per s] that is not due to rounding."""
-GAIT, FAILED = "#009e73", "#d55e00"
+GAIT_COLOUR, FAILURE_COLOUR = "#009e73", "#d55e00"
 """Colours of the gait with which a walk is compared, and of the end of a walk that failed."""
 STRIP_ROW = 0.1
 """Height of each further row of the modes above torques [inch]."""
-PANEL_HEIGHT, FOOT = 1.35, 1.1
-"""Height of one panel, and of axis and legend below [inch]."""
+PANEL_HEIGHT, AXIS_HEIGHT = 1.35, 1.1
+"""Height of one panel, and of axis and legend below all panels [inch]."""
 LABEL_CHARACTERS = 16
-"""Characters of a label that fit beside a panel."""
+"""Number of characters of a label that fit beside a panel."""
 ROUNDING = 1e-17
 """Height at which a difference of zero is drawn on the log axis."""
 
@@ -110,8 +111,8 @@ def force_ratio(motions: Sequence[Motion], against: str = "time") -> Figure:
     handles.extend(_cones(axes, motions))
     modes = [mode for motion in motions for mode in motion.modes]
     crosses = [line for line in axes.lines if line.get_marker() == "x"][:1]
-    words = [entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8) for _ in crosses]
-    legend_below(figure, [*handles, *mode_legend(modes, each=True), *words])
+    ratios = [entry("impulse ratio to stick", marker="x", linestyle="", markeredgewidth=1.8) for _ in crosses]
+    legend_below(figure, [*handles, *mode_legend(modes, each=True), *ratios])
     return figure
 
 
@@ -121,7 +122,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
     colours = _contact_colours(motions)
     for motion in motions:
         for began, step in with_start_times(motion.steps):
-            slipped = dict[str, float]()  # of the contacts on the ground, since they landed
+            slipped = dict[str, float]()  # slip of the contacts on the ground since they landed
             for arc in step.arcs:
                 slipped = {name: slipped.get(name, 0.0) for name in arc.mode.touching}
                 times, s = resampled(arc).times, resampled_places(arc)
@@ -140,7 +141,7 @@ def foot_slip(motions: Sequence[Motion]) -> Figure:
 
 
 def contact_diagram(motions: Sequence[Motion]) -> Figure:
-    """What every contact does versus time, a row each: a gait diagram."""
+    """The gait diagram: the mode of every contact versus time, in a row each."""
     figure, (axes,) = panels(height=1.4 + 0.32 * len(contact_rows(motions)))
     handles = mode_strip(axes, motions)
     axes.tick_params(labelbottom=True)
@@ -166,11 +167,11 @@ def _contact_entries(motions: Sequence[Motion], colours: Mapping[tuple[str, tupl
     """Entries of the legend: the motions, or their contacts."""
     walkers = {motion.name: motion.walker for motion in motions}
 
-    def words(motion: str, contacts: tuple[str, ...]) -> str:
+    def title(motion: str, contacts: tuple[str, ...]) -> str:
         own = " + ".join(filter(None, map(walkers[motion].label, contacts))).replace("_", " ")
         return motion if not own else f"{motion}: {own}" if len(motions) > 1 else own
 
-    return [entry(words(*key), color=colour) for key, colour in colours.items()]
+    return [entry(title(*key), color=colour) for key, colour in colours.items()]
 
 
 def _line(contact: ContactObservation) -> Any:
@@ -221,9 +222,10 @@ def contact_rows(motions: Sequence[Motion]) -> list[tuple[Motion, str]]:
 
 
 def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
-    """Draw what every contact does versus time as coloured bars, a row each; returns the legend's entries.
+    """Draw the mode of every contact versus time as coloured bars, in a row each; returns the legend's entries.
 
-    A slip too short to be seen has a mark above its bar. A contact that is off leaves its row empty, except in flight.
+    A slip that is too short to be seen has a mark above its bar. The row of a contact off the ground is empty, except
+    in flight.
     """
     rows, present, narrow = contact_rows(motions), set[Mode](), False
     whole = max(motion.period for motion in motions)
@@ -233,15 +235,15 @@ def mode_strip(axes: Axes, motions: Sequence[Motion]) -> list[Patch | Line2D]:
                 word = arc.mode.contacts[name] if arc.mode.touching else Mode.FLIGHT
                 if word != OFF:
                     begin, colour = began + arc.start, MODE_COLOURS[Mode(word)]
-                    axes.barh(row, arc.duration, left=begin, height=BAR, color=colour, linewidth=0)
-                    if arc.duration < NARROW * whole and Mode(word).slips:
+                    axes.barh(row, arc.duration, left=begin, height=BAR_HEIGHT, color=colour, linewidth=0)
+                    if arc.duration < NARROW_BAR * whole and Mode(word).slips:
                         style: dict[str, Any] = {
                             "color": colour,
                             "markeredgecolor": "black",
                             "markeredgewidth": 0.4,
                             "clip_on": False,
                         }
-                        place = begin + arc.duration / 2, row - BAR / 2 - 0.02
+                        place = begin + arc.duration / 2, row - BAR_HEIGHT / 2 - 0.02
                         axes.plot(*place, marker=CARETDOWNBASE, markersize=5, linestyle="", zorder=3, **style)
                         narrow = True
                     present.add(Mode(word))
@@ -281,7 +283,7 @@ def _draw_ratio(axes: Axes, motion: Motion, against: str, colours: Mapping[tuple
 
 
 def _cones(axes: Axes, motions: Sequence[Motion]) -> list[Line2D | Patch]:
-    """Edges of the friction cone, shaded beyond where there is just one; returns the legend's entries."""
+    """Draw the edges of friction cones, with a shade beyond if there is just one; returns the legend's entries."""
     own = [
         round(float(static), 12)
         for motion in motions
@@ -350,9 +352,9 @@ def _draw_orbit(axes: Axes, motion: Motion, name: str, colour: str) -> None:
 
 
 def _leaps(step: Step) -> list[tuple[Array, Array]]:
-    """States before and after every jump within a step, as where a stop locks."""
+    """States before and after every jump within a step, such as that of a stop that locks."""
     ends = [(before.states[-1], after.states[0]) for before, after in pairwise(step.arcs)]
-    return [(before, after) for before, after in ends if np.abs(after - before).max() > VISIBLE]
+    return [(before, after) for before, after in ends if np.abs(after - before).max() > SMALLEST_JUMP]
 
 
 def section_states(walk: Walk) -> Figure:
@@ -362,26 +364,26 @@ def section_states(walk: Walk) -> Figure:
     names = list(walk.system.walker.section_names(slipping=True))
     if len(names) > 1 and not np.any(states[:, -1]):
         names.pop()  # no foot slips just after an impact
-    figure, axes = panels(len(names), height=PANEL_HEIGHT * len(names) + FOOT)
+    figure, axes = panels(len(names), height=PANEL_HEIGHT * len(names) + AXIS_HEIGHT)
     for name, panel in zip(names, axes, strict=True):
         column = walk.system.state_names.index(name)
         for state in walk.gait_states:
-            panel.axhline(state[column], color=GAIT, linewidth=1.4)
+            panel.axhline(state[column], color=GAIT_COLOUR, linewidth=1.4)
         panel.plot(range(len(states)), states[:, column], ".-", color=COLOURS[0], linewidth=1.0, markersize=7)
         if failed:
-            panel.axvline(len(states) - 0.5, color=FAILED, linestyle="--")
+            panel.axvline(len(states) - 0.5, color=FAILURE_COLOUR, linestyle="--")
         low, high = panel.get_ylim()
-        if high - low < VISIBLE:  # a walk on its gait
-            room = max(VISIBLE, abs(low) / 10)
+        if high - low < SMALLEST_JUMP:  # a walk on its gait
+            room = max(SMALLEST_JUMP, abs(low) / 10)
             panel.set_ylim(low - room, high + room)
         panel.set_ylabel(fill(f"{symbol(name)} [{state_unit(name)}]", LABEL_CHARACTERS))
         panel.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1].set_xlabel("steps since the start")
     figure.align_ylabels(axes)
     handles = [entry(cycle_start(walk.system).replace("the", "each"), color=COLOURS[0], marker=".", linewidth=1.0)]
-    handles += [entry("the gait", color=GAIT, linewidth=1.4)] if len(walk.gait_states) else []
-    words = f"the walk ends: {str(ending).replace('_', ' ')}"
-    handles += [entry(words, color=FAILED, linestyle="--")] if failed else []
+    handles += [entry("the gait", color=GAIT_COLOUR, linewidth=1.4)] if len(walk.gait_states) else []
+    title = f"the walk ends: {str(ending).replace('_', ' ')}"
+    handles += [entry(title, color=FAILURE_COLOUR, linestyle="--")] if failed else []
     legend_below(figure, handles)
     return figure
 

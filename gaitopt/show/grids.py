@@ -1,7 +1,7 @@
 """Figures over a grid: sweeps, basins of attraction, and the Pareto front of a chain of designs.
 
 A scalar of the gaits of a sweep is drawn as a curve or as a heat map; the states of a basin have the colour of the gait
-on which they end. Crosses and ticks mark where there is no gait, in one colour per reason.
+on which they end. Crosses and ticks mark points without a gait, in one colour per reason.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -42,33 +42,34 @@ MISSING = "#e4e4e4"
 """Colour of a cell of a heat map without a gait."""
 CROSSES, TICKS = ("#4d4d4d", "#882255", "#117733"), ("#d55e00", "#cc79a7", "#4d4d4d")
 """Colours of the reasons why there is no gait, in a sweep and along a front."""
-FOOT, MARGIN = 0.03, 0.02
-"""Height of the crosses of a curve in the axes, and margin beside the requested range."""
-LOST = "#d55e00"
+CROSS_HEIGHT, MARGIN = 0.03, 0.02
+"""Height of the crosses below a curve in the axes, and margin beside the requested range."""
+BOUNDARY_COLOUR = "#d55e00"
 """Colour of the line where stability is lost; it stands out from all colours of the map."""
-FENCE = 3.0
-"""Distance from the quartiles, in their distance, beyond which values are outliers: of another branch, most often."""
-ROUNDING, AROUND = 1e-9, 0.01
-"""Relative spread below which all values are equal, and half width of the colour scale around them."""
+OUTLIER_DISTANCE = 3.0
+"""Values that are farther from the quartiles than this, in the distance between the quartiles, are outliers; most often
+they belong to another branch."""
+EQUAL_SPREAD, HALF_SCALE = 1e-9, 0.01
+"""If the relative spread of all values is below the first number, they are equal; the second one is then the half width
+of the colour scale around them."""
 BOUNDARY = 1.0
-"""Modulus of the largest multiplier at which stability is lost."""
+"""Stability is lost at this modulus of the largest multiplier."""
 ON_FRONT, BEATEN = "o", "s"
 """Markers of the designs of a front, and of those that another design beats."""
 FAILURES = (
     "#000000", "#ffffff", "#bdbdbd", "#d5e0d5", "#c8c0b0", "#f5f0c8", "#d9d9d9", "#c9d6e6", "#f0e0d0",
     "#6e6e6e", "#e5dbe5", "#e8c8c8", "#b8c8b8", "#d8c8e8", "#a8a8b8", "#c0b0a0", "#969696",
 )  # fmt: skip
-"""Shades of the ways to fail by their codes, so that every picture has the same, and last those without an end.
-
-They are pale, so that the gaits stand out."""
+"""Shades of the endings of walks by their codes, so that every picture has the same. The last ones stand for walks
+without an end. The shades are pale, so that the gaits stand out."""
 MAP_HEIGHT, LINE_HEIGHT = 4.6, 1.6
 """Height of a map over two keys, and of a basin over one coordinate [inch]."""
 
 
 def sweep(result: Sweep, scalar: str) -> Figure:
-    """A scalar over the whole grid; crosses where there is no gait, and a line where the spectral radius is one.
+    """A scalar over the whole grid, with crosses at points without a gait.
 
-    Between neighbouring points the spectral radius is interpolated for that line.
+    In a map, a line shows where the spectral radius, interpolated between neighbouring points, is one.
 
     Raises
     ------
@@ -93,15 +94,15 @@ def sweep(result: Sweep, scalar: str) -> Figure:
             axes.set_xlim(places.min() - margin, places.max() + margin)
         else:
             handles = _heat_map(figure, axes, result, scalar)
-        # a mode sequence that was stated says nothing about other phases
+        # a search with a given mode sequence says nothing about other phases
         infeasible = "no gait" if result.problem.is_open else "not with these phases"
         points = np.array([[float(v) for v in point] for point in grid.points(np.arange(grid.size))])
         points = np.where([axis.unit == "deg" for axis in grid.axes], np.degrees(points), points)
         failures = dict[str, list[tuple[float, float]]]()
         for record, point in zip(result.records, points, strict=True):
             if record["status"] != Status.CONVERGED:
-                words = infeasible if record["status"] == Status.INFEASIBLE else record["status"].replace("_", " ")
-                failures.setdefault(words, []).append((point[0], FOOT if curve else point[1]))
+                reason = infeasible if record["status"] == Status.INFEASIBLE else record["status"].replace("_", " ")
+                failures.setdefault(reason, []).append((point[0], CROSS_HEIGHT if curve else point[1]))
         cross: dict[str, Any] = {"marker": "x", "markeredgewidth": 1.5}
         look = {**cross, "markersize": 6 if curve else 4}
         handles += _mark_failures(axes, failures, CROSSES, look, cross, at_foot=curve)
@@ -126,19 +127,19 @@ def _mark_failures(
     *,
     at_foot: bool,
 ) -> Iterator[Line2D]:
-    """Mark the places without a gait by their reasons; yields the legend's entries.
+    """Mark the points without a gait by their reasons; yields the legend's entries.
 
     Parameters
     ----------
-    failures : places by the words for the reason.
+    failures : points by the text of the reason.
     look, legend_look : marker and its properties in the picture and in the legend.
     at_foot : whether heights are fractions of the axes.
     """
-    for (words, places), colour in zip(failures.items(), colours, strict=False):
+    for (reason, points), colour in zip(failures.items(), colours, strict=False):
         transform = axes.get_xaxis_transform() if at_foot else axes.transData
-        x, y = zip(*places, strict=True)
+        x, y = zip(*points, strict=True)
         axes.plot(x, y, linestyle="", color=colour, transform=transform, **look)
-        yield entry(words, linestyle="", color=colour, **legend_look)
+        yield entry(reason, linestyle="", color=colour, **legend_look)
 
 
 def _heat_map(figure: Figure, axes: Axes, result: Sweep, scalar: str) -> list[Line2D]:
@@ -157,20 +158,22 @@ def _heat_map(figure: Figure, axes: Axes, result: Sweep, scalar: str) -> list[Li
     known = radii[np.isfinite(radii)]
     if min(radii.shape) < 2 or not known.size or not known.min() < BOUNDARY < known.max():
         return []
-    line = axes.contour(first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=LOST, linewidths=2)
+    line = axes.contour(
+        first, second, np.ma.masked_invalid(radii.T), levels=[BOUNDARY], colors=BOUNDARY_COLOUR, linewidths=2
+    )
     has_line = any(np.size(path.vertices) for path in line.get_paths())  # none where the neighbours have no gait
-    return [entry("spectral radius 1: stability lost", color=LOST, linewidth=2)] if has_line else []
+    return [entry("spectral radius 1: stability lost", color=BOUNDARY_COLOUR, linewidth=2)] if has_line else []
 
 
 def _colour_range(values: Array) -> tuple[float, float]:
-    """Ends of the colour scale: those of the values, but that a few far away from all others do not stretch it."""
+    """Ends of the colour scale: the smallest and largest value, without a few that are far from all others."""
     known = values[np.isfinite(values)]
-    if not known.size or np.ptp(known) <= ROUNDING * np.abs(known).max():
+    if not known.size or np.ptp(known) <= EQUAL_SPREAD * np.abs(known).max():
         middle = float(known.mean()) if known.size else 0.0
-        half = AROUND * abs(middle) or 1.0
+        half = HALF_SCALE * abs(middle) or 1.0
         return middle - half, middle + half
     low, high = np.percentile(known, [25, 75])
-    near = known[(known >= low - FENCE * (high - low)) & (known <= high + FENCE * (high - low))]
+    near = known[(known >= low - OUTLIER_DISTANCE * (high - low)) & (known <= high + OUTLIER_DISTANCE * (high - low))]
     return float(near.min()), float(near.max())
 
 
@@ -186,16 +189,16 @@ def basin(result: Basin) -> Figure:
         raise ValueError(f"a picture needs a grid over one or two coordinates, not {len(result.grid.axes)}")
     first, *second = result.grid.axes
     classes, several = result.labels.copy(), len(result.attractors) > 1
-    words = [f"{gait} {k}" if several else str(gait) for k, gait in enumerate(result.attractors, 1)]
-    colours = [COLOURS[k % len(COLOURS)] for k in range(len(words))]
+    titles = [f"{gait} {k}" if several else str(gait) for k, gait in enumerate(result.attractors, 1)]
+    colours = [COLOURS[k % len(COLOURS)] for k in range(len(titles))]
     endings, counts = np.unique(result.endings[result.labels < 0], return_counts=True)
     for ending in endings[np.argsort(-counts)]:
-        classes[(result.labels < 0) & (result.endings == ending)] = len(words)
-        words.append("undecided" if ending == UNDECIDED else str(ENDINGS[ending]).replace("_", " "))
+        classes[(result.labels < 0) & (result.endings == ending)] = len(titles)
+        titles.append("undecided" if ending == UNDECIDED else str(ENDINGS[ending]).replace("_", " "))
         colours.append(FAILURES[ending])
     handles = [
         Line2D([], [], label=w, marker="s", linestyle="", markerfacecolor=c, markeredgecolor="#8c8c8c", markersize=8)
-        for w, c in zip(words, colours, strict=True)
+        for w, c in zip(titles, colours, strict=True)
     ]
     figure, (axes,) = panels(height=MAP_HEIGHT if second else LINE_HEIGHT)
     rows = in_given_unit(second[0]) if second else np.array([-1.0, 1.0])
@@ -208,9 +211,9 @@ def basin(result: Basin) -> Figure:
     for gait in result.attractors:
         values = [(axis, gait.named_state[axis.key]) for axis in result.grid.axes]
         point = [np.degrees(value) if axis.unit == "deg" else value for axis, value in values]
-        place = point if second else (*point, 0.0)
-        axes.plot(*place, "+", color="white", markersize=12, markeredgewidth=3.5)
-        axes.plot(*place, "+", color="black", markersize=11, markeredgewidth=1.4)
+        x_y = point if second else (*point, 0.0)
+        axes.plot(*x_y, "+", color="white", markersize=12, markeredgewidth=3.5)
+        axes.plot(*x_y, "+", color="black", markersize=11, markeredgewidth=1.4)
     axes.set_xlabel(_state_label(first, result.problem))
     if second:
         axes.set_ylabel(_state_label(second[0], result.problem))
@@ -229,7 +232,7 @@ def _state_label(axis: Axis, problem: Problem) -> str:
 
 
 def front_figure(problem: Problem, key: str, points: Sequence[Record]) -> Figure:
-    """The objective versus the varied number; where a bound is varied, versus the scalar that it bounds.
+    """The objective versus the varied number; if a bound is varied, versus the scalar that it bounds.
 
     Requests without a design are ticks on the axis, with their reason in the legend.
 
@@ -256,15 +259,17 @@ def pareto_front(
     failed: Sequence[Record] = (),
     problem: Problem | None = None,
 ) -> Figure:
-    """Gaits of one or several fronts in the plane of two scalars; unstable gaits are hollow, beaten ones off the line.
+    """Gaits of one or several fronts in the plane of two scalars.
+
+    The markers of unstable gaits are hollow. A gait that another one beats in both scalars is not on the line.
 
     Parameters
     ----------
-    fronts : records of gaits by their names in the legend; those with ``pareto`` false are beaten.
+    fronts : records of gaits by their names in the legend; another gait beats those with ``pareto`` false.
     first, second : keys of the scalars, on the horizontal and the vertical axis.
     varied : dotted key of the number whose values are ``value`` in the records.
     failed : records of requests without a design.
-    problem : whose motors determine units.
+    problem : the problem, whose motors determine units.
     """
     figure, (axes,) = panels()
     handles, looks = list[Line2D](), set[tuple[bool, bool]]()

@@ -28,9 +28,9 @@ from gaitopt.store.gaits import POINTS, integrated_steps
 from gaitopt.verification.walk import Walk
 
 POINTS_SHOWN = 20
-"""Maximum number of markers of a gait's points; more would hide the curve."""
-SMOOTH = 120
-"""Least number of points of an arc that is drawn as a smooth line."""
+"""Largest number of markers of a gait's points; more would hide the curve."""
+FEWEST_POINTS = 120
+"""Smallest number of points of an arc that is drawn as a smooth line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,10 +39,11 @@ class Motion:
 
     Attributes
     ----------
-    name : for legends.
+    name : name in legends.
     dynamics : the hybrid system that moves, at its parameters.
-    steps : each with arcs at Chebyshev points, and the impact at their end; the last one of a walk may have none.
-    periodic : whether it repeats itself.
+    steps : steps with their arcs at Chebyshev points and the impact at their end; the last step of a walk may have no
+        impact.
+    periodic : whether the motion repeats itself.
     """
 
     name: str
@@ -62,7 +63,7 @@ class Motion:
 
     @property
     def period(self) -> float:
-        """Time of the whole cycle [s]."""
+        """Duration of the whole cycle [s]."""
         return sum(step.period for step in self.steps)
 
     def state_index(self, name: str) -> int:
@@ -94,9 +95,9 @@ def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str 
 
     Parameters
     ----------
-    dynamics : at the parameters for which the record holds.
+    dynamics : dynamics at the parameters of the record.
     record : a gait or a point of a branch, with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
-    points : Chebyshev points of every phase.
+    points : number of Chebyshev points of every phase.
     """
     steps = integrated_steps(dynamics, record, points)
     return Motion(name=name or str(record["problem"]), dynamics=dynamics, steps=steps)
@@ -105,7 +106,7 @@ def motion_from_record(dynamics: Dynamics, record: Mapping[str, Any], name: str 
 def resampled(arc: Arc, count: int = 0) -> Arc:
     """The same arc at ``count`` equidistant times, or at those of ``resampled_places``."""
     s = np.linspace(-1, 1, count) if count else resampled_places(arc)
-    if len(arc.times) == 2:  # too short to be anything but straight
+    if len(arc.times) == 2:  # so short that it is straight
         states = arc.states[0] + (s[:, None] + 1) / 2 * (arc.states[-1] - arc.states[0])
     else:
         states = np.asarray(chebyshev.chebval(s, curves.coefficients(arc.states)).T)
@@ -113,12 +114,12 @@ def resampled(arc: Arc, count: int = 0) -> Arc:
 
 
 def resampled_places(arc: Arc) -> Array:
-    """Places in [-1, 1] along an arc, dense at its ends, between which lines look smooth."""
-    return np.asarray(np.sin(np.linspace(-1, 1, max(SMOOTH, 3 * len(arc.times))) * np.pi / 2))
+    """Points in [-1, 1] along an arc, dense at its ends and close enough that a line through them looks smooth."""
+    return np.asarray(np.sin(np.linspace(-1, 1, max(FEWEST_POINTS, 3 * len(arc.times))) * np.pi / 2))
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[tuple[float, Arc]]:
-    """Start time of its step [s] and every arc, as a smooth line."""
+    """Every arc with the start time of its step [s], at points for a smooth line."""
     for began, step in with_start_times(steps):
         yield from ((began, resampled(arc)) for arc in step.arcs)
 
@@ -129,13 +130,13 @@ def with_start_times(steps: Sequence[Step]) -> Iterator[tuple[float, Step]]:
 
 
 def motor_label(motions: Sequence[Motion]) -> str:
-    """Label of an axis with what the motors apply: torques, or forces of motors that act on lengths."""
+    """Label of an axis for the motors: torques, or forces of motors that act on lengths."""
     units = {unit for motion in motions for unit in actuator_units(motion.walker).values()}
     return ", ".join(f"{MOTOR_WORDS[unit]} [{unit}]" for unit in sorted(units, reverse=True))
 
 
 def cycle_words(motion: Motion) -> str:
-    """The sentence that says after what the gait repeats itself."""
+    """The sentence that says when the gait repeats itself."""
     system, steps = motion.dynamics.system, len(motion.steps)
     if system.cycle_end == TOUCHDOWN:
         after = f"every {cycle_end(system)}" if steps == 1 else f"{steps} steps"
@@ -160,7 +161,7 @@ def position_label(motions: Sequence[Motion]) -> str:
 
 
 def simulated(gait: Gait) -> tuple[Step, ...]:
-    """The steps that the forward simulator walks from the gait's state, with modes that it finds itself."""
+    """The steps of a forward simulation from the gait's state, which finds the modes itself."""
     return Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
 
 
@@ -188,6 +189,6 @@ def points_of(steps: Sequence[Step]) -> tuple[Array, Array]:
 
 
 def thinned(times: Array, states: Array) -> tuple[Array, Array]:
-    """At most ``POINTS_SHOWN`` of many points, evenly spaced, with the first and the last."""
+    """At most ``POINTS_SHOWN`` of many points: evenly spaced ones, with the first and the last."""
     shown = np.unique(np.linspace(0, len(times) - 1, min(len(times), POINTS_SHOWN)).round().astype(int))
     return times[shown], states[shown]

@@ -1,9 +1,9 @@
-"""The moving walker as a GIF or an MP4, where the picture follows the walker; and as some postures.
+"""The moving walker as a GIF or an MP4, whose picture follows the walker; and as a row of postures.
 
-A gait is shown over an even number of steps, after which both legs have their colours again, and it repeats without a
-jump: the marks on the ground are apart by a part of a cycle's length. A step shorter than a second is shown in slow
-motion. A GIF plays for ever; an MP4, which players show once, contains several repetitions. Where feet slip, a
-magnifier shows the foot that does.
+A gait is shown over an even number of steps, after which both legs have their colours again. It repeats without a jump,
+because the distance of the marks on the ground divides a cycle's length. A step shorter than a second is shown in slow
+motion. A GIF plays for ever; an MP4, which players show once, contains several repetitions. If a foot slips, a
+magnifier shows it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -36,33 +36,48 @@ from gaitopt.show.style import COLOURS, MODE_COLOURS, NEUTRAL, figure_style, pan
 MOVIES = ("gif", "mp4")
 """Formats of a movie."""
 RATE = 25
-"""Pictures per second; a GIF counts hundredths of a second, of which this is four."""
+"""Pictures per second. The time between them is four of the hundredths of a second in which a GIF counts."""
 DPI, HEIGHT = 80, 4.0
 """Resolution [dots per inch] and height [inch] of a picture."""
-SHOWN_STEP, SLOWER = 1.0, (1, 2, 4, 10, 20)
-"""Least duration of a step on the screen [s], and the factors of slow motion."""
-LENS, TRACES, GLOW = 0.36, {Mode.SLIP_FORWARD: -0.07, Mode.SLIP_BACKWARD: -0.13}, 5.0
-"""Side of the magnifier relative to the picture, places of traces relative to it, width of its glowing rim [points]."""
-LENS_GROUND, LENS_WEIGHT, LENS_LEGS = 0.28, 0.5, 14.0
-"""Height of the ground in the magnifier and length of the weight's arrow, relative to its side; size of the legs."""
+SHOWN_STEP = 1.0
+"""Smallest duration of a step on the screen [s]."""
+SLOWER = (1, 2, 4, 10, 20)
+"""Factors of slow motion."""
+LENS_SIDE = 0.36
+"""Side of the magnifier, relative to the picture."""
+TRACE_HEIGHTS = {Mode.SLIP_FORWARD: -0.07, Mode.SLIP_BACKWARD: -0.13}
+"""Heights of the traces of slips in the magnifier, relative to its side."""
+RIM_WIDTH = 5.0
+"""Width of the coloured rim of the magnifier [points]."""
+LENS_GROUND, LENS_WEIGHT = 0.28, 0.5
+"""Height of the ground in the magnifier, and length of the arrow of the weight, relative to its side."""
+LENS_LEGS = 14.0
+"""The legs in the magnifier are drawn as in a picture of this height [inch]."""
 SCALE_BARS = (0.5, 1, 2, 5, 10, 20, 50, 100)
 """Lengths of the magnifier's scale [mm]."""
-PALETTE, SAMPLED = 64, 8
-"""Colours of a GIF, and the number of pictures from which they are chosen."""
-SHOWN = 5.0
-"""Least duration of the MP4 of a gait [s]."""
+PALETTE, SAMPLED_PICTURES = 64, 8
+"""Number of colours of a GIF, and of the pictures from which they are chosen."""
+SHORTEST_MP4 = 5.0
+"""Smallest duration of the MP4 of a gait [s]."""
 MARKS = 6
-"""Marks on the ground per step."""
-FORCE, SHORTEST = "#b3246f", 1e-12
-"""Colour of the contact force, as on pages; a duration [s] that no arc with a picture in it falls below."""
-POSTURES, ROUNDING = 6, 1e-9
-"""Number of postures of a figure; the last is so much before the end, relative to the whole time."""
-ROW, NARROWEST, WORDS = 2.6, 0.35, 14
-"""Height of a row of postures [inch], least room of one relative to its height, and letters in a line below it."""
+"""Number of marks on the ground per step."""
+FORCE_COLOUR = "#b3246f"
+"""Colour of the contact force, as on pages."""
+SHORTEST_ARC = 1e-12
+"""A duration [s] that is shorter than any arc with a picture, so that it can take the place of zero in a divisor."""
+POSTURES = 6
+"""Number of postures of a figure."""
+LAST_POSTURE = 1e-9
+"""Time from the last posture to the end of the motion, relative to its duration: at the end itself, the next step
+begins."""
+ROW_HEIGHT, NARROWEST = 2.6, 0.35
+"""Height of a row of postures [inch], and smallest width of a posture relative to its height."""
+CAPTION_CHARACTERS = 14
+"""Number of characters in a line below a posture."""
 ROOM = 0.15
 """Room on all sides of the walker, relative to its height or breadth."""
 LARGEST_DISC = 0.07
-"""Radius of a disc with the whole mass, relative to the height; its area is the share of the mass."""
+"""Radius of a disc with the whole mass, relative to the height. The area of a disc is in proportion to its mass."""
 
 
 def movie(motion: Motion, extension: str) -> bytes:
@@ -70,28 +85,28 @@ def movie(motion: Motion, extension: str) -> bytes:
 
     Parameters
     ----------
-    extension : of ``MOVIES``.
+    extension : one of ``MOVIES``.
 
     Raises
     ------
     UnknownNameError
-        If there is no program that writes it.
+        If the program that writes it is not installed.
     """
     if extension == "mp4" and not FFMpegWriter.isAvailable():
-        words = "an MP4 is written by the program ffmpeg, which is not on the PATH"
-        raise UnknownNameError(f"{words}: install ffmpeg, or write a GIF or a page (.gif, .html)")
+        reason = "an MP4 is written by the program ffmpeg, which is not on the PATH"
+        raise UnknownNameError(f"{reason}: install ffmpeg, or write a GIF or a page (.gif, .html)")
     cycles, slower = playing(motion)
     shown = cycles * motion.period
     count = max(ceil(shown * slower * RATE), 2)
-    frames = list(_frames(motion, np.arange(count) * shown / count))  # the last is one before the first
+    frames = list(_frames(motion, np.arange(count) * shown / count))  # the next one would be the first again
     heights = np.concatenate([frame.points[:, 1] for frame in frames])
     length = sum(step.impact.step_length for step in motion.steps if step.impact is not None)
     figure, (axes,) = panels(height=HEIGHT)
     across = [frame.points[:, 0] - frame.camera for frame in frames]
-    breadth = 2 * max(float(np.abs(x).max()) for x in across)  # the walker stays in the picture, which follows it
+    breadth = 2 * max(float(np.abs(x).max()) for x in across)  # the picture follows the walker and contains all of it
     size = (1 + 2 * ROOM) * max(float(np.ptp(heights)), breadth * HEIGHT / figure.get_figwidth())
     width = size * figure.get_figwidth() / HEIGHT
-    repeats = ceil(SHOWN * RATE / len(frames)) - 1 if motion.periodic else 0
+    repeats = ceil(SHORTEST_MP4 * RATE / len(frames)) - 1 if motion.periodic else 0
     loop = ["-vf", f"loop={repeats}:{len(frames)}"] if repeats > 0 else []
     writer = _Gif(fps=RATE) if extension == "gif" else FFMpegWriter(fps=RATE, extra_args=loop)
     magnification, traces = magnifier(motion)[0], list[_Trace]()
@@ -99,8 +114,8 @@ def movie(motion: Motion, extension: str) -> bytes:
         path = Path(folder) / f"movie.{extension}"
         axes.set_position((0, 0, 1, 1))
         figure.set_layout_engine("none")
-        side = LENS * HEIGHT / figure.get_figwidth()
-        lens = figure.add_axes((0.015, 0.98 - LENS, side, LENS)) if magnification else None
+        side = LENS_SIDE * HEIGHT / figure.get_figwidth()
+        lens = figure.add_axes((0.015, 0.98 - LENS_SIDE, side, LENS_SIDE)) if magnification else None
         with writer.saving(figure, str(path), DPI):
             for frame in frames:
                 axes.clear()
@@ -111,19 +126,19 @@ def movie(motion: Motion, extension: str) -> bytes:
                 _draw(axes, motion, frame, -frame.camera, HEIGHT)
                 spacing = abs(length) / (MARKS * len(motion.steps)) or width / MARKS
                 _draw_ground(axes, motion, frame.camera, spacing, width)
-                axes.text(0.02, 0.03, frame.words, transform=axes.transAxes, color=NEUTRAL)
+                axes.text(0.02, 0.03, frame.caption, transform=axes.transAxes, color=NEUTRAL)
                 if slower > 1:
-                    words = f"{slower} times slower"
-                    axes.text(0.98, 0.03, words, transform=axes.transAxes, ha="right", color=NEUTRAL)
+                    caption = f"{slower} times slower"
+                    axes.text(0.98, 0.03, caption, transform=axes.transAxes, ha="right", color=NEUTRAL)
                 if lens is not None:
-                    _magnify(lens, motion, frame, LENS * size / magnification, traces)
+                    _magnify(lens, motion, frame, LENS_SIDE * size / magnification, traces)
                     lens.text(0.05, 0.95, f"×{magnification}", transform=lens.transAxes, va="top")
                 writer.grab_frame()
         return path.read_bytes()
 
 
 class _Gif(PillowWriter):
-    """A GIF with few colours, the same in all pictures, of which only what changes is stored."""
+    """A GIF with few colours, which are the same in all pictures; only the changes between pictures are stored."""
 
     def setup(self, fig: Figure, outfile: Any, dpi: float | None = None) -> None:
         """Begin without pictures."""
@@ -140,14 +155,16 @@ class _Gif(PillowWriter):
 
     def finish(self) -> None:
         """Write the file."""
-        strips = np.hstack([np.asarray(one) for one in self.pictures[:: max(1, len(self.pictures) // SAMPLED)]])
+        strips = np.hstack(
+            [np.asarray(one) for one in self.pictures[:: max(1, len(self.pictures) // SAMPLED_PICTURES)]]
+        )
         palette = Image.fromarray(strips).quantize(PALETTE, dither=Image.Dither.NONE)
         first, *rest = (one.quantize(palette=palette, dither=Image.Dither.NONE) for one in self.pictures)
         first.save(self.outfile, save_all=True, append_images=rest, duration=round(1000 / RATE), loop=0, optimize=False)
 
 
 def playing(motion: Motion) -> tuple[int, int]:
-    """Cycles of a gait that are shown, and the factor by which they are slower than in reality."""
+    """Number of cycles of a gait that are shown, and the factor by which they are slower than in reality."""
     steps = len(motion.steps)
     if not motion.periodic:
         return 1, 1
@@ -157,11 +174,11 @@ def playing(motion: Motion) -> tuple[int, int]:
 
 
 _Trace = tuple[int, int, Mode, list[float]]
-"""What a slip leaves under the magnifier: number of its arc and its contact, its mode, and its places [m]."""
+"""The trace of a slip under the magnifier: numbers of its arc and its contact, its mode, and x of its points [m]."""
 
 
 def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: list[_Trace]) -> None:
-    """Draw the foot that slips in a picture of a width [m], with its trace, and its force in its cone."""
+    """Draw the foot that slips in a picture of this width [m], with its trace, and its force in its cone."""
     lens.clear()
     lens.set(xticks=[], yticks=[], aspect="equal")
     lens.set(xlim=(-width / 2, width / 2), ylim=(-LENS_GROUND * width, (1 - LENS_GROUND) * width))
@@ -173,7 +190,7 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
     )
     for spine in lens.spines.values():
         spine.set(visible=True, color=MODE_COLOURS[mode] if mode and mode.slips else NEUTRAL)
-        spine.set_linewidth(GLOW if mode and mode.slips else 1.0)
+        spine.set_linewidth(RIM_WIDTH if mode and mode.slips else 1.0)
     if frame.closeup is None or mode is None:
         return
     contact, middle = frame.closeup
@@ -186,7 +203,7 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
             traces.append((frame.number, contact, mode, []))
         traces[-1][3].append(foot[0])
     for _, _, kind, places in traces:
-        ends = np.array([[place - middle, TRACES[kind] * width] for place in (places[0], places[-1])])
+        ends = np.array([[place - middle, TRACE_HEIGHTS[kind] * width] for place in (places[0], places[-1])])
         lens.plot(*_turned(motion, ends).T, color=MODE_COLOURS[kind], linewidth=4, solid_capstyle="butt")
     foot = foot - [middle, 0.0]
     lens.plot(*_turned(motion, foot), "o", color=MODE_COLOURS[mode], markeredgecolor="black", markersize=8, zorder=4)
@@ -196,10 +213,10 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
         friction, *_ = motion.dynamics.system.contact_coefficients(motion.dynamics.p)[name]
         tall = min(1.0, 0.5 / float(friction)) * LENS_WEIGHT * width
         cone = foot + np.array([[float(friction) * tall, tall], [0, 0], [-float(friction) * tall, tall]])
-        lens.fill(*_turned(motion, cone).T, color=FORCE, alpha=0.15, linewidth=0, zorder=3)
+        lens.fill(*_turned(motion, cone).T, color=FORCE_COLOUR, alpha=0.15, linewidth=0, zorder=3)
         lens.annotate(
             "", tuple(_turned(motion, foot + arrow)), tuple(_turned(motion, foot)), zorder=5,
-            arrowprops={"arrowstyle": "-|>", "color": FORCE, "linewidth": 2, "shrinkA": 0, "shrinkB": 0},
+            arrowprops={"arrowstyle": "-|>", "color": FORCE_COLOUR, "linewidth": 2, "shrinkA": 0, "shrinkB": 0},
         )  # fmt: skip
     bar = next((one for one in SCALE_BARS if 1e-3 * one > 0.15 * width), SCALE_BARS[-1])
     ends = np.array([0.45 * width - 1e-3 * bar, 0.45 * width])
@@ -212,9 +229,9 @@ def _magnify(lens: Axes, motion: Motion, frame: "_Frame", width: float, traces: 
 
 def postures(motions: Sequence[Motion]) -> Figure:
     """Draw the outlined walker at equal times from start to end, side by side, above the time and the mode."""
-    figure, rows = panels(len(motions), height=ROW * len(motions))
+    figure, rows = panels(len(motions), height=ROW_HEIGHT * len(motions))
     for motion, axes in zip(motions, rows, strict=True):
-        times = np.linspace(0, motion.period * (1 - ROUNDING), POSTURES)
+        times = np.linspace(0, motion.period * (1 - LAST_POSTURE), POSTURES)
         frames = list(_frames(motion, times))
         points = [_turned(motion, frame.points - [frame.camera, 0]) for frame in frames]
         low, high = np.min([p.min(axis=0) for p in points], axis=0), np.max([p.max(axis=0) for p in points], axis=0)
@@ -225,8 +242,8 @@ def postures(motions: Sequence[Motion]) -> Figure:
             middle = k * spacing + np.mean([points[k][:, 0].min(), points[k][:, 0].max()])
             x, y = _turned(motion, np.array([middle, 0.0]))
             axes.annotate(
-                f"{time:.2f} s\n{fill(frame.words, WORDS)}", (x, y), xytext=(0, -8), textcoords="offset points",
-                ha="center", va="top", fontsize="x-small", color=NEUTRAL,
+                f"{time:.2f} s\n{fill(frame.caption, CAPTION_CHARACTERS)}", (x, y), xytext=(0, -8),
+                textcoords="offset points", ha="center", va="top", fontsize="x-small", color=NEUTRAL,
             )  # fmt: skip
         ends = np.array([low[0], (POSTURES - 1) * spacing + high[0]])
         axes.plot(*_turned(motion, np.column_stack([ends, [0, 0]])).T, color=NEUTRAL, linewidth=1, zorder=0)
@@ -244,10 +261,10 @@ class _Frame:
     points : ndarray, shape (n, 2) - positions [m], x from the stance foot at the start.
     drawing : its lines and discs.
     camera : x in the middle of the picture, which moves evenly from one impact to the next [m].
-    number : of the arc since the start.
-    step : number of the step since the start, by which legs change their roles.
-    arc : at this time alone.
-    closeup : number of the contact that is magnified, and the place in the middle of its trace [m].
+    number : number of the arc since the start.
+    step : number of the step since the start; legs change their roles with every step.
+    arc : the arc, at this time only.
+    closeup : number of the contact that is magnified, and x in the middle of its trace [m].
     """
 
     points: Array
@@ -260,12 +277,12 @@ class _Frame:
 
     @property
     def contacts(self) -> tuple[int, ...]:
-        """Points of the contacts."""
+        """Indices of the points of the contacts."""
         return self.drawing.contacts
 
     @property
-    def words(self) -> str:
-        """What the contacts do."""
+    def caption(self) -> str:
+        """A text with the mode of every contact."""
         return contacts_words(self.arc.mode)
 
 
@@ -282,7 +299,7 @@ def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
                 if closeup is not None:
                     travelled = origin - _travelled(motion, steps % len(motion.steps))
                     closeup = closeup[0], closeup[1] + travelled
-                s = 2 * (inside - arc.start) / max(arc.duration, SHORTEST) - 1
+                s = 2 * (inside - arc.start) / max(arc.duration, SHORTEST_ARC) - 1
                 states = np.asarray(curves.evaluate(curves.coefficients(arc.states), s)) if inside.size else inside
                 drawn = skeleton([replace(arc, times=inside, states=states)]) if inside.size else None
                 for k, time in enumerate(inside):
@@ -297,7 +314,7 @@ def _frames(motion: Motion, times: Array) -> Iterator[_Frame]:
 
 
 def _travelled(motion: Motion, step: int) -> float:
-    """Place of the stance foot at the start of a step of the cycle [m]."""
+    """x of the stance foot at the start of a step of the cycle [m]."""
     return sum(one.impact.step_length for one in motion.steps[:step] if one.impact is not None)
 
 
@@ -308,7 +325,10 @@ def _turned(motion: Motion, points: Array) -> Array:
 
 
 def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: float, height: float) -> None:
-    """Draw the walker, ``shift`` along the slope [m], for a picture of a height [inch]; a leg keeps its colour."""
+    """Draw the walker, moved by ``shift`` along the slope [m], for a picture of a height [inch].
+
+    A leg keeps its colour when the legs change their roles.
+    """
     drawing, points = frame.drawing, _turned(motion, np.add(frame.points, [shift, 0.0]))
     for number, (a, b) in reversed([*enumerate(drawing.legs)]):
         sides = drawing.sides or ((0, 1) if len(drawing.legs) == 2 else (0,) * len(drawing.legs))
@@ -328,7 +348,7 @@ def _draw(axes: Axes, motion: Motion, frame: _Frame, shift: float, height: float
 def _draw_ground(
     axes: Axes, motion: Motion, place: float, spacing: float, width: float, *, slopes: bool = True
 ) -> None:
-    """The ground with its marks, which stay where they are, and its slope."""
+    """Draw the ground with its marks, which do not move with the walker, and its slope."""
     ends = _turned(motion, np.array([[-width, 0.0], [width, 0.0]]))
     axes.plot(*ends.T, color="black", linewidth=1)
     first = ceil((place - width) / spacing)
@@ -336,6 +356,6 @@ def _draw_ground(
         x = number * spacing - place
         mark = _turned(motion, np.array([[x, 0.0], [x - 0.02 * width, -0.02 * width]]))
         axes.plot(*mark.T, color="black", linewidth=1)
-    words = f"{degrees(slope(motion)):.3g}°"
+    angle = f"{degrees(slope(motion)):.3g}°"
     if slopes and slope(motion):
-        axes.text(0.98, 0.97, words, transform=axes.transAxes, va="top", ha="right", color=NEUTRAL)
+        axes.text(0.98, 0.97, angle, transform=axes.transAxes, va="top", ha="right", color=NEUTRAL)

@@ -2,9 +2,9 @@
 
     M ddq + h = E u + (0, f_t, f_n)'        M (dq_plus - dq_minus) = S' F
 
-Expressions are texts of ordinary arithmetic in named states and parameters; the equations stand in the form above, and
-solved for the rates of the state in each mode. Parameters are exact decimals. A proof adds an enclosure to each number
-of the orbit, as decimals rounded outward.
+Expressions are texts of ordinary arithmetic in named states and parameters. The equations have the form above; they are
+also solved for the rates of the state in each mode. Parameters are exact decimals. A proof adds an enclosure to each
+number of the orbit, as decimals rounded outward.
 """
 
 from collections import Counter
@@ -28,7 +28,7 @@ FORMAT = "gaitopt-orbit-2"
 MATRICES = ("M", "E", "swing_jacobian", "relabel_jacobian")
 VECTORS = ("equations.h", "equations.swing_foot", "equations.relabel")
 LONGEST_IN_PLACE = 60
-"""Characters up to which a subexpression that occurs once is written in place."""
+"""Largest number of characters of a subexpression that has no name of its own if it occurs once."""
 ENCLOSED = ("step_length", "speed", "work", "cost_of_transport", "required_friction")
 """Scalars that a proof encloses besides the period."""
 OPERATIONS: Mapping[int, str] = {
@@ -55,8 +55,8 @@ OPERATIONS: Mapping[int, str] = {
     ca.OP_TANH: "tanh({})",
     ca.OP_FABS: "abs({})",
 }
-"""Operations as text; operands are names, numbers, calls or in parentheses."""
-WORDS = (
+"""Operations as text. Operands are names, numbers, calls, or expressions in parentheses."""
+CONVENTIONS = (
     "All numbers are in SI units, angles in radians. x is along the slope, downhill; y along its normal. Absolute "
     "angles count from the normal, positive towards downhill.",
     "q = (shape, x, y), where (x, y) is the stance foot; on the ground y = 0. The state is (q, dq) without y and dy.",
@@ -86,16 +86,16 @@ FURTHER = (
 def formulas(
     symbols: Mapping[str, SX], expressions: Mapping[str, Any]
 ) -> tuple[list[tuple[str, str]], dict[str, list[list[str]]]]:
-    """Expressions as texts; what occurs several times, or is long, is defined once under a name.
+    """Expressions as texts; a subexpression that is long or occurs several times is defined once under a name.
 
     Parameters
     ----------
-    symbols : by the name that they have in the texts; other symbols keep their own names.
+    symbols : symbols by their name in the texts; other symbols keep their own names.
     expressions : matrices by name.
 
     Returns
     -------
-    definitions : (name, text) in an order in which each uses earlier ones only.
+    definitions : (name, text) in an order in which each one uses earlier ones only.
     texts : the rows of every matrix by its name.
 
     Raises
@@ -112,7 +112,7 @@ def formulas(
     steps = range(function.n_instructions())
     operations = [function.instruction_id(k) for k in steps]
     uses, current, operands = Counter[int](), dict[int, int](), list[list[int]]()
-    for k in steps:  # operands as numbers of the instructions that made them
+    for k in steps:  # operands are the numbers of the instructions that computed them
         plain = operations[k] in (ca.OP_CONST, ca.OP_INPUT)
         operands.append([] if plain else [current[place] for place in function.instruction_input(k)[:2]])
         uses.update(operands[k])
@@ -147,7 +147,7 @@ def formulas(
 
 
 def _bare(text: str) -> str:
-    """A text without the parentheses around all of it."""
+    """A text without parentheses that enclose all of it."""
     if not text.startswith("("):
         return text
     depth = 0
@@ -170,7 +170,7 @@ def parameter_names(system: HybridSystem) -> dict[str, str]:
 
 @building
 def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
-    """The equations of a gait, with all parameters; arguments and errors as for ``orbit_record``."""
+    """The equations of a gait, with all parameters; for arguments and errors see ``orbit_record``."""
     system, walker, expressions = gait.system, gait.system.walker, gait.system.expressions
     eom, mechanism, n = expressions.eom, expressions.eom.mechanism, len(walker.shape)
     if "several contacts" in walker.features():
@@ -223,7 +223,11 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
     breaks, last = [0.0, *map(float, system.control.breakpoints), None], max(int(arc.segment) for arc in gait.arcs)
     values = gait.dynamics.parameters
     return {
-        "words": [*WORDS, *([UNEQUAL] if walker.exchanged else []), *([FURTHER] if any(further.values()) else [])],
+        "words": [
+            *CONVENTIONS,
+            *([UNEQUAL] if walker.exchanged else []),
+            *([FURTHER] if any(further.values()) else []),
+        ],
         "coordinates": {name: state_unit(name) for name in (*walker.shape, "x", "y")},
         "states": {name: state_unit(name) for name in system.state_names},
         "parameters": {
@@ -258,10 +262,10 @@ def statement_record(gait: Gait, exact: Mapping[str, str]) -> dict[str, Any]:
 
 @building
 def evaluation_record(gait: Gait) -> dict[str, Any]:
-    """The equations of a gait solved for the rates of the state, and what to do with them arc by arc.
+    """The equations of a gait solved for the rates of the state, and the arcs in which they hold.
 
-    Each of ``modes`` has the rates of the state, and the margins that end an arc; each of ``resets`` the state after an
-    impact. ``arcs`` of one mode follow each other; a law with breakpoints has several of them in a phase.
+    Each of ``modes`` has the rates of the state, and the margins that end an arc. Each of ``resets`` has the state
+    after an impact. ``arcs`` are in the order of time; a phase has several of them if the law has breakpoints.
     """
     system, cycle = gait.system, gait.cycle
     expressions, table, names = system.expressions, system.transitions, parameter_names(system)
@@ -363,12 +367,12 @@ def _named(system: HybridSystem, state: Array) -> dict[str, float]:
 
 
 def _multipliers(gait: Gait, proved: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The multipliers, each with the enclosure in which it lies."""
+    """The multipliers, each with the enclosure that contains it."""
     numbers = [{"re": float(m.real), "im": float(m.imag)} for m in gait.multipliers]
     boxes = list(proved.get("multipliers", []))
     records = []
     for number in numbers:
-        distances = [sum(abs(float(box[part][0]) - value) for part, value in number.items()) for box in boxes]
+        distances = [sum(abs(float(box[axis][0]) - value) for axis, value in number.items()) for box in boxes]
         box = boxes[distances.index(min(distances))] if boxes else None
         boxes = [other for other in boxes if other is not box]
         records.append(number | {"enclosure": box})

@@ -1,7 +1,8 @@
 """Pages as single HTML files: the moving walker; reports of gaits, of a branch, of a walk; walks to choose from.
 
 A page has templates, scripts, style sheets and data in one file and needs no network. The report of a branch has a
-diagram over the continued parameter, in which each gait can be selected; that of a walk has its states step by step.
+diagram over the continued parameter, in which each gait can be selected. The report of a walk lists its states step by
+step.
 """
 
 import gzip
@@ -49,11 +50,11 @@ from gaitopt.verification.walk import Walk
 Record = Mapping[str, Any]
 
 FRAMES = 30
-"""Frames of one step of one point of a branch: 200 points stay well under a megabyte."""
+"""Number of frames of a step at one point of a branch; a page with 200 points is then well below a megabyte."""
 STROKES = {"-": "stick", SLIP_DASHES: "slip", FLIGHT_DOTS: "flight"}
-"""Line styles by the words of ``curves.js``."""
+"""The names that ``curves.js`` uses for line styles."""
 POINTS = 17
-"""Chebyshev points of a phase of a branch, accurate to seven digits, which is more than a page can show."""
+"""Number of Chebyshev points of a phase of a branch: seven digits are accurate, more than a page can show."""
 
 
 def render(template: str, **content: Any) -> str:
@@ -74,14 +75,14 @@ def packed(data: Mapping[str, Any]) -> str:
 
 
 def figure(value: float | str | None, digits: int = 6) -> str:
-    """A number as the page shows it; a word is shown as it is."""
+    """A number as the page shows it; a text is not changed."""
     if isinstance(value, str):
         return value
     return "–" if value is None else f"{value:.{digits}g}".replace("-", "−")
 
 
 def words(films: Sequence[Record], records: Sequence[Record], problem: Problem) -> dict[str, Any]:
-    """Labels of the scalars that occur and of the walker's states, for the scripts; motors determine units."""
+    """Labels of the scalars of some records and of the walker's states, for the scripts; motors determine units."""
     names = {name for film in films for name in film["shape"]}
     states = [key for name in (*sorted(names), "y", "x") for key in (name, f"d{name}")]
     freed = {key for record in records for key in record.get("parameters", ())}
@@ -90,7 +91,7 @@ def words(films: Sequence[Record], records: Sequence[Record], problem: Problem) 
         "symbols": {name: symbol(name) for name in states},
         "units": {name: state_unit(name) for name in states},
         "parameters": {key: asdict(label(key, problem)) for key in sorted(freed)},
-        "slipping": SCALARS["required_friction"].meaning,  # of ``required_friction`` where a foot slips
+        "slipping": SCALARS["required_friction"].meaning,  # label of ``required_friction`` if a foot slips
     }
 
 
@@ -108,7 +109,7 @@ def numbers(record: Record) -> dict[str, Any]:
 
 
 def provenance(problem: Problem, solver: Mapping[str, float | str]) -> dict[str, Any]:
-    """The problem verbatim, its hash and the versions of all packages, for the foot of a page."""
+    """The text of the problem, its hash and the versions of all packages, for the foot of a page."""
     known = Manifest.of(problem)
     return {
         "name": problem.name,
@@ -121,7 +122,7 @@ def provenance(problem: Problem, solver: Mapping[str, float | str]) -> dict[str,
 
 
 def animation_page(motion: Motion, about: str = "") -> str:
-    """HTML of the moving walker; ``about`` stands under the title."""
+    """HTML of the moving walker; ``about`` is written under the title."""
     return render("animation.html", film=film(motion), about=about)
 
 
@@ -135,7 +136,7 @@ def comparison_report(gaits: Sequence[Gait], replays: Sequence[Record] = ()) -> 
     Raises
     ------
     ValueError
-        If one of them is a failed solve.
+        If one of the gaits is a failed solve.
     """
     if not all(gait.converged for gait in gaits):
         raise ValueError("only converged gaits have a report; look at their status first")
@@ -160,7 +161,7 @@ def comparison_report(gaits: Sequence[Gait], replays: Sequence[Record] = ()) -> 
 
 
 def _differentiated(gait: Gait) -> str:
-    """The table of derivatives as HTML, or why there is none."""
+    """The table of derivatives as HTML, or the reason why there is none."""
     try:
         return printed(derivatives(gait))
     except SolveError as reason:
@@ -235,7 +236,7 @@ def branch_report(problem: Problem, parameter: str, records: Sequence[Record]) -
 
 
 def _common(films: Sequence[Record]) -> Record:
-    """What is the same in all films."""
+    """The entries that are the same in all films."""
     return {key: value for key, value in films[0].items() if all(other[key] == value for other in films)}
 
 
@@ -244,9 +245,9 @@ def walks_page(gait: Gait, walks: Mapping[str, Walk], about: str, over: tuple[st
 
     Parameters
     ----------
-    gait : from which the walks start.
-    walks : by the words of their button; those that end before anything moves are left out.
-    over : two states of the section, in whose plane the reader chooses the start instead of a button.
+    gait : the gait beside which the walks start.
+    walks : walks by the text of their button; those that end before anything moves are left out.
+    over : two states of the section; if they are given, the reader chooses a start in their plane instead of a button.
     """
     moving = {words: walk for words, walk in walks.items() if walk.trajectory.steps}
     films: list[Record] = [film(motion_of_walk(walk)) for walk in moving.values()]
@@ -289,7 +290,7 @@ def _rounded(value: float) -> float:
 
 
 def _without(parameter: str, point: Record) -> Record:
-    """A point whose freed parameters are those besides the one that is continued."""
+    """A point without the continued parameter among its freed ones."""
     return {**point, "parameters": {key: value for key, value in point["parameters"].items() if key != parameter}}
 
 

@@ -14,12 +14,12 @@ from gaitopt.show.style import COLOURS, NEUTRAL, entry, figure_style, legend_bel
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.solver.shooting import Label
 
-LINE = 14.0
-"""Least distance of two labels of an axis [points]."""
+LABEL_DISTANCE = 14.0
+"""Smallest distance of two labels of an axis [points]."""
 POINTS = 72.0
-"""Points of an inch."""
-DOTS = 330.0
-"""Width of the dots with which the columns would touch, in all [points]."""
+"""Number of points in an inch."""
+TOTAL_WIDTH = 330.0
+"""Sum of the widths of one dot in every column with which the columns touch [points]."""
 
 
 def jacobian_pattern(program: NonlinearProgram) -> Figure:
@@ -35,10 +35,10 @@ def jacobian_pattern(program: NonlinearProgram) -> Figure:
     with figure_style():
         kinds = (("equations", equal[rows], COLOURS[0]), ("inequalities", ~equal[rows], COLOURS[1]))
         handles = []
-        for words, chosen, colour in kinds:
+        for kind, chosen, colour in kinds:
             look: dict[str, Any] = {"linestyle": "", "marker": "s", "color": colour}
-            axes.plot(columns[chosen], rows[chosen], markersize=max(0.6, DOTS / n), markeredgewidth=0, **look)
-            handles.append(entry(words, markersize=5, **look))
+            axes.plot(columns[chosen], rows[chosen], markersize=max(0.6, TOTAL_WIDTH / n), markeredgewidth=0, **look)
+            handles.append(entry(kind, markersize=5, **look))
         axes.set_xlim(-1, n)
         axes.set_ylim(m, -1)
         axes.grid(visible=False)
@@ -48,8 +48,8 @@ def jacobian_pattern(program: NonlinearProgram) -> Figure:
                 line(start - 0.5, color=NEUTRAL, linewidth=0.5)
         inch = axes.get_position().size * figure.get_size_inches()
         for axis, groups, size, turn in ((axes.xaxis, above, n / inch[0], 90), (axes.yaxis, beside, m / inch[1], 0)):
-            shown = _apart(groups, size * LINE / POINTS)
-            axis.set_ticks([place for _, place in shown], [words for words, _ in shown], rotation=turn)
+            shown = _separate_labels(groups, size * LABEL_DISTANCE / POINTS)
+            axis.set_ticks([at for _, at in shown], [name for name, _ in shown], rotation=turn)
         axes.tick_params(length=0, labelsize="small")
         axes.set_xlabel(f"{n} unknowns")
         axes.set_ylabel(f"{m} constraints, {rows.size} nonzero entries")
@@ -74,23 +74,23 @@ def _of_row(label: Label, equation: bool) -> str:
     return f"margins{phase}" if phase else "impact" if label.mode is not None else "scalars"
 
 
-def _groups(words: Sequence[str]) -> list[tuple[str, int, int]]:
-    """Runs of equal words, each with its first entry and the one after its last."""
-    groups, at = list[tuple[str, int, int]](), 0
-    for word, run in groupby(words):
-        end = at + len(list(run))
-        groups.append((word, at, end))
-        at = end
+def _groups(names: Sequence[str]) -> list[tuple[str, int, int]]:
+    """Groups of equal names next to each other, each with the index of its first entry and that after its last one."""
+    groups, start = list[tuple[str, int, int]](), 0
+    for name, run in groupby(names):
+        end = start + len(list(run))
+        groups.append((name, start, end))
+        start = end
     return groups
 
 
-def _apart(groups: Sequence[tuple[str, int, int]], least: float) -> list[tuple[str, float]]:
-    """Words at the middle of their groups; groups that are too close to each other share a label."""
+def _separate_labels(groups: Sequence[tuple[str, int, int]], distance: float) -> list[tuple[str, float]]:
+    """Names at the middle of their groups; groups that are closer than a distance share a label."""
     shown: list[tuple[str, float]] = []
-    for words, start, end in groups:
-        place = (start + end - 1) / 2
-        if shown and place - shown[-1][1] < least:
+    for name, start, end in groups:
+        middle = (start + end - 1) / 2
+        if shown and middle - shown[-1][1] < distance:
             before, at = shown.pop()
-            words, place = f"{before}, {words}", (at + place) / 2
-        shown.append((words, place))
+            name, middle = f"{before}, {name}", (at + middle) / 2
+        shown.append((name, middle))
     return shown

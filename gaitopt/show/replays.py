@@ -1,4 +1,4 @@
-"""Pictures of replays: the motion of a gait in other physics engines over its own, and errors over time steps."""
+"""Figures of replays: the motion of a gait in other physics engines, drawn over its own motion."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,11 +11,11 @@ from gaitopt.show.style import COLOURS, NEUTRAL, dashes, entry, legend_below, mo
 
 Record = Mapping[str, Any]
 ENGINE_DASHES = (0, (1, 1.2))
-"""Line style of engines, whose curves lie upon that of the gait."""
+"""Line style of engines, whose curves coincide with that of the gait."""
 
 
 def replayed_motion(motion: Motion, replays: Sequence[Record]) -> Figure:
-    """Place of the stance foot [mm] and shape coordinates of a gait, and of its replays at the smallest time step."""
+    """Stance foot [mm] and shape coordinates along a gait, and along its replays at the smallest time step."""
     figure, (foot, shape) = panels(2, height=5.2)
     x = motion.dynamics.system.n_shape
     for began, arc in smooth(motion.steps):

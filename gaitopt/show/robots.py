@@ -1,8 +1,8 @@
 """A walker's links as a file for other programs: URDF, or MJCF of MuJoCo.
 
-The plane is x and z, z up, and joints turn about y, the rotation that takes z to x. In the pose of the file all joints
-are at zero. Feet are frames without mass at the tips of their links. Slope and gravity are not in a URDF
-file; the ground of an MJCF file is a level plane, on which gravity is inclined.
+The plane has the axes x and z, with z up. Joints turn about y, by the rotation that takes z to x. In the pose of the
+file all joints are at zero. Feet are frames without mass at the tips of their links. A URDF file states neither slope
+nor gravity. In an MJCF file the ground is a level plane, and gravity is inclined.
 """
 
 import math
@@ -23,10 +23,10 @@ from gaitopt.model.walker import Walker
 Format = Literal["urdf", "mjcf"]
 RADIUS = 0.02
 """Radius of the rods that draw the links, relative to their lengths."""
-POINT = 1e-6
-"""Radius of the sphere in place of a point foot [m]: a larger one would roll, and start inside the ground."""
+POINT_RADIUS = 1e-6
+"""Radius of the sphere that stands for a point foot [m]: a larger one would roll, and start inside the ground."""
 UNLIMITED = 1e4
-"""Torque and rate written where URDF requires a limit and there is none [N m, rad/s]."""
+"""Torque and rate that are written if there is no limit, because URDF requires one [N m, rad/s]."""
 
 
 def robot_description(walker: Walker, format: Format = "urdf") -> str:  # noqa: A002 - as the option of the command
@@ -169,7 +169,7 @@ def _mjcf(walker: Walker, links: list[dict[str, Any]], gravity: tuple[float, flo
             SubElement(body, "geom", drawn | {"contype": "0", "conaffinity": "0", "group": "1"})
         if link.foot:
             SubElement(body, "site", name=f"{link.name}_foot", pos=_place((x, z)))
-            radius = entry["foot_radius"] or POINT
+            radius = entry["foot_radius"] or POINT_RADIUS
             sphere = {"name": f"{link.name}_foot", "type": "sphere", "size": repr(radius)}
             SubElement(body, "geom", sphere, pos=_place((x, z)), mass="0")
     actuators = SubElement(root, "actuator")

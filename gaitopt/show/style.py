@@ -1,4 +1,4 @@
-"""What all figures share: words and units of quantities, colours, line styles, panels, legends and files.
+"""The common style of all figures: labels and units of quantities, colours, line styles, panels, legends and files.
 
 The colours for the colour-blind are those of Okabe and Ito (2008), https://jfly.uni-koeln.de/color/. A foot that slips
 is dashed. Figures are built without pyplot, which would need a window system and global state.
@@ -31,21 +31,22 @@ from gaitopt.store.files import write_whole
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 CURVES = (*COLOURS, "#332288", "#999933", "#882255", "#44aa99", "#cc6677", "#117733", "#aa4499")
-"""Colours of curves, of which there may be many; the further ones are from P. Tol's muted scheme, https://personal.sron.nl/~pault/."""
+"""Colours of curves, of which there may be many. Those after ``COLOURS`` are from P. Tol's muted scheme,
+https://personal.sron.nl/~pault/."""
 MODE_COLOURS = {
     Mode.STICK: "#4d4d4d", Mode.SLIP_FORWARD: "#e69f00", Mode.SLIP_BACKWARD: "#56b4e9", Mode.FLIGHT: "#9bd1b3",
 }  # fmt: skip
 MODE_WORDS = {mode: mode.replace("_", " ") for mode in MODE_COLOURS}
 NEUTRAL = "#757575"
-"""Colour of legend entries that stand for all curves; it stands out from white as from black."""
+"""Colour of legend entries that stand for all curves; it is visible on white and on black."""
 SLIP_DASHES, FLIGHT_DOTS = (0, (3.5, 1.8)), (0, (1, 1.6))
 JUMP: dict[str, Any] = {"linestyle": ":", "linewidth": 0.8}
 """Line of a jump at the impact."""
 
 LEGEND_CHARACTERS, LEGEND_LINE = 96, 9
-"""Characters that fit side by side under a figure, and the width of a sample line with its gap in characters."""
+"""Number of characters that fit side by side under a figure, and width of a sample line with its gap in characters."""
 LEGEND_ROWS, LEGEND_ROW = 3, 0.2
-"""Rows of a legend that fit below a figure, and the height of each further row [inch]."""
+"""Number of rows of a legend that fit below a figure, and height of each further row [inch]."""
 WIDTH, HEIGHT = 6.0, 4.0
 """Size of a figure with one panel [inch]."""
 STYLE: Any = {
@@ -70,9 +71,10 @@ SYMBOLS = {"spectral_radius": "|λ|", "friction": "μ"}
 GREEK = {"theta": "θ", "phi": "φ", "psi": "ψ", "alpha": "α"}
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 _STYLING = threading.RLock()
-"""Held while Matplotlib has the settings of ``STYLE``, which are those of the whole process."""
+"""The lock that a thread holds while Matplotlib has the settings of ``STYLE``, because they affect the whole
+process."""
 _AXES: ContextVar[tuple[Axes, ...] | None] = ContextVar("axes", default=None)
-"""The axes into which figures are drawn; None if they have their own."""
+"""The axes into which figures are drawn; None if figures have axes of their own."""
 _NO_DATE: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
 STILL = tuple(_NO_DATE)
 """Formats of a figure."""
@@ -80,9 +82,9 @@ STILL = tuple(_NO_DATE)
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Context manager: the Matplotlib settings of gaitopt; for one thread at a time.
+    """A context manager with gaitopt's settings of Matplotlib, for one thread at a time.
 
-    Settings of your style sheet take precedence, and axes that you made are not changed.
+    Settings of the user's style sheet take precedence, and the user's own axes are not changed.
     """
     with _STYLING:
         ours = {k: v for k, v in STYLE.items() if mpl.rcParams[k] == mpl.rcParamsDefault[k] and _AXES.get() is None}
@@ -111,7 +113,7 @@ def panels(
     Raises
     ------
     ValueError
-        If these are more or fewer.
+        If ``drawing_into`` was given another number of axes.
     """
     given = _AXES.get()
     if given is not None:
@@ -146,32 +148,32 @@ def encoded(figure: Figure, extension: str, dpi: float = STYLE["savefig.dpi"]) -
 
 
 def dashes(mode: Mode) -> Any:
-    """Line style of a mode: solid where a foot sticks, dashed where feet only slip, dotted in flight."""
+    """Line style of a mode: solid if a foot sticks, dashed if feet only slip, dotted in flight."""
     sticks = any(mode.contacts[name] == Mode.STICK for name in mode.touching)
     return "-" if sticks else SLIP_DASHES if mode.touching else FLIGHT_DOTS
 
 
-def entry(words: str, **style: Any) -> Line2D:
+def entry(text: str, **style: Any) -> Line2D:
     """A legend's entry."""
-    return Line2D([], [], label=words, **({"color": NEUTRAL} | style))
+    return Line2D([], [], label=text, **({"color": NEUTRAL} | style))
 
 
 def mode_legend(modes: Sequence[Mode], *, each: bool = False) -> list[Line2D]:
-    """Legend entries for the line styles of the modes that occur; ``each``: every contact has its line."""
+    """Legend entries for the line styles of some modes; ``each``: every contact has its own curve."""
     if each:
-        states = {word for mode in modes for word in (mode.contacts[name] for name in mode.touching)}
+        states = {mode.contacts[name] for mode in modes for name in mode.touching}
         styles: list[Any] = ["-"] * (Mode.STICK in states) + [SLIP_DASHES] * bool(states - {Mode.STICK})
         styles += [FLIGHT_DOTS] * any(not mode.touching for mode in modes)
     else:
         styles = [dashes(mode) for mode in modes]
     several = not each and any(len(mode.touching) > 1 for mode in modes)
-    words = ("a foot sticks", "all feet on the ground slip") if several else ("foot sticks", "foot slips")
-    known = zip(("-", SLIP_DASHES, FLIGHT_DOTS), (*words, "flight"), strict=True)
+    texts = ("a foot sticks", "all feet on the ground slip") if several else ("foot sticks", "foot slips")
+    known = zip(("-", SLIP_DASHES, FLIGHT_DOTS), (*texts, "flight"), strict=True)
     return [entry(text, linestyle=style) for style, text in known if style in styles]
 
 
 def legend_below(figure: Figure, handles: Sequence[Any]) -> None:
-    """Add a legend under the axes, in as many columns as fit; long entries are wrapped, and the figure grows."""
+    """Add a legend under the axes, in as many columns as fit; long entries are wrapped, and the figure gets taller."""
     given = _AXES.get()
     if given is not None:
         given[-1].legend(handles=list(handles), fontsize="small")
@@ -200,7 +202,7 @@ class Label:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """The parameter of a branch, shown in degrees if the problem file gives it in degrees."""
+    """The parameter of a branch, which is shown in degrees if the problem file states it in degrees."""
 
     key: str
     in_degrees: bool = False
@@ -222,14 +224,14 @@ class Parameter:
 def parameter_of(problem: Problem, key: str) -> Parameter:
     """The continued parameter of a problem, with the unit of the problem file."""
     value: Any = parse_source(problem.text, problem.name).data if problem.text else None
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
+    for name in key.split("."):
+        value = value.get(name) if isinstance(value, Mapping) else None
     in_degrees = isinstance(value, str) and value.rstrip().endswith("deg")
     return Parameter(key=key, in_degrees=in_degrees, problem=problem)
 
 
 def symbol(state: str) -> str:
-    """The symbol of a state: ``dtheta1`` becomes θ̇₁, and ``stance_shin`` two words."""
+    """The symbol of a state: θ̇₁ for ``dtheta1``, and the two words ``stance shin`` for ``stance_shin``."""
     rate = state.startswith("d") and len(state) > 1
     name = state[1:] if rate else state
     stem = name.rstrip("0123456789")
@@ -249,5 +251,5 @@ def label(key: str, of: Driven | None = None) -> Label:
 
 
 def typeset(unit: str) -> str:
-    """A unit with raised exponents."""
+    """A unit with exponents as superscripts."""
     return unit.replace("^2", "²")

@@ -46,27 +46,28 @@ FOLDED = 12
 """Largest number of parameters that a table of results lists unless all are asked for."""
 UNFOLD = "--all lists them"
 GAP = 3
-"""Characters between two columns."""
-NEGLIGIBLE = 1e-12
-"""Largest number that is shown as zero, being rounding in all units that occur here."""
+"""Number of characters between two columns."""
+LARGEST_ZERO = 1e-12
+"""Smaller numbers are shown as zero: they are rounding in all units of these tables."""
 FRICTION_KEYS = ("friction", "friction.static", "friction.kinetic")
 MODES = "phases; impact"
 LIST_COLUMNS = ("problem", "walker", MODES, "period [s]", "radius", "", "about")
-LEAST_ABOUT = {MODES: 40, "period [s]": 20, "radius": 20, "": 20}
-"""Least width of the column ``about`` beside a column that is left out otherwise."""
+NARROWEST_ABOUT = {MODES: 40, "period [s]": 20, "radius": 20, "": 20}
+"""Columns that are left out if the column ``about`` would be narrower than this beside them."""
 LONGEST_MODES = 80
-"""Characters of a mode sequence in the list of problems; of longer ones the number of phases is given."""
+"""Largest number of characters of a mode sequence in the list of problems; instead of a longer one, the list states its
+number of phases."""
 ENDED = "the time was over before the search was complete: more gaits or values may exist"
 STABILITY = {True: "stable", False: "unstable"}
 FOUND_BY = {"newton": "Newton's method", "ipopt": "IPOPT"}
 CHAOTIC = 1e-3
-"""Lyapunov exponent above which a motion without a period is chaos, and below which it may be a torus."""
+"""A motion without a period is chaos if its Lyapunov exponent is larger; with a smaller one it may be a torus."""
 SHOWN_DIGEST = 16
-"""Digits of a problem's SHA-256 in a table."""
+"""Number of digits of a problem's SHA-256 in a table."""
 LONGEST_BOUND = 15
-"""Most digits of a bound in a table."""
+"""Largest number of digits of a bound in a table."""
 WIDTH = 110
-"""Characters of a line in a notebook."""
+"""Number of characters of a line in a notebook."""
 BLOCK = '<pre style="font-family: monospace; line-height: 1.25; overflow-x: auto">{code}</pre>'
 
 
@@ -82,9 +83,9 @@ def table(
     cells = [tuple(row) for row in rows]
     for index, (column, *own) in enumerate(zip(columns, *cells, strict=True)):  # no word is broken or lost
         justify: Literal["right", "left"] = "right" if index in numbers else "left"
-        least = max(map(_longest_word, (column, *own)))
+        narrowest = max(map(_longest_word, (column, *own)))
         fixed = None if widths is None else widths[index]
-        grid.add_column(column, justify=justify, overflow="fold", min_width=least, width=fixed)
+        grid.add_column(column, justify=justify, overflow="fold", min_width=narrowest, width=fixed)
     for row in cells:
         grid.add_row(*row)
     return grid
@@ -106,7 +107,7 @@ def section(
 def print_table(
     console: Console, columns: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: Sequence[int] = ()
 ) -> None:
-    """Print a table; where its words do not fit side by side, print every row as a block of lines instead."""
+    """Print a table; if its columns do not fit side by side, print every row as a block of lines instead."""
     cells = [tuple(row) for row in rows]
     widths = _widths(list(zip(columns, *cells, strict=True)), console.width - GAP * (len(columns) - 1))
     if widths is not None:
@@ -120,13 +121,13 @@ def print_table(
 
 
 def _widths(columns: Sequence[tuple[str, ...]], room: int) -> list[int] | None:
-    """Widths of columns, the widest narrowed until all fit into ``room``; None where their words do not."""
-    least = [max(map(_longest_word, column)) for column in columns]
+    """Widths of columns, of which the widest are narrowed until all fit into ``room``; None if they cannot fit."""
+    narrowest = [max(map(_longest_word, column)) for column in columns]
     widths = [max(len(line) for cell in column for line in cell.split("\n")) for column in columns]
-    if sum(least) > room:
+    if sum(narrowest) > room:
         return None
     while sum(widths) > room:
-        widths[max((k for k, width in enumerate(widths) if width > least[k]), key=widths.__getitem__)] -= 1
+        widths[max((k for k, width in enumerate(widths) if width > narrowest[k]), key=widths.__getitem__)] -= 1
     return widths
 
 
@@ -138,18 +139,18 @@ def number(value: float | None) -> str:
     """A number with six digits; the JSON has all of them."""
     if value is None:
         return "-"
-    return f"{0.0 if abs(value) < NEGLIGIBLE else value:.6g}"
+    return f"{0.0 if abs(value) < LARGEST_ZERO else value:.6g}"
 
 
 def with_degrees(value: float, unit: str) -> str:
-    """The unit, followed by the value in degrees for an angle."""
+    """The unit; that of an angle is followed by the value in degrees."""
     return f"{unit} ({math.degrees(value):.5g} deg)" if unit == "rad" else unit
 
 
 def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]]) -> None:
-    """Problems in one table, by walker, each with period and stability of its gait if known.
+    """Print problems in one table in the order of walkers, each with period and stability of its gait if known.
 
-    Empty columns are left out, and those of ``LEAST_ABOUT`` where the terminal has no room for them.
+    Empty columns are left out, and those of ``NARROWEST_ABOUT`` if the terminal has no room for them.
     """
     rows = list[tuple[str, ...]]()
     for problem, record in sorted(problems, key=lambda pair: (pair[0].walker.model, pair[0].name)):
@@ -163,18 +164,18 @@ def print_problems(console: Console, problems: Sequence[tuple[Problem, Record]])
     columns = list(zip(LIST_COLUMNS, *rows, strict=True))
     columns = [column for column in columns if any(column[1:])]
     everything = columns
-    for heading, least in LEAST_ABOUT.items():
+    for heading, narrowest in NARROWEST_ABOUT.items():
         widths = [max(map(_longest_word if column[0] == MODES else len, column)) for column in columns[:-1]]
-        if console.width - sum(widths) - GAP * len(widths) < least:
+        if console.width - sum(widths) - GAP * len(widths) < narrowest:
             columns = [column for column in columns if column[0] != heading]
     if _widths(columns, console.width - GAP * (len(columns) - 1)) is None:
-        columns = everything  # below each other
+        columns = everything  # every row is printed as a block
     headings, *cells = zip(*columns, strict=True)
     print_table(console, headings, cells)
 
 
 def print_problem(console: Console, problem: Problem, *, every: bool = True) -> None:
-    """A problem: walker, control, mode sequence, guess, unknowns; ``every`` as for ``print_gait``."""
+    """Print a problem: walker, control, mode sequence, guess, unknowns; for ``every`` see ``print_gait``."""
     console.print(problem.name, style="bold")
     if problem.about:
         console.print(problem.about)
@@ -229,11 +230,11 @@ def print_problem(console: Console, problem: Problem, *, every: bool = True) -> 
 
 
 def print_gait(console: Console, record: Record, problem: Problem, *, every: bool = True) -> None:
-    """A gait of a problem from its JSON object.
+    """Print a gait of a problem from its JSON object.
 
     Parameters
     ----------
-    every : whether tables of many values found are printed too, instead of their number.
+    every : whether a long table of the values that were found is printed instead of their number.
     """
     stable = STABILITY[record["spectral_radius"] < 1]
     console.print(f"{record['problem']}: {record['status']}, {stable}", style="bold")
@@ -261,7 +262,7 @@ def _folded_section(
     *,
     every: bool,
 ) -> None:
-    """A section, or if its rows are many only their number, unless every row is asked for."""
+    """Print a section; if it has many rows, print only their number unless every row is requested."""
     if every or len(rows) <= FOLDED:
         section(console, title, columns, rows, numbers=numbers)
     else:
@@ -269,7 +270,7 @@ def _folded_section(
 
 
 def print_derivatives(console: Console, record: Record) -> None:
-    """Derivatives of a gait from their JSON object: what changes its stability most, and the whole table."""
+    """Print the derivatives of a gait from their JSON object: what changes its stability most, and the whole table."""
     at, units, by = record["parameters"], record["units"], record["derivatives"]
     radius, slopes = record["values"].get("spectral_radius"), by.get("spectral_radius", {})
     console.print(f"{record['problem']}: derivatives in {counted(len(at), 'parameter')}", style="bold")
@@ -293,7 +294,7 @@ def print_derivatives(console: Console, record: Record) -> None:
 
 
 def print_stabilised(console: Console, record: Record, problem: Problem, *, every: bool = True) -> None:
-    """A gait under a law that was made for it, and how far it is from the given gait; the gait's table comes last."""
+    """Print a gait under a law that was made for it: its distance from the given gait, then the table of the gait."""
     made, given = record["stabilised"], record["stabilised"]["given"]
     over = "the clock" if made["phase"] == "clock" else f"the phase {made['phase']}"
     console.print(f"{given['problem']} with {made['law'].replace('_', ' ')} over {over}", style="bold")
@@ -321,7 +322,7 @@ def print_stabilised(console: Console, record: Record, problem: Problem, *, ever
 
 
 def print_walk(console: Console, record: Record, problem: Problem) -> None:
-    """A simulated walk of a problem from its JSON object."""
+    """Print a simulated walk of a problem from its JSON object."""
     console.print(f"{record['problem']}: {counted(record['steps'], 'step')}, {record['status']}", style="bold")
     console.print(record["message"])
     _print_motion(console, record, problem, last=" of the last step" if record["steps"] else "")
@@ -338,7 +339,7 @@ def print_walk(console: Console, record: Record, problem: Problem) -> None:
 
 
 def _impulses(entry: Record) -> list[tuple[str, Record]]:
-    """Impulses of an impact by name of the contact."""
+    """Impulses of an impact by the name of the contact."""
     impulse = entry["impulse"] or {}
     if "F_t" in impulse:
         return [(", ".join(entry["of"]), impulse)]
@@ -346,7 +347,7 @@ def _impulses(entry: Record) -> list[tuple[str, Record]]:
 
 
 def print_verification(console: Console, record: VerificationRecord) -> None:
-    """Every claim with its figure and tolerance."""
+    """Print every claim with its figure and tolerance."""
     rows = list[tuple[str, ...]]()
     for claim in recorded_claims(record):
         figure = f"{claim.figure:.2g}" if math.isfinite(claim.figure) else "-"
@@ -413,10 +414,10 @@ def sequence(record: Record) -> str:
 
 
 def print_gaits(console: Console, record: Record) -> None:
-    """The gaits of a search, one line each, and the starts of the search."""
+    """Print the gaits of a search, one line each, and the starts of the search."""
     searched = record["searched"]
-    words = counted_gaits([gait["spectral_radius"] < 1 for gait in record["gaits"]])
-    console.print(f"{record['problem']}: found {words}; the search can miss gaits", style="bold")
+    found = counted_gaits([gait["spectral_radius"] < 1 for gait in record["gaits"]])
+    console.print(f"{record['problem']}: found {found}; the search can miss gaits", style="bold")
     if record["gaits"]:
         _print_list(console, "gaits", record["gaits"])
     for lost in searched["rejected"]:
@@ -446,7 +447,7 @@ def explanation_lines(record: Record) -> list[str]:
 
 
 def print_explanation(console: Console, record: Record, printed: Collection[str] = ()) -> None:
-    """The lines of an explanation that are not ``printed`` yet, and the gaits with other mode sequences."""
+    """Print the lines of an explanation that are not ``printed`` yet, and the gaits with other mode sequences."""
     for number, line in enumerate(explanation_lines(record)):
         if line not in printed:
             console.print(line, style=None if number else "bold")
@@ -477,7 +478,7 @@ def _print_list(console: Console, title: str, gaits: Sequence[Record]) -> None:
 
 
 def print_branch(console: Console, records: Sequence[Record], parameter: str, problem: Problem | None = None) -> None:
-    """The branches of a family, its special points and cascades; records may have a ``sequence``."""
+    """Print the branches of a family, its special points and cascades; records may have a ``sequence``."""
     specials = [record for record in records if record["record"] == "special"]
     unit = unit_of(parameter, problem)
     rows = list[tuple[str, ...]]()
@@ -509,7 +510,7 @@ def print_branch(console: Console, records: Sequence[Record], parameter: str, pr
 
 
 def print_trace(console: Console, records: Sequence[Record], parameters: tuple[str, str]) -> None:
-    """The curves of a special point over two parameters, and their special points."""
+    """Print the curves of a special point over two parameters, and their special points."""
     rows, specials = list[tuple[str, ...]](), [record for record in records if record["record"] == "special"]
     points = [record for record in records if record["record"] == "point"]
     for curve in sorted({record["curve"] for record in points}):
@@ -532,7 +533,7 @@ def event(special: Record) -> str:
 
 
 def print_basin(console: Console, record: Record) -> None:
-    """The gaits on which the states end, and the endings of the other states."""
+    """Print the gaits on which states end, and the endings of the other states."""
     gaits = [
         (str(k), g["kind"], f"{g['states']:,}", f"{g['share']:.2%}", f"{', '.join(g['phases'])}; {g['impact']}")
         for k, g in enumerate(record["gaits"])
@@ -544,7 +545,7 @@ def print_basin(console: Console, record: Record) -> None:
 
 
 def print_attractors(console: Console, result: Attractors) -> None:
-    """What walks settle on: neighbouring values with the same cycle lengths in one row."""
+    """Print the attractors of walks; neighbouring values with the same attractors share a row."""
     key, unit = result.axis.key, result.axis.unit or unit_of(result.axis.key, result.problem)
     rows, before, lost = list[tuple[str, ...]](), "", list[int]()
     for record in result.records:
@@ -552,20 +553,20 @@ def print_attractors(console: Console, result: Attractors) -> None:
         runs = record["attractors"]
         ended = sum(record["endings"].values())
         starts = ended + sum(run["starts"] for run in runs)
-        words = ", ".join(sorted({_long_run_words(run) for run in runs})) or "none"
+        attractors = ", ".join(sorted({_attractor_name(run) for run in runs})) or "none"
         rates = [run["lyapunov"] for run in runs if run["lyapunov"] is not None]
         span = [min(rates), max(rates)] if rates else []
-        if words == before:
-            first, _, _, _, least, most = rows.pop()
-            span = [*span, *(float(text) for text in (least, most) if text)]
+        if attractors == before:
+            first, _, _, _, lowest, highest = rows.pop()
+            span = [*span, *(float(text) for text in (lowest, highest) if text)]
             lost.append(ended)
         else:
             first, lost = value, [ended]
         fewest, most_lost = min(lost), max(lost)
-        part = f"{fewest if fewest == most_lost else f'{fewest} to {most_lost}'} of {starts}"
+        ended_starts = f"{fewest if fewest == most_lost else f'{fewest} to {most_lost}'} of {starts}"
         ends = (f"{min(span):.4g}", f"{max(span):.4g}") if span else ("", "")
-        rows.append((first, value, words, part, *ends))
-        before = words
+        rows.append((first, value, attractors, ended_starts, *ends))
+        before = attractors
     title = f"{result.problem.name}: what walks settle on over {key}{f' [{unit}]' if unit else ''}"
     columns = ("from", "to", "attractors", "starts that end", "least exponent", "largest exponent")
     section(console, title, columns, rows, numbers=(0, 1, 3, 4, 5))
@@ -576,14 +577,14 @@ def print_attractors(console: Console, result: Attractors) -> None:
         console.print("ends: " + ", ".join(f"{_words(name)} {count:,}" for name, count in endings.most_common()))
 
 
-def _long_run_words(run: Record) -> str:
+def _attractor_name(run: Record) -> str:
     if run["period_steps"] is not None:
         return f"cycle of {counted(run['period_steps'], 'step')}"
     return "chaos" if (run["lyapunov"] or 0.0) > CHAOTIC else "no cycle"
 
 
 def print_sweep(console: Console, record: Record) -> None:
-    """Numbers of points of a grid by status."""
+    """Print the numbers of points of a grid by status."""
     statuses = ", ".join(f"{count} {_words(status)}" for status, count in record["statuses"].items())
     console.print(f"{record['problem']}: {counted(record['jobs'], 'job')}, {statuses}")
     console.print(f"verified: {record['verified']}" + (f", REFUTED: {record['refuted']}" if record["refuted"] else ""))
@@ -595,7 +596,7 @@ def print_sweep(console: Console, record: Record) -> None:
 
 
 def print_front(console: Console, record: Record) -> None:
-    """The designs of a front in the order of the varied number."""
+    """Print the designs of a front in the order of the varied number."""
     rows = list[tuple[str, ...]]()
     for point in record["points"]:
         if point["objective"] is None:
@@ -609,7 +610,7 @@ def print_front(console: Console, record: Record) -> None:
 
 
 def print_optima(console: Console, optima: Sequence[Optimum], starts: int) -> None:
-    """One line per distinct solution of many starts."""
+    """Print one line per distinct solution of many starts."""
     converged = sum(len(optimum.starts) for optimum in optima)
     console.print(f"{counted(starts, 'start')}: {converged} found a gait, {len(optima)} of them distinct")
     for optimum in optima:
@@ -648,13 +649,13 @@ def print_proof(console: Console, record: Record) -> None:
 
 
 def _typed_interval(text: str) -> str:
-    """An interval ``LO..HI`` of a parameter as ``enclosure``, with the unit of both ends."""
+    """An interval ``LO..HI`` of a parameter in the form of ``enclosure``, with the unit of both ends."""
     (lower, _, unit), (upper, _, _) = (end.strip().partition(" ") for end in text.split(".."))
     return f"{enclosure(lower, upper)} {unit}".rstrip()
 
 
 def enclosure(lower: str, upper: str) -> str:
-    """An interval of decimal numbers by its middle and half of its width, rounded for reading."""
+    """The text of an interval of decimal numbers: its middle and half of its width, rounded for reading."""
     low, high = Decimal(lower), Decimal(upper)
     middle, half = (low + high) / 2, (high - low) / 2
     digits = LONGEST_BOUND if not half else middle.adjusted() - half.adjusted() + 1
@@ -720,7 +721,7 @@ def _words(name: str) -> str:
 
 
 def printed(result: Any, *, titled: bool = False) -> str:
-    """The printed table of a result as a block of HTML, after what it is if ``titled``."""
+    """The printed table of a result as a block of HTML; ``titled``: below a line that says what the result is."""
     plain: Any = {"markup": False, "highlight": False, "emoji": False, "force_jupyter": False}  # not shown by itself
     console = Console(record=True, file=StringIO(), width=WIDTH, **plain)
     if titled:
