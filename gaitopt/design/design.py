@@ -33,6 +33,8 @@ from gaitopt.solver.solve import free_parameters
 
 MAX_ROUNDS = 12
 """Largest number of searches of the smoothed problem, each from the solution of the one before."""
+NEXT_TO_GAIT = 1e-6
+"""Largest residual of the equations, in natural units, at which the exact search may begin although IPOPT failed."""
 MAX_MESHES = 3
 """Largest number of searches of the exact problem, each on the mesh that the optimum of the one before needs."""
 COALESCENCE = 1e-3
@@ -89,18 +91,24 @@ class _Design:
             at = smoothed.motion(result.w)
             if result.status is Status.INTERRUPTED:
                 return self._failed(result.status, result.words, solver, at=at)
-            if result.status is not Status.CONVERGED:
-                causes = self._conflicts(start) or (() if start is begin else self._conflicts(begin))
-                reason = f"{result.words}: {what_limits(smoothed.program.unknowns, smoothed.program.rows, result)}"
-                message = "\n".join(cause.words for cause in causes) or reason
-                return self._failed(Status.INFEASIBLE if causes else result.status, message, solver, causes, at=at)
-            if at.in_order and not smoothed.hits_trust_region(result.w):
+            # where the iterations ran out next to a gait, the exact search may finish
+            solved, near, gait = result.status is Status.CONVERGED, at.size <= NEXT_TO_GAIT, None
+            if (solved or near) and at.in_order and not smoothed.hits_trust_region(result.w):
                 gait = self._optimum(at, iterations)
-                # constraints that no gait meets may be met where a motion degenerates, which is no gait
-                causes = () if gait.status in (Status.CONVERGED, Status.INTERRUPTED) else self._conflicts(begin)
-                message = "\n".join(cause.words for cause in causes)
-                return self._failed(Status.INFEASIBLE, message, gait.solver, causes) if causes else gait
-            start = rolled_again(at).on_mesh(self._free)
+                if gait.status in (Status.CONVERGED, Status.INTERRUPTED):
+                    return gait
+            elif solved:
+                start = rolled_again(at).on_mesh(self._free)
+                continue
+            # constraints that no gait meets may be met where a motion degenerates, which is no gait
+            causes = self._conflicts(start) or (() if start is begin else self._conflicts(begin))
+            if causes:
+                words = "\n".join(cause.words for cause in causes)
+                return self._failed(Status.INFEASIBLE, words, solver, causes, at=at)
+            if gait is not None and solved:
+                return gait
+            limits = what_limits(smoothed.program.unknowns, smoothed.program.rows, result)
+            return self._failed(result.status, f"{result.words}: {limits}", solver, at=at)
         return self._failed(Status.NOT_CONVERGED, "the search does not converge", solver, at=at)
 
     def start(self, first: Gait) -> Solution:

@@ -167,6 +167,7 @@ FRICTION = {"free": [0.1, 0.6], "guess": 0.6}
 SHORTEST_STEPS = {
     "compass-passive-a": ("walker.slope", "walker.leg_length"),
     "compass-passive-static-kinetic": ("walker.slope", "walker.leg_length"),
+    "compass-passive-two-step": ("walker.slope", "walker.leg_length"),
     "compass-push-off": ("walker.hip_mass", "walker.leg_length"),
     "compass-unequal": ("walker.slope", "walker.leg_length"),
     "compass-virtual-constraint-slip": ("walker.hip_mass", "walker.leg_length"),

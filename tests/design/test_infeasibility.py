@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from named import named
 
 import gaitopt as go
 from gaitopt import Status
@@ -91,3 +92,11 @@ def test_a_search_that_runs_out_of_iterations_says_what_limits_it(monkeypatch, n
     assert "the iterations ran out: largest violation" in gait.message
     assert label in gait.message.partition("presses most on")[2]
     assert "residual of the optimality conditions" in gait.message
+
+
+def test_a_search_that_runs_out_next_to_a_gait_still_ends_at_the_optimum(monkeypatch):
+    optimum = named("compass-torque-efficient")
+    monkeypatch.setattr("gaitopt.design.smoothed.MAX_ITERATIONS", 9)
+    gait = go.solve("compass-torque-efficient", progress=False)
+    assert gait.solver["iterations"] == 9 + 2  # the last two of sequential quadratic programming
+    assert gait.freed == pytest.approx(optimum.freed, abs=1e-10)
