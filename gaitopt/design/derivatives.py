@@ -44,8 +44,8 @@ class Derivatives(Tabulated, ReadOnlyArrays):
     Attributes
     ----------
     problem : problem of the gait.
-    quantities : ``state.NAME``, the scalars of the result, ``multipliers.K.re``, of complex ones also
-        ``multipliers.K.im``, and ``spectral_radius``.
+    quantities : ``state.NAME``, ``phases.K.duration``, the scalars of the result, ``multipliers.K.re``, of complex ones
+        also ``multipliers.K.im``, and ``spectral_radius``.
     parameters : dotted keys of the continuous parameters.
     at : ndarray, shape (n_parameters,) - values of the parameters.
     values : ndarray, shape (n_quantities,) - values of the quantities.
@@ -151,6 +151,8 @@ def derivatives(gait: Gait) -> Derivatives:
     rows, reasons = dict[str, tuple[float, Array]](), dict[str, str]()
     for state in gait.system.state_names:
         rows[f"state.{state}"] = sensitivity.smooth(f"state.{state}")
+    for phase in range(len(gait.phases)):
+        rows[f"phases.{phase}.duration"] = sensitivity.smooth(f"phases.{phase}.duration")
     for key in relevant_scalars([gait.to_record()]):
         if key not in SCALARS or key == SPECTRAL_RADIUS or gait.measures[key] is None:
             continue

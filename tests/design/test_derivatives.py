@@ -34,6 +34,8 @@ def walked(gait: go.Gait, changes: Mapping[str, float]) -> dict[str, complex]:
     values: dict[str, complex] = {
         f"state.{name}": x for name, x in zip(gait.system.state_names, state.tolist(), strict=True)
     }
+    durations = [duration for step in steps for _, duration in step.phases]
+    values |= {f"phases.{k}.duration": duration for k, duration in enumerate(durations)}
     values |= {name: value for name, value in measure(steps).items() if value is not None}
     multipliers = floquet_multipliers(point.jacobian)
     values |= {f"multipliers.{k}.re": m.real for k, m in enumerate(multipliers)}
