@@ -354,7 +354,7 @@ def print_verification(console: Console, record: VerificationRecord) -> None:
         outcome = "ok" if claim.passed else OUTCOMES[claim.outcome].upper()
         rows.append((claim.name, figure, f"{claim.tolerance:.2g}", outcome, claim.note))
     title = "verified by forward simulation" if record["passed"] else "NOT verified by forward simulation"
-    section(console, title, ("claim", "figure", "tolerance", "", ""), rows, numbers=(1, 2))
+    section(console, title, ("claim", "value", "tolerance", "", ""), rows, numbers=(1, 2))
 
 
 def _print_motion(console: Console, record: Record, problem: Problem, last: str = "") -> None:
