@@ -9,7 +9,7 @@ from pictured import TORSO, branch, gait
 from gaitopt import simulate
 from gaitopt.show.film import FilmContactRecord, FilmPhaseRecord, FilmRecord
 from gaitopt.show.motion import motion_of
-from gaitopt.show.pages import animation_page, branch_report, comparison_report, walk_report
+from gaitopt.show.pages import animation_page, branch_report, comparison_report, walk_report, walks_page
 
 FORCE = ".walker .force"
 UNROLLED = "return { ...film, phases, columns };"
@@ -90,9 +90,40 @@ def test_with_reduced_motion_nothing_moves_by_itself(visit):
 def test_slip_leaves_its_marks_on_the_ground(visit):
     page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
     page.get_by_role("slider", name="time").fill("1000")
-    marks = page.locator(".walker .mark")
+    marks = page.locator(".walker .mark:not(.lens *)")
     assert marks.count() == 8  # forward and backward in each of four steps
     assert all(marks.nth(k).evaluate("mark => mark.style.display") == "" for k in range(8))
+
+
+def test_the_magnifier_glows_while_the_foot_slips_and_names_its_scale(visit):
+    page = visit(animation_page(motion_of(gait("compass-passive-a"))), motion="reduce")
+    assert page.locator(".lens text").all_text_contents() == ["2 mm", "×100"]
+    for place, mode in ((5, "slip_forward"), (100, None), (248, "slip_backward")):
+        page.get_by_role("slider", name="time").fill(str(place))
+        classes = page.locator(".lens .rim").get_attribute("class").split()
+        assert classes == (["rim", "glows", mode] if mode else ["rim"])
+    assert visit(animation_page(motion_of(gait("compass-passive-stick")))).locator(".lens").count() == 0
+
+
+def test_a_click_in_the_plane_of_starts_plays_the_walk_from_there(visit):
+    shown = gait("compass-passive-a")
+    starts = {f"{a}, {b}": {"dtheta1": a, "dtheta2": b} for a in (0.7, 0.72) for b in (-0.54, -0.5)}
+    walks = {label: simulate(shown, state, steps=2) for label, state in starts.items()}
+    page = visit(walks_page(shown, walks, "", ("dtheta1", "dtheta2")), motion="reduce")
+    cells = page.locator("rect.cell:not(.chosen)")
+    assert cells.count() == len(walks)
+    for k, label in enumerate(walks):
+        cells.nth(k).click(force=True)
+        assert page.locator("#choice > p").inner_text().startswith(f"{label}: ")
+
+
+def test_a_button_plays_its_walk(visit):
+    shown = gait("compass-passive-a")
+    walks = {"no push": simulate(shown, steps=2), "a push": simulate(shown, {"dtheta1": 0.9}, steps=2)}
+    page = visit(walks_page(shown, walks, ""), motion="reduce")
+    page.get_by_role("button", name="a push").click()
+    assert page.get_by_role("button", name="a push").get_attribute("aria-pressed") == "true"
+    assert page.locator("#choice > p").inner_text().startswith("a push: ")
 
 
 def test_a_click_on_the_diagram_changes_the_gait_shown(visit, branch_page):
@@ -284,13 +315,15 @@ def test_gaits_are_swiped_on_a_phone_and_played_together(visit):
     page.get_by_role("button", name="Pause all").click()
     assert page.get_by_role("button", name="Pause", exact=True).count() == 0
     page.get_by_role("button", name="Overlay").click()
-    assert page.locator(".overlay svg").count() == 2
-    first, second = (page.locator(".overlay svg").nth(k).bounding_box() for k in (0, 1))
+    assert page.locator(".overlay svg.walker").count() == 2
+    first, second = (page.locator(".overlay svg.walker").nth(k).bounding_box() for k in (0, 1))
     assert first == second
     page.get_by_role("slider", name="time").first.fill("300")
-    before = page.locator(".overlay .force").nth(1).get_attribute("d")
+    before = page.locator(".overlay .force:not(.lens *)").nth(1).get_attribute("d")
     page.get_by_role("slider", name="time").first.fill("400")
-    page.wait_for_function("d => document.querySelectorAll('.overlay .force')[1].getAttribute('d') !== d", arg=before)
+    page.wait_for_function(
+        "d => document.querySelectorAll('.overlay .force:not(.lens *)')[1].getAttribute('d') !== d", arg=before
+    )
 
 
 def test_who_dislikes_motion_is_brought_to_a_gait_at_once(visit):

@@ -44,6 +44,9 @@ class GaitPanel {
     draw(torques, moving, fellows);
     draw(multiplierPlane, gait, gaits);
     if (gait.comparison) draw(comparison, gait.comparison, film, labels), draw(comparisonDifference, gait.comparison, film);
+    const visible = [...charts.children].filter((cell) => getComputedStyle(cell).display !== "none");
+    // On a phone they lie side by side.
+    charts.before(html("p", { class: "swipe" }, `${visible.length} figures: swipe →`));
   }
 }
 

@@ -81,6 +81,7 @@ class Walker {
     this.marks.forEach(({ line, mode: kind, point }, k) => {
       const trace = this.traces[k];
       trace.style.display = point === mark ? line.style.display : "none";
+      if (trace.style.display === "none") return;
       const y = (kind === "slip_forward" ? -9 : -17) / this.lensScale;
       set(trace, { x1: line.getAttribute("x1"), x2: line.getAttribute("x2"), y1: y, y2: y });
     });
