@@ -16,7 +16,7 @@ import numpy as np
 from gaitopt.arrays import Array
 from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
-from gaitopt.model.contacts import DEPENDENT, LOCKED, constraint_rows, constraint_structure
+from gaitopt.model.contacts import LARGEST_REMAINDER, LOCKED, constraint_rows, constraint_structure
 from gaitopt.model.modes import Mode
 from gaitopt.model.walker import Walker
 
@@ -34,7 +34,7 @@ def undetermined_in(walker: type[Walker], mode: Mode) -> tuple[str, ...]:
     """Names of the forces that are undetermined in a mode, and of the impulses in an impact that leads to it."""
     structure, undetermined = constraint_structure(walker, mode), dict[str, None]()
     for (name, row), shares in zip(structure.constraints, structure.nulls, strict=True):
-        if row != LOCKED and np.abs(shares).max(initial=0.0) > DEPENDENT:
+        if row != LOCKED and np.abs(shares).max(initial=0.0) > LARGEST_REMAINDER:
             slides = row == 1 and mode.directions[name]  # friction follows the normal force
             undetermined |= dict.fromkeys((f"f_t.{name}", f"f_n.{name}") if slides else (f"f_{'tn'[row]}.{name}",))
     return tuple(undetermined)

@@ -1,7 +1,7 @@
 """Motion and plastic impacts of a walker whose contacts stick, slip or are off, and whose stops are free or locked.
 
-With the positions r_i of the closed contacts, J_i = dr_i/dq with rows t and n, their forces f_i, and the gaps g_j of
-the locked stops, which are affine in the shape, with their forces l_j,
+r_i are the positions of the closed contacts, J_i = dr_i/dq with rows t and n, f_i their forces; g_j are the gaps of the
+locked stops, which are affine in the shape, and l_j their forces:
 
     M ddq + B + G = E u + sum J_i' f_i + sum (dg_j/dq)' l_j                     Gamus & Or (2013), eq. (2)
     J_n,i ddq + dJ_n,i dq = 0                                  of every closed contact
@@ -10,17 +10,18 @@ the locked stops, which are affine in the shape, with their forces l_j,
     dg_j/dq ddq = 0                                            of every locked stop
 
 This is one linear system in ddq, the normal forces, the forces of sticking contacts and those of the stops. With an s
-between -1 and 1 it gives the motion of a foot whose mode is unknown.
+between -1 and 1 its solution is the motion of a foot whose mode is unknown.
 
 **One foot.** A walker that stands on one foot at a time has the contacts ``foot``, at (x, y), and ``swing_foot``, which
 swap roles at touchdown. With the shape eliminated, its equation along the ground while it slips is
 
     (C_tt + mu s C_nt) ddx = -(f_t + mu s f_n)_stick - c dx         C = (W M^-1 W')^-1, the apparent mass of the foot
 
-The factor, det(C) w_n' M^-1 Gamma of eq. (6), is the last pivot of the elimination. Where it is not positive, the slip
-has no unique solution (Painleve's paradox).
+The factor, det(C) w_n' M^-1 Gamma of eq. (6), is the last pivot of the elimination. If it is not positive, the slip has
+no unique solution (Painleve's paradox).
 
-**Impacts.** An impact that leads to a mode has impulses in place of forces, and J dq_plus in place of accelerations:
+**Impacts.** The equations of an impact that leads to a mode have impulses instead of forces, and J dq_plus instead of
+accelerations:
 
     M (dq_plus - dq_minus) = sum J_i' F_i + sum (dg_j/dq)' L_j                  eq. (8)
 
@@ -28,14 +29,14 @@ has no unique solution (Painleve's paradox).
     slip, coulomb       F_t = -mu s F_n,  v_n_plus = 0,  s = sgn v_t_plus  eq. (11)
     slip, frictionless  F_t = 0,          v_n_plus = 0
 
-Contacts that are off afterwards have no impulse. The equations are written with the velocity v of a closed contact in
-place of that of (x, y), for which the mass matrix is a sum over positions relative to this contact. So they need no
-inverse of M, which is singular for walkers with a single point mass, and the inertia of a light leg is not lost in the
-rounding of a heavy hip.
+Contacts that are off afterwards have no impulse. The unknowns of the equations contain the velocity v of a closed
+contact instead of that of (x, y), so that the mass matrix is a sum over positions relative to this contact. Then no
+inverse of M is needed, which is singular for walkers with a single point mass, and the inertia of a light leg is not
+lost in the rounding of a heavy hip.
 
-**Redundant constraints.** The derivatives of the closed contacts may depend on each other where the contacts are on the
+**Redundant constraints.** The derivatives of the closed contacts may depend on each other while the contacts are on the
 ground: two sticking contacts of one rigid part have the same tangential constraint. They are recognised by their pivots
-at a posture of the mode. A constraint that depends on the ones before it is left out: its force is one of a family
+at a posture of the mode. A constraint that depends on the ones before it is left out. The forces then are a family
 
     lambda = lambda_0 + N a,      J' N = 0
 
@@ -44,12 +45,12 @@ margins of the mode do not contain a: Fourier and Motzkin's elimination leaves t
 
     (mu_1 f_n,1 + f_t,1) + (mu_2 f_n,2 + f_t,2) > 0
 
-of two contacts that stick together. Where forces of the family would move the walker differently (contacts of different
-friction that slip as one), the mode has no determined motion.
+of two contacts that stick together. If forces of the family would move the walker differently (contacts of different
+friction that slip as one), the motion of the mode is not determined.
 
 **Massless contacts.** A contact at the end of a massless part has coordinates of its own, without inertia. While it is
-closed their equations give its force; while it is off they keep their values. It sticks, or is off. A walker with
-massless feet keeps (x, y) in flight, where its bodies fall without them.
+closed, the equations of these coordinates determine its force; while it is off, the coordinates keep their values. It
+sticks, or is off. In the flight of a walker with massless feet its bodies fall, but (x, y) do not change.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -87,27 +88,28 @@ from gaitopt.model.modes import FOOT, Mode
 from gaitopt.model.walker import Walker
 
 TANGENTIAL, NORMAL, LOCKED = 0, 1, 2
-"""Kinds of constraints: the rows t and n of a contact, and that of a stop."""
+"""Kinds of constraints: the rows t and n of a contact, and the constraint of a stop."""
 SAMPLES = 5
-"""Postures at which dependent constraints are sought; they are the same ones unless a posture is singular."""
-DEPENDENT = 1e-7
-"""A constraint whose remainder is this small, relative to itself, depends on those before it."""
+"""Number of postures at which dependent constraints are sought; they are the same ones unless a posture is singular."""
+LARGEST_REMAINDER = 1e-7
+"""A constraint whose remainder is no larger than this, relative to itself, depends on those before it."""
 ON_GROUND = 1e-12
 """Largest height of a closed contact of a sampled posture, relative to the walker's size."""
 Constraint: TypeAlias = tuple[str, int]
-"""The contact or stop, and the kind."""
+"""Name of the contact or stop, and kind of the constraint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
-    """What the constraints of a mode depend on; the same in every posture of the mode.
+    """The dependence of the constraints of a mode on each other, which is the same in every posture of the mode.
 
     Attributes
     ----------
-    constraints : of the mode in order: normal, tangential, those of stops.
-    kept : indices of the independent ones.
-    dropped : indices of those that depend on the ones before them.
-    is_determined : whether the motion is the same whatever the shares of the forces, if all have the same friction.
+    constraints : constraints of the mode in order: normal ones, tangential ones, those of stops.
+    kept : indices of the independent constraints.
+    dropped : indices of the constraints that depend on the ones before them.
+    is_determined : whether the motion does not depend on the shares of the forces, if all contacts have the same
+        friction.
     nulls : ndarray, shape (n, len(dropped)) - a sample of N: the signs of its entries hold in every posture.
     drags : ndarray, shape (n_q, n) - sampled tangential directions of the constraints whose forces cause friction.
     group : the contacts whose forces are undetermined.
@@ -128,7 +130,7 @@ class Share:
 
     Attributes
     ----------
-    parts : (name of the margin, contact) of each term: ``cone_forward``, ``cone_backward`` or ``normal_force``.
+    parts : (kind of margin, contact) of each term; the kind is ``cone_forward``, ``cone_backward`` or ``normal_force``.
     value : SX - the sum with positive weights in which the shares cancel.
     """
 
@@ -138,12 +140,12 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
-    """Coefficients by contact, numbers or symbols.
+    """Coefficients of friction by contact, as numbers or symbols.
 
     Attributes
     ----------
-    static, kinetic : of a sticking and of a slipping contact.
-    viscous : drag of a slipping contact besides [N s/m].
+    static, kinetic : coefficients of a sticking and of a slipping contact.
+    viscous : additional drag of a slipping contact [N s/m].
     """
 
     static: Mapping[str, SX]
@@ -157,11 +159,11 @@ class Motion:
 
     Attributes
     ----------
-    dz : SX, shape (n_z,) - rate of the state; NaN where the motion of the mode is undetermined.
-    forces : SX, shape (2,), by contact - (f_t, f_n) [N]; zero if it is off, one of many where it is undetermined.
-    regularity : SX - determinant of the linear system relative to that without friction; not positive in the paradox of
-        Painleve. One foot that slips has its apparent mass instead.
-    apparent_mass : SX - C_tt + mu s C_nt of the one foot that slips [kg]; NaN otherwise.
+    dz : SX, shape (n_z,) - rate of the state; NaN if the motion of the mode is not determined.
+    forces : SX, shape (2,), by contact - (f_t, f_n) [N]; zero if it is off, one of many if it is not determined.
+    regularity : SX - determinant of the linear system relative to that without friction. It is not positive in the
+        paradox of Painleve. For a single foot that slips, the apparent mass takes its place.
+    apparent_mass : SX - C_tt + mu s C_nt of the single foot that slips [kg]; NaN otherwise.
     shares : margins of the groups of contacts whose forces are undetermined.
     """
 
@@ -195,7 +197,7 @@ class Impact:
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """Change of the rates (n_q,), forces (n,) of all constraints, a basis N of their family; see also ``Motion``."""
+    """Change of the rates (n_q,), forces (n,) of all constraints and a basis N of their family; see ``Motion``."""
 
     change: SX
     forces: SX
@@ -209,7 +211,7 @@ class _Constraints:
 
     Parameters
     ----------
-    base : the contact whose velocity is an unknown in place of that of (x, y); None for (x, y).
+    base : the contact whose velocity is an unknown instead of that of (x, y); None for (x, y).
     """
 
     def __init__(
@@ -246,7 +248,7 @@ class _Constraints:
 
         Parameters
         ----------
-        force : SX, shape (n_q,) - generalised force besides those of the constraints.
+        force : SX, shape (n_q,) - generalised force without those of the constraints.
         required : SX, shape (n,) - required value of each constraint.
         """
         s, active = self.structure, active_coordinates(self.eom.walker, self.mode)
@@ -254,7 +256,7 @@ class _Constraints:
         M, J, G = self.M[active, active], self.rows[kept, active], self.columns[active, kept]
         change, forces = SX.zeros(self.M.shape[0]), SX.zeros(len(s.constraints))
         b = vertcat(force[active], required[kept])
-        if len(kept) == n:  # the walker cannot move: its posture stays
+        if len(kept) == n:  # the walker cannot move
             found = solve(J, required[kept])
             multipliers, pivots = solve(G, M @ found - force[active]), list[SX]()
             regularity = det(G) / det(J)
@@ -282,7 +284,7 @@ class _Constraints:
         return _Solution(change, forces, self._family(kept), regularity, pivots[-1] if is_one_foot else SX.nan())
 
     def pairs(self, values: SX, drag: Mapping[str, SX]) -> dict[str, SX]:
-        """(f_t, f_n) by contact from the forces of the constraints; friction and drag give f_t of a slip."""
+        """(f_t, f_n) by contact from the forces of the constraints; f_t of a slip is that of friction and drag."""
         pairs = {name: SX.zeros(2) for name in self.eom.contacts}
         for k, (name, kind) in enumerate(self.structure.constraints):
             if kind == LOCKED:
@@ -344,7 +346,7 @@ def motion(
     forces, rates = system.pairs(found.forces, drag), SX(eom.dq)
     for k in {*range(rates.numel())} - {*active_coordinates(walker, mode)}:
         rates[k] = 0
-    if mode.touching and not walker.contacts:  # the foot stays on the ground, whatever the rounding of its rates
+    if mode.touching and not walker.contacts:  # rounding of the rates must not move the foot off the ground
         R = eom.contacts[FOOT].R
         rates[-2] = rates[-2] if system.slipping else 0
         rates[-1] = -R[1, 0] / R[1, 1] * rates[-2] if eom.contacts[FOOT].is_tilted else 0
@@ -359,7 +361,7 @@ def motion(
 
 
 def friction_of_shares(walker: type[Walker], mode: Mode, kinetic: Mapping[str, float]) -> Array:
-    """What friction does to the walker where the shares of the forces change, shape (n_q, n): zero if nothing."""
+    """Generalised forces of friction by a change of the shares, shape (n_q, n); zero if they do not depend on these."""
     structure = constraint_structure(walker, mode)
     coefficients = np.array([0.0 if kind == LOCKED else kinetic[name] for name, kind in structure.constraints])
     return np.asarray((structure.drags * coefficients) @ structure.nulls)
@@ -377,15 +379,15 @@ def impact(
 
     Parameters
     ----------
-    mode : just after the impact, with the contacts as they are called before it.
+    mode : mode just after the impact, with the names that the contacts have before it.
     before : SX, shape (n_q,) - rates just before it; by default those of the state.
-    places : the massless contacts that land: their coordinates take the values of ``Contact.places``.
+    places : the massless contacts that land; their coordinates take the values of ``Contact.places``.
     """
     n, dq = len(eom.walker.shape), eom.dq if before is None else before
     base = next((name for name in mode.touching if name not in eom.walker.placed_contacts()), None)
     system = _Constraints(eom, mode, friction.kinetic, base=base)
     v = dq if base is None else vertcat(dq[:n], eom.contacts[base].nominal_J @ dq)
-    # coordinates without inertia have no momentum: their rates follow from the constraints alone
+    # coordinates without inertia have no momentum: their rates follow from the constraints only
     found = system.solve(SX.zeros(v.numel()), -system.rows @ v)
     impulses, after = system.pairs(found.forces, {}), v + found.change
     velocities = dict[str, SX]()
@@ -415,7 +417,7 @@ def impact(
 
 
 def push_off(eom: EquationsOfMotion, mode: Mode, pushing: Sequence[str]) -> tuple[SX, SX]:
-    """Rates just after the walker has pushed off with some contacts, shape (n_q,), and the work of that [J].
+    """Rates just after the walker has pushed off with some contacts, shape (n_q,), and the work of the push [J].
 
     M (dq_plus - dq_minus) = sum J_i' P_i + sum (dg_j/dq)' L_j
 
@@ -423,7 +425,7 @@ def push_off(eom: EquationsOfMotion, mode: Mode, pushing: Sequence[str]) -> tupl
 
     Parameters
     ----------
-    mode : all contacts off, with the stops that are locked meanwhile.
+    mode : mode with all contacts off, and the stops that are locked during the push.
     pushing : the contacts that push off.
     """
     if not pushing:
@@ -468,7 +470,7 @@ def share_margins(
 
     Parameters
     ----------
-    forces : (f_t, f_n) by contact, one member of the family.
+    forces : (f_t, f_n) by contact of one member of the family.
     nulls : basis N of the family, shape (n, number of dropped constraints), in the order of the constraints.
     static : coefficients of friction by contact.
     """
@@ -509,7 +511,7 @@ class _Inequality:
 
 @lru_cache(maxsize=256)
 def _inequalities(walker: type[Walker], mode: Mode) -> tuple[_Inequality, ...]:
-    """The inequalities of the contacts that share their forces, at the sampled posture, without their values."""
+    """The inequalities of the contacts that share their forces at the sampled posture, without their values."""
     structure = constraint_structure(walker, mode)
     kinds = {0: ("cone_forward", "cone_backward"), 1: ("normal_force",), -1: ("normal_force",)}
     rows = []
@@ -534,16 +536,16 @@ def _row_of(structure: Structure, part: tuple[str, str], force: Any, nulls: Any,
 
 
 def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_Inequality]:
-    """What remains of the inequalities when the shares are eliminated.
+    """The inequalities that remain when the shares are eliminated, one share after the other.
 
-    One share after the other: in place of each pair of inequalities in which it has opposite signs comes the sum in
-    which it cancels. Where its sign depends on which coefficient of friction is larger, the inequality must hold at
-    that end of the share's range where it is easier to meet: the contact with more friction takes the load.
+    The sum in which a share cancels replaces each pair of inequalities in which it has opposite signs. If its sign
+    depends on which coefficient of friction is larger, the inequality must hold at that end of the share's range at
+    which it is easier to meet: the contact with more friction takes the load.
     """
     for k in range(len(structure.dropped)):
-        rising, falling = ([row for row in rows if sign * row.sample[k] > DEPENDENT] for sign in (1, -1))
-        turning = [row for row in rows if abs(row.sample[k]) <= DEPENDENT < abs(row.unlike[k])]
-        rows = [row for row in rows if max(abs(row.sample[k]), abs(row.unlike[k])) <= DEPENDENT]
+        rising, falling = ([row for row in rows if sign * row.sample[k] > LARGEST_REMAINDER] for sign in (1, -1))
+        turning = [row for row in rows if abs(row.sample[k]) <= LARGEST_REMAINDER < abs(row.unlike[k])]
+        rows = [row for row in rows if max(abs(row.sample[k]), abs(row.unlike[k])) <= LARGEST_REMAINDER]
         for one, other in product(rising, falling):
             parts = _joined(one.parts, other.parts)
             (kind, name), (other_kind, other_name) = parts[0], parts[-1]
@@ -562,7 +564,7 @@ def _without_shares(structure: Structure, rows: Sequence[_Inequality]) -> list[_
         for row, one, other in product(turning, rising, falling):
             c = row.coefficients[k]
             size = (c**2 + TINY) ** 0.5  # the absolute value, whose derivative is zero at zero
-            low, high = (each.value / each.coefficients[k] for each in (one, other))  # less the ends of the range
+            low, high = (each.value / each.coefficients[k] for each in (one, other))  # minus the ends of the range
             by_low, by_high = (each.coefficients / each.coefficients[k] for each in (one, other))
             ends, unlike = [one.unlike / one.unlike[k], other.unlike / other.unlike[k]], row.unlike[k]
             rows.append(
@@ -596,6 +598,7 @@ def shares_of(walker: type[Walker], mode: Mode) -> tuple[tuple[tuple[str, str], 
 FRICTION_SAMPLE = 0.37
 """Coefficient of friction at which the structure of a mode is examined."""
 TINY = 1e-300
+"""Number that is added to a square so that its root has a derivative at zero."""
 
 
 def _bordered(M: SX, J: SX, G: SX) -> SX:
@@ -605,25 +608,25 @@ def _bordered(M: SX, J: SX, G: SX) -> SX:
 def _pivots(
     K: SX, n: int, bilateral: Sequence[int], sliding: Sequence[int], steady: Mapping[int, Sequence[int]]
 ) -> tuple[list[tuple[int, int]], list[int]]:
-    """(row, column) of the entries by which the linear system of a mode is eliminated, in order.
+    """(row, column) of the pivots with which the linear system of a mode is eliminated, in order.
 
-    The pivots vanish in no posture. First come entries of J that are the same everywhere, each with its partner in G;
-    what is left of M then is the mass matrix of a walker with fewer joints, whose pivots on the diagonal are positive.
-    Those of the other constraints are effective masses, which vanish at redundant constraints and in the paradox of
-    Painleve alone. Where the normal constraint of a slipping contact is the same everywhere, the coordinate along which
-    it slips comes last: its pivot is the apparent mass of the contact.
+    The pivots vanish in no posture. First come entries of J that are the same in all postures, each with its partner in
+    G. The rest of M is then the mass matrix of a walker with fewer joints, whose pivots on the diagonal are positive.
+    The pivots of the other constraints are effective masses, which vanish only at redundant constraints and in the
+    paradox of Painleve. If the normal constraint of a slipping contact is the same in all postures, the coordinate
+    along which it slips comes last: its pivot is the apparent mass of the contact.
 
     Parameters
     ----------
     n : number of coordinates; the constraints come after them.
-    bilateral, sliding : indices of the constraints of stops, and of the normal ones of contacts that slip.
-    steady : those of the latter whose contact has the same Jacobian everywhere, each with the coordinates along which
-        it slips.
+    bilateral, sliding : indices of the constraints of stops, and of the normal constraints of contacts that slip.
+    steady : those of ``sliding`` whose contact has the same Jacobian in all postures, each with the coordinates along
+        which it slips.
 
     Returns
     -------
     order : the pivots.
-    symmetric : the coordinates whose block is symmetric and stays so.
+    symmetric : the coordinates whose block remains symmetric.
     """
     N = K.shape[0]
     filled = np.asarray(DM.ones(sparsify(K).sparsity())).astype(bool)
@@ -665,7 +668,7 @@ def _pivots(
 
 
 def _eliminated(K: SX, b: SX, order: Sequence[tuple[int, int]], symmetric: Sequence[int]) -> tuple[SX, list[SX]]:
-    """K^-1 b by elimination, and the pivots; ``order`` and ``symmetric`` as returned by ``_pivots``."""
+    """K^-1 b by elimination, and the pivots; for ``order`` and ``symmetric`` see ``_pivots``."""
     A, rest, pivots, changed = SX(K), SX(b), list[SX](), set[int]()
     for k, (row, column) in enumerate(order):
         pivots.append(A[row, column])
@@ -676,7 +679,7 @@ def _eliminated(K: SX, b: SX, order: Sequence[tuple[int, int]], symmetric: Seque
             A[others, left] = A[others, left] - factors @ A[row, left]
             rest[others, :] = rest[others, :] - factors @ rest[row, :]
         changed |= {other for other in others if other in symmetric}
-        if row == column or (k and order[k - 1] == (column, row)):  # else its partner follows
+        if row == column or (k and order[k - 1] == (column, row)):  # otherwise its partner follows
             block = sorted(changed - {row})
             A[block, block] = triu2symm(triu(A[block, block]))  # the same expressions on both sides
             changed = set()
@@ -699,7 +702,7 @@ def active_coordinates(walker: type[Walker], mode: Mode) -> list[int]:
 
 @built_once(maxsize=64)
 def _sampled(walker: type[Walker]) -> Function:
-    """(q, p) -> heights of all contacts, and J with their rows t and n in turn and then those of the stops."""
+    """(q, p) -> heights of all contacts, and J with their rows t and n in turn, followed by those of the stops."""
     eom = equations_of_motion(walker)
     heights = vertcat(SX(0, 1), *(contact.position[1] for contact in eom.contacts.values()))
     J = vertcat(SX(0, eom.q.numel()), *(contact.J for contact in eom.contacts.values()), *eom.gaps.values())
@@ -718,34 +721,33 @@ def _postures(walker: type[Walker], touching: tuple[str, ...]) -> tuple[Array, .
         If the contacts cannot be on the ground together.
     """
     sampled, names = _sampled(walker), [*equations_of_motion(walker).contacts]
-    places = [names.index(name) for name in touching]
-    rows = [row for k in places for row in (2 * k, 2 * k + 1)]
+    chosen = [names.index(name) for name in touching]
+    rows = [row for k in chosen for row in (2 * k, 2 * k + 1)]
     n_q, n_p = sampled.size1_in(0), sampled.size1_in(1)
     random, found = np.random.default_rng(0), list[Array]()
     for _ in range(20 * SAMPLES):
-        p, place = random.uniform(0.5, 1.5, n_p), random.uniform(-0.3, 0.3, n_q)
+        p, posture = random.uniform(0.5, 1.5, n_p), random.uniform(-0.3, 0.3, n_q)
         for _ in range(50):
-            height, J = (np.asarray(value) for value in sampled(place, p))
-            height, slope = height[places], J[[2 * k + 1 for k in places]]
+            height, J = (np.asarray(value) for value in sampled(posture, p))
+            height, slope = height[chosen], J[[2 * k + 1 for k in chosen]]
             if not np.all(np.isfinite(slope)) or np.abs(height).max(initial=0.0) < ON_GROUND:
                 break
-            place = place - np.linalg.pinv(slope) @ height.ravel()
+            posture = posture - np.linalg.pinv(slope) @ height.ravel()
         if np.all(np.isfinite(J[rows])) and np.abs(height).max(initial=0.0) < ON_GROUND:
             found.append(J)
         if len(found) == SAMPLES:
             break
     if not found:
-        words = f"its contacts {', '.join(touching)} do not reach the ground together"
-        raise ProblemError(f"{walker.__name__}: {words}")
+        raise ProblemError(f"{walker.__name__}: its contacts {', '.join(touching)} do not reach the ground together")
     return tuple(found)
 
 
 def constraint_rows(walker: type[Walker], constraints: Iterable[Constraint]) -> list[int]:
-    """Rows of constraints in the Jacobian of all contacts (t and n in turn) and, behind them, stops."""
+    """Indices of the rows of constraints in the Jacobian of all contacts (t and n in turn), followed by stops."""
     names = walker.landing_points()
-    places = {name: 2 * k for k, name in enumerate(names)}
+    contacts = {name: 2 * k for k, name in enumerate(names)}
     stops = {name: 2 * len(names) + k for k, name in enumerate(walker.stops)}
-    return [stops[name] if kind == LOCKED else places[name] + kind for name, kind in constraints]
+    return [stops[name] if kind == LOCKED else contacts[name] + kind for name, kind in constraints]
 
 
 def _constraints(mode: Mode) -> tuple[Constraint, ...]:
@@ -759,7 +761,7 @@ def _constraints(mode: Mode) -> tuple[Constraint, ...]:
 
 @lru_cache(maxsize=1024)
 def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
-    """What the constraints of a mode depend on, from sampled postures in which its contacts are on the ground.
+    """The dependence of the constraints of a mode on each other, from sampled postures with its contacts on the ground.
 
     Raises
     ------
@@ -796,9 +798,9 @@ def constraint_structure(walker: type[Walker], mode: Mode) -> Structure:
 
 @building
 def _is_independent(eom: EquationsOfMotion, constraints: Sequence[Constraint], active: Sequence[int]) -> bool:
-    """Whether constraints are independent in every posture, because their entries that are the same everywhere are.
+    """Whether constraints are independent in every posture, because their entries that are constant already are.
 
-    That is so of one contact and of stops with constant derivatives: velocities relative to the contact decide.
+    This is true for one contact, and for stops with constant derivatives. Velocities are taken relative to the contact.
     """
     base = next((name for name, kind in constraints if kind == NORMAL), None)
     n = len(eom.walker.shape)
@@ -828,7 +830,7 @@ def _dependence(constraints: tuple[Constraint, ...], J: Array, drags: Array) -> 
     for k, row in enumerate(J):
         rest = row - basis.T @ (basis @ row)
         rest = rest - basis.T @ (basis @ rest)
-        if np.linalg.norm(rest) > DEPENDENT * np.linalg.norm(row):
+        if np.linalg.norm(rest) > LARGEST_REMAINDER * np.linalg.norm(row):
             kept.append(k)
             basis = np.vstack([basis, rest / np.linalg.norm(rest)])
     dropped = [k for k in range(len(constraints)) if k not in kept]
@@ -842,7 +844,7 @@ def _dependence(constraints: tuple[Constraint, ...], J: Array, drags: Array) -> 
         constraints=constraints,
         kept=tuple(kept),
         dropped=tuple(dropped),
-        is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= DEPENDENT * size),
+        is_determined=bool(np.abs(G @ nulls).max(initial=0.0) <= LARGEST_REMAINDER * size),
         nulls=nulls,
         drags=drags,
         group=tuple(dict.fromkeys(constraints[k][0] for k in np.flatnonzero(np.abs(nulls).max(axis=1, initial=0.0)))),

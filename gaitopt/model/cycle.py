@@ -1,7 +1,7 @@
 """Mode sequences: the phases of a step with its final impact, and the steps after which a gait repeats.
 
-A phase ends where a margin falls to zero, at an unknown time. A *timed* phase ends at a breakpoint of the control law,
-where the torques jump and the foot can no longer do what it did; the time since the impact is known.
+A phase ends when a margin falls to zero, at an unknown time. A *timed* phase ends at a breakpoint of the control law,
+at a known time since the impact: the torques jump there, and the foot can no longer stay in its mode.
 """
 
 from bisect import bisect_right
@@ -21,17 +21,17 @@ UNTIL = "until"
 
 
 def mode_words(phases: Iterable[Mode], timed: Iterable[int] = ()) -> str:
-    """Modes in order, with stops where they change: ``stick (knee free), stick (knee locked), slip_backward``.
+    """A text with the modes in order, and stops that change: ``stick (knee free), stick (knee locked), slip_backward``.
 
     Phases with the indices ``timed`` are marked: ``stick (until breakpoint), slip_backward``.
     """
-    words, stops, marked = list[str](), Mode.STICK.stops, {*timed}
+    texts, stops, marked = list[str](), Mode.STICK.stops, {*timed}
     for k, mode in enumerate(phases):
         remarks = [f"{name} {state}" for name, state in mode.stops.items()] if mode.stops != stops else []
         remarks += [f"{UNTIL} {BREAKPOINT}"] if k in marked else []
-        words.append(f"{mode.contact.brief} ({', '.join(remarks)})" if remarks else mode.contact.brief)
+        texts.append(f"{mode.contact.brief} ({', '.join(remarks)})" if remarks else mode.contact.brief)
         stops = mode.stops
-    return ", ".join(words)
+    return ", ".join(texts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,10 +40,10 @@ class ModeSequence:
 
     Attributes
     ----------
-    phases : modes.
-    impact : the mode just after the impact; where a step ends without one, the contacts of its last phase.
+    phases : modes of the phases.
+    impact : the mode just after the impact; if the step ends without an impact, the contacts of its last phase.
     timed : indices of the timed phases, ascending.
-    landings : of the phases that begin with the landing of a contact within the step, each its index and the mode just
+    landings : for every phase that begins with the landing of a contact within the step, its index and the mode just
         after that impact. A foot on which the walker then stands alone has swapped roles with the other one.
 
     Raises
@@ -72,12 +72,12 @@ class ModeSequence:
 
     def __str__(self) -> str:
         alone = [k for k, landed in self.landings if landed.swaps]
-        parts = [self.phases[i:k] for i, k in pairwise([0, *alone, len(self.phases)])]
-        if len(parts) == 1:
+        swings = [self.phases[i:k] for i, k in pairwise([0, *alone, len(self.phases)])]
+        if len(swings) == 1:
             return f"{mode_words(self.phases, self.timed)}; {self.impact.brief}"
         landed = [dict(self.landings)[k].brief for k in alone]
-        words = [f"{mode_words(part)} ({impact})" for part, impact in zip(parts[:-1], landed, strict=True)]
-        return f"{', '.join([*words, mode_words(parts[-1])])}; {self.impact.brief}"
+        texts = [f"{mode_words(swing)} ({impact})" for swing, impact in zip(swings[:-1], landed, strict=True)]
+        return f"{', '.join([*texts, mode_words(swings[-1])])}; {self.impact.brief}"
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Cycle:
 
     @classmethod
     def from_record(cls, record: Mapping[str, Any]) -> "Cycle":
-        """The cycle in the record of a gait, or of one side of a mode change; a phase may be a mapping or a word."""
+        """The cycle in the record of a gait, or of one side of a mode change; a phase may be a mapping or a text."""
         steps = list[ModeSequence]()
         for step in record.get("steps", (record,)):
             phases = [phase if isinstance(phase, Mapping) else {"mode": phase} for phase in step["phases"]]
@@ -146,7 +146,7 @@ class Cycle:
 
     @property
     def untimed(self) -> "Cycle":
-        """The same modes, as a problem states them."""
+        """The same modes without timed phases, as a problem states them."""
         return self.with_timed(())
 
     @cached_property
@@ -171,7 +171,7 @@ class Cycle:
 
     @cached_property
     def swings(self) -> tuple[int, ...]:
-        """For every phase, how often the feet have swapped roles before it: where steps end, and within them."""
+        """For every phase, how often the feet have swapped roles before it, at the end of steps and within them."""
         within = (
             (first, k)
             for first, step in zip(self.first_phases, self.steps, strict=True)
@@ -190,12 +190,12 @@ class Cycle:
         return tuple(per_step[self.step_of(phase) % len(per_step)] for phase in range(len(self.phases)))
 
     def after(self, phase: int) -> Mode | None:
-        """Mode of the next phase of the step; None where the step ends with its impact."""
+        """Mode of the next phase of the step; None if the step ends with its impact."""
         following = phase + 1
         return None if following == len(self.phases) or following in self.first_phases else self.phases[following]
 
     def reset_after(self, phase: int) -> Mode | None:
-        """The impact that ends a phase, of the foot or of a stop that locks; None where the state is continuous."""
+        """The impact that ends a phase, of the foot or of a stop that locks; None if the state is continuous there."""
         return self._resets_after[phase]
 
     @cached_property
@@ -211,11 +211,11 @@ class Cycle:
         return tuple(resets)
 
     def impact_before(self, phase: int) -> Mode | None:
-        """The impact before a phase, that of the last step before the first; None where the state is continuous."""
+        """The impact before a phase, for the first one that of the last step; None if the state is continuous there."""
         return self.reset_after((phase - 1) % len(self.phases))
 
     def stop_together(self, phase: int) -> tuple[str, ...]:
-        """The contacts whose slips all end where a phase ends, if they are several and nothing lands there."""
+        """The contacts whose slips all end at the end of a phase, if there are several and no contact lands there."""
         mode, after = self.phases[phase], self.after(phase)
         if after is None or self.reset_after(phase) is not None:
             return ()
@@ -225,9 +225,9 @@ class Cycle:
 
     @cached_property
     def resets(self) -> tuple[tuple[int, Mode], ...]:
-        """The phases after which the state is another function of that before it, each with the mode just after that.
+        """The phases after which the state is mapped to another one, each with the mode just after that.
 
-        It is an impact, or several slips end at once.
+        Either the phase ends with an impact, or several slips end at once.
         """
         pairs = (
             (phase, self.phases[phase + 1] if self.stop_together(phase) else self.reset_after(phase))
@@ -241,17 +241,18 @@ class Cycle:
         return [mode for step in self.steps for _, mode in step.landings]
 
     def phase_words(self, phase: int) -> str:
-        """The number of a phase within its step, its mode and, in a cycle of several steps, its step."""
+        """A text with the number of a phase within its step, its mode and, in a cycle of several steps, its step."""
         step = self.step_of(phase)
-        words = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase].brief})"
-        return words if len(self.steps) == 1 else f"step {step + 1}, {words}"
+        text = f"phase {phase - self.first_phases[step] + 1} ({self.phases[phase].brief})"
+        return text if len(self.steps) == 1 else f"step {step + 1}, {text}"
 
     def onset_order(self, phase: int, contact: str = FOOT, *, jump: bool = False) -> int:
         """Order of the zero of the slip velocity of a contact at the start of a slip phase.
 
-        0 if it slips already; 1 if it leaves rest with an acceleration: just after a sticking impact, in a reversal,
-        after a timed stick, or where another contact comes to rest; 2 at the edge of its friction cone after any other
-        stick, where velocity and acceleration are zero, but 1 if friction drops there at the onset of slip (``jump``).
+        It is 0 if the contact slips already. It is 1 if the contact leaves rest with an acceleration: just after a
+        sticking impact, in a reversal, after a timed stick, or when another contact comes to rest. After any other
+        stick the contact starts at the edge of its friction cone with zero velocity and acceleration, so that it is 2;
+        but it is 1 if friction drops at the onset of slip (``jump``).
         """
         impact = self.impact_before(phase)
         if impact is not None:
@@ -266,7 +267,7 @@ class Cycle:
         return 2 if gentle and not any(name in mode.touching for name in others) else 1
 
     def starts_from_rest(self, phase: int) -> tuple[str, ...]:
-        """The contacts that begin to slip from rest, at a force beyond the cone: after an impact or a reversal."""
+        """The contacts that begin to slip from rest with a force beyond the cone, as after an impact or a reversal."""
         slipping = (name for name, direction in self.phases[phase].directions.items() if direction)
         return tuple(name for name in slipping if self.onset_order(phase, name) == 1)
 

@@ -1,8 +1,8 @@
 """A hybrid system at fixed parameters: flow, margins, friction and natural units as numbers.
 
-A ``Dynamics`` applies to one step, because the parameters of legs that differ swap places at touchdown. The steps of a
-motion take the entries of ``Dynamics.steps`` in turn, and every arc refers to the one of its step. No other object
-knows which leg is the stance leg.
+A ``Dynamics`` applies to one step, because legs that differ swap their parameters at touchdown. The steps of a motion
+take the entries of ``Dynamics.steps`` in turn, and every arc refers to the one of its step. No other object knows which
+leg is the stance leg.
 
 ``saltation`` maps a small deviation across an event with reset R and guard g,
 
@@ -42,7 +42,7 @@ class Dynamics(ReadOnlyArrays):
 
     @classmethod
     def of(cls, system: HybridSystem, parameters: Mapping[str, float]) -> "Dynamics":
-        """A system at the values of its parameters by dotted key; those of the control law are its own by default."""
+        """A system at the values of its parameters by dotted key; the control law's own values are the default."""
         return cls(system, system.values(parameters))
 
     @property
@@ -60,7 +60,7 @@ class Dynamics(ReadOnlyArrays):
 
     @cached_property
     def steps(self) -> tuple["Dynamics", ...]:
-        """The dynamics of the steps of a motion, this one first: one if the legs are alike, else one per stance leg.
+        """The dynamics of the steps of a motion, this one first: one if the legs are alike, otherwise one per leg.
 
         They repeat: step k of a motion has ``steps[k % len(steps)]``, a phase ``cycle.per_phase(steps)[phase]``.
         """
@@ -69,7 +69,7 @@ class Dynamics(ReadOnlyArrays):
 
     @cached_property
     def static_friction(self) -> float:
-        """Coefficient that bounds |f_t| / f_n of a sticking foot; the largest one of several contacts."""
+        """Coefficient that bounds |f_t| / f_n of a sticking foot; for several contacts the largest one."""
         return max(self.contact_friction.values())
 
     @cached_property
@@ -85,9 +85,10 @@ class Dynamics(ReadOnlyArrays):
 
     @property
     def stick_comes_first(self) -> bool:
-        """Whether an impact sticks if sticking and slipping are both consistent; the return map then jumps at an edge.
+        """Whether sticking and slipping can both be consistent in an impact, which then sticks.
 
-        That is so with two coefficients of friction, and where a slipping impact has no friction.
+        This is possible with two coefficients of friction, and if a slipping impact has no friction. The return map
+        jumps at the edge of such states.
         """
         return self.system.law is ImpactLaw.FRICTIONLESS or self.friction_drops
 
@@ -99,7 +100,7 @@ class Dynamics(ReadOnlyArrays):
 
     @cached_property
     def state_units(self) -> Array:
-        """Natural unit of every entry of ``z``, shape (n_z,): angles 1, rates 1 / time, lengths by the leg's."""
+        """Natural unit of every entry of ``z``, shape (n_z,): 1 for angles, leg length for lengths; rates per time."""
         lengths = {*self.system.walker.lengths, "x", "y"}
         units = np.array([self.scales.length if name in lengths else 1.0 for name in self.system.walker.coordinates()])
         return np.concatenate([units, units / self.scales.time])
@@ -120,7 +121,7 @@ class Dynamics(ReadOnlyArrays):
         return self.system.section(Mode.SLIP_FORWARD).lift(xi, self.p)
 
     def after_impact(self, mode: Mode, z: Array, before: Mode, *, ends_step: bool = True) -> Array:
-        """State just after an impact, shape (n_z,); where a step ends, x starts from zero at the new base point.
+        """State just after an impact, shape (n_z,); if a step ends, x starts from zero at the new base point.
 
         Parameters
         ----------
@@ -147,7 +148,7 @@ def saltation(
     Parameters
     ----------
     f_minus, f_plus : ndarray, shape (n_z,) - flow just before and just after the switch.
-    guard_gradient : ndarray, shape (n_z,) - gradient of the guard in the state.
+    guard_gradient : ndarray, shape (n_z,) - gradient of the guard by the state.
     guard_rate : total time derivative of the guard along ``f_minus``.
     reset : ndarray, shape (n_z, n_z) - derivative of the reset; the identity by default.
     """

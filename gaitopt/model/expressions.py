@@ -35,7 +35,7 @@ from gaitopt.threads import cached_property
 
 
 class Expressions:
-    """All expressions of one walker under one control law; parameters as for ``HybridSystem``.
+    """All expressions of one walker under one control law; for the parameters see ``HybridSystem``.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class Expressions:
 
     @cached_property
     def law(self) -> tuple[SX, SX, SX]:
-        """Torques as a function of the accelerations that the law uses, and these: with the contacts held, and actual.
+        """Torques as a function of accelerations, and their symbols: those with the contacts held, and the actual ones.
 
         Each is a column: the shape accelerations without torques, then their derivative by each torque.
         """
@@ -124,14 +124,14 @@ class Expressions:
         return depends_on(torque, held), depends_on(torque, actual)
 
     def _accelerations(self, mode: Mode, actual: bool) -> tuple[SX, SX]:
-        """Shape accelerations without torques, and by each torque, in a mode or with all contacts held."""
+        """Shape accelerations without torques, and derivatives by torques, in a mode or with all contacts held."""
         u, first = SX.sym("u", len(self.walker.actuators)), len(self.walker.coordinates())
         dz = self._driven(mode if actual else mode.held, u).dz
         ddq = dz[first : first + len(self.walker.shape)]
         return substitute(ddq, u, SX.zeros(u.numel())), jacobian(ddq, u)
 
     def _instant(self, accelerations: Callable[[bool], tuple[SX, SX]]) -> Instant:
-        """What the control law knows, in symbols."""
+        """The input of the control law, in symbols."""
         names, n = (*self.walker.shape, *FOOT_COORDINATES), len(self.walker.shape)
         q, dq = ({name: values[k] for k, name in enumerate(names)} for values in (self.eom.q, self.eom.dq))
         phases = self.eom.mechanism.phases
@@ -172,7 +172,7 @@ class Expressions:
         return vertcat(*(forces[name] for name in self.walker.contact_names()))
 
     def potential_of(self, mode: Mode) -> SX:
-        """Potential energy that acts only in this mode and some others."""
+        """The potential energies that act in this mode, but not in all modes."""
         energies = self.eom.mechanism.potential_while.items()
         return sum((energy for state, energy in energies if mode.has(state)), SX(0))
 
@@ -214,14 +214,14 @@ class Expressions:
     # ---- impacts
 
     def impact(self, mode: Mode, before: Mode) -> Impact:
-        """The impact after which the walker is in a mode, with the contacts as they are called before it.
+        """The impact after which the walker is in a mode, with the names that the contacts have before it.
 
-        A massless contact that lands takes its place; a massless foot lands without an impulse. Under the frictionless
-        law contacts that land and slip have no tangential impulse.
+        The coordinates of a massless contact that lands take their values; a massless foot lands without an impulse.
+        Under the frictionless law, contacts that land and slip have no tangential impulse.
 
         Parameters
         ----------
-        mode : just after it, with the stops that are locked then; without stops at the end of a step.
+        mode : mode just after it, with the stops that are locked then; without stops at the end of a step.
         before : mode just before it.
         """
         walker, landing = self.walker, tuple(name for name in mode.touching if name not in before.touching)
@@ -245,17 +245,17 @@ class Expressions:
         return impact(eom, mode, friction, before=pushed, places=places)
 
     def impulse(self, mode: Mode, before: Mode) -> SX:
-        """(F_t, F_n) of all contacts as they are called before an impact [N s]; of a foot that stands alone, its own.
+        """(F_t, F_n) of all contacts [N s], in the order that they have before an impact; for a lone foot, its own.
 
-        Arguments as for ``impact``.
+        For the arguments see ``impact``.
         """
         impulses = self.impact(mode, before).impulses
         return vertcat(*(impulses[name] for name in self.walker.struck_contacts(mode)))
 
     def foot_velocities(self, mode: Mode, before: Mode) -> tuple[SX, SX]:
-        """Just after an impact, of a walker on one foot: v_t of the foot on the ground, v_n of the former stance foot.
+        """v_t of the foot on the ground and v_n of the former stance foot just after an impact of a walker on one foot.
 
-        Arguments as for ``impact``.
+        For the arguments see ``impact``.
         """
         velocities, (foot, *_) = self.impact(mode, before).velocities, (*mode.touching, FOOT)
         return velocities[foot][0], velocities[FOOT][1]
@@ -263,7 +263,11 @@ class Expressions:
     def push(self, before: Mode) -> tuple[Mapping[str, SX], SX, SX]:
         """The push of the contacts that are on the ground in the mode before another one lands.
 
-        Their impulses (P_t, P_n) [N s] by name, shape (2,), the rates just after them, shape (n_q,), and the work [J].
+        Returns
+        -------
+        impulses : (P_t, P_n) [N s] by contact, shape (2,).
+        rates : rates just after the push, shape (n_q,).
+        work : its work [J].
         """
         pushing = tuple(name for name in self.walker.pushing() if name in before.touching)
         off = before.with_states(dict.fromkeys(before.contacts, OFF))
@@ -282,7 +286,7 @@ class Expressions:
 
         Parameters
         ----------
-        mode : just after it, with the contacts as they are called before it.
+        mode : mode just after it, with the names that the contacts have before it.
         before : mode just before it.
         """
         table, static, (pushes, pushed, _) = self.transitions, self._friction.static, self.push(before)
@@ -317,18 +321,19 @@ class Expressions:
         return {name: margins[name] for name in names}
 
     def _rate_of(self, expression: SX) -> SX:
-        """Derivative of a function of the coordinates by the time."""
+        """Time derivative of a function of the coordinates."""
         n = len(self.walker.coordinates())
         return jtimes(SX(expression), self.z[:n], self.z[n:])
 
     def reset(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
-        """The state after a step or an impact has ended a phase, as a function of that before it, shape (n_z,).
+        """The state after a reset has ended a phase, as a function of the state before it, shape (n_z,).
 
         Parameters
         ----------
-        mode, before : of the impact, with the contacts as they are called before it; it has none if none lands.
-        ends_step : relabels the shape, and counts x from the new base point. Deviations from the section are removed
-            where the motion would keep them: of heights of contacts that never leave the ground, and of the energy.
+        mode, before : modes just after and just before it, with the names that the contacts have before it.
+        ends_step : whether the step ends. The shape is then relabelled, and x is counted from the new base point.
+            Deviations from the section that the motion would keep are removed: those of the energy, and of the heights
+            of contacts that never leave the ground.
         """
         z, end = self.after(mode, before, ends_step=ends_step), self.transitions.cycle_end
         if not ends_step:
@@ -342,11 +347,11 @@ class Expressions:
         return z
 
     def stopped_together(self, mode: Mode, after: Mode) -> SX:
-        """The state after slips of several contacts have ended at one instant, as a function of that before it, (n_z,).
+        """The state after slips of several contacts have ended at one instant, from the state before it, shape (n_z,).
 
-        Both states are the same where all velocities are zero. Where a slip is still v past the end of the first one,
-        it ends t = -v / v' later in the mode in between, which changes the state by t (f - f'), with the rates f and v'
-        in that mode and f' in the next one. The derivative is that of the events one after the other.
+        Both states are the same if all velocities are zero. If a slip still has the velocity v at the end of the first
+        slip, it ends t = -v / v' later in the mode in between. This changes the state by t (f - f'), with the rates f
+        and v' in that mode and f' in the next one. The derivative is that of the events one after the other.
         """
         z = SX(self.z)
         for name, before, following in self.transitions.stops_in_turn(mode, after):
@@ -356,7 +361,7 @@ class Expressions:
         return z
 
     def after(self, mode: Mode, before: Mode, *, ends_step: bool) -> SX:
-        """As ``reset``, with the base point where it is and without a projection; see also ``impact``."""
+        """The state of ``reset`` without its projection; x is the position of the base point. See also ``impact``."""
         landing = {name for name in mode.touching if name not in before.touching}
         if landing and self.walker.stands_on_one():
             return self._on_other_foot(mode, before)
@@ -377,13 +382,13 @@ class Expressions:
         return vertcat(eom.state(shape, base), eom.state(rates, along[0], along[1]))
 
     def state_after(self, mode: Mode, before: Mode) -> SX:
-        """The state just after an impact, before any relabelling, shape (n_z,); arguments as for ``impact``."""
+        """The state just after an impact, before any relabelling, shape (n_z,); for the arguments see ``impact``."""
         result = self.impact(mode, before)
         return vertcat(ordered(self.eom, result.q), ordered(self.eom, result.dq))
 
     @property
     def relabelled(self) -> SX:
-        """The state after the feet have swapped roles, x being the position of the new base point."""
+        """The state after the feet have swapped roles; x is the position of the new base point."""
         eom, n = self.eom, len(self.walker.shape)
         shape, base, velocity = eom.mechanism.relabel, eom.mechanism.swing_foot, eom.W_swing @ eom.dq
         rates = jtimes(shape, eom.q[:n], eom.dq[:n])
@@ -403,7 +408,7 @@ class Expressions:
 
     @cached_property
     def mechanics(self) -> SX:
-        """M, forces and J of all contacts and stops, in the order and the shapes of ``mechanics_shapes``."""
+        """M, forces and J of all contacts and stops, in the order and with the shapes of ``mechanics_shapes``."""
         eom, contacts = self.eom, self.eom.contacts.values()
         J = vertcat(*(contact.J for contact in contacts), *eom.gaps.values())
         convective = vertcat(*(contact.convective for contact in contacts), SX.zeros(len(eom.gaps)))
@@ -415,9 +420,9 @@ class Expressions:
     def mechanics_shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of ``mechanics``.
 
-        M, generalised forces besides those of motors and contacts, E, forces of the springs that act in some modes
-        (a column for each entry of ``Mechanism.potential_while``), J with the rows t and n of each contact and one of
-        each stop, and dJ dq.
+        The parts are M; the generalised forces without those of motors and contacts; E; the forces of the springs that
+        act in some modes, with a column for each entry of ``Mechanism.potential_while``; J with the rows t and n of
+        each contact and one row of each stop; and dJ dq.
         """
         n, k = self.eom.q.numel(), 2 * len(self.walker.landing_points()) + len(self.walker.stops)
         springs = len(self.eom.mechanism.potential_while)

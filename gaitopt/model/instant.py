@@ -1,4 +1,4 @@
-"""What a control law and its curves read at one instant, in CasADi symbols."""
+"""The input of a control law and its curves at one instant, in CasADi symbols."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,11 +15,11 @@ class Instant:
 
     Attributes
     ----------
-    t : SX - time since the last impact, or with named contacts since the start of the cycle [s].
+    t : SX - time since the last impact, or since the start of the cycle if contacts are named [s].
     q, dq : coordinates and rates by name: the shape, x and y [rad, m, rad/s, m/s]. On the ground y = dy = 0.
     s, ds : phase variables of the walker and their rates by name; every shape coordinate is one too.
-    p : fields of the law by name: parameters as symbols, those of a mapping by key, ``p.limits.hip``, and of a list as
-        a column; all others, such as those annotated with ``Fixed``, by their values.
+    p : fields of the law by name. Parameters are symbols, in a mapping by key, ``p.limits.hip``, in a list as a column.
+        All other fields, such as those annotated with ``Fixed``, have their values.
     r : SX, shape (n_r,) - segment data.
     robot : equations of motion of the walker: M, B, G, E, W_swing, mechanism, ``parameters`` by name.
     """
@@ -39,7 +39,7 @@ class Instant:
 
         Parameters
         ----------
-        actual : in the mode of the phase; by default the stance foot is held, even if it slips.
+        actual : whether they are those in the mode of the phase; by default the stance foot is held, even if it slips.
 
         Returns
         -------

@@ -9,14 +9,14 @@ W is the Jacobian of the stance foot. With the Jacobians J = dr/dq of the positi
 These sums take half as many operations as derivatives of the kinetic energy. Because (x, y) are coordinates, W' f only
 adds (f_t, f_n) to the rows of x and y. Walkers that do not fly have y = dy = 0 in all expressions.
 
-**Uneven ground.** Under every contact is a tile of height h whose slope is d more than that of the walker. Its tangent
-and normal are the rows of
+**Uneven ground.** Under every contact is a tile of height h; its slope exceeds that of the nominal ground by d. Its
+tangent and normal are the rows of
 
     R = [ cos d   -sin d ]
         [ sin d    cos d ]
 
-in the frame of the nominal ground, in which the state stays. A foot that stands alone has h = 0, and slides along
-y = -x tan d; h of its swing foot is that of the next tile over its own.
+in the frame of the nominal ground, in which the state is stated. A foot that stands alone has h = 0, and slides along
+y = -x tan d; h of the swing foot is the height of the next tile above that of the stance foot.
 """
 
 from collections.abc import Callable, Mapping
@@ -61,10 +61,10 @@ class ContactPoint:
     Attributes
     ----------
     position : SX, shape (2,) - along the ground and normal to it [m].
-    J : SX, shape (2, n_q) - its Jacobian, rows tangent and normal.
+    J : SX, shape (2, n_q) - its Jacobian, with rows tangent and normal.
     velocity : SX, shape (2,) - J dq [m/s].
     convective : SX, shape (2,) - dJ/dt dq [m/s^2].
-    gap : SX - margin that falls to zero where the point lands.
+    gap : SX - margin that falls to zero when the point lands.
     R : SX, shape (2, 2) - tangent and normal of the ground under it, as rows; the identity on even ground.
     """
 
@@ -95,14 +95,15 @@ class EquationsOfMotion:
     walker : the walker's class.
     p : SX, shape (n_p,) - the walker's parameters, in the order of its fields.
     z : SX, shape (n_z,) - integrated state: coordinates, then rates, in the order of ``Walker.coordinates``.
-    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 where they are not states.
+    q, dq : SX, shape (n_shape + 2,) - coordinates (shape, x, y) and rates; y = dy = 0 if they are not states.
     M : SX, shape (n_q, n_q) - mass matrix.
-    B, G : SX, shape (n_q,) - velocity terms with dampers, and gravity with the springs that act in all modes.
+    B : SX, shape (n_q,) - velocity terms, with dampers.
+    G : SX, shape (n_q,) - gravity, with the springs that act in all modes.
     switches, sections : SX by name - margins of the switches, and of the sections that may end a cycle.
     E : SX, shape (n_q, n_u) - generalised forces of the actuators, Q = E u.
     moment : SX, shape (2, n_q) - Jacobian of the first moment of mass, sum m r.
-    W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, rows tangent and normal.
-    contacts : by name: ``foot`` and ``swing_foot`` of a walker that stands on one foot at a time, which swap roles.
+    W_swing : SX, shape (2, n_q) - Jacobian of the swing foot, with rows tangent and normal.
+    contacts : contacts by name; those of a walker that stands on one foot at a time are ``foot`` and ``swing_foot``.
     gaps : SX by name, shape (1, n_q) - derivatives of the gaps of the stops, which are affine.
     energy : SX - kinetic plus potential energy [J].
     dissipation : SX - power that the dampers dissipate [W].
@@ -148,7 +149,7 @@ class EquationsOfMotion:
         return parameter_namespace(self.walker, self.p)
 
     def gravity_force(self, gravity: SX) -> SX:
-        """Gradient of the potential energy of the weight under another acceleration of gravity, shape (n_q,).
+        """Gradient of the potential energy of the weight under an acceleration of gravity, shape (n_q,).
 
         Parameters
         ----------
@@ -164,10 +165,10 @@ class EquationsOfMotion:
 
 
 def ground_names(walker: type[Walker]) -> tuple[str, ...]:
-    """Names of the numbers that describe uneven ground: of every contact, height [m] and slope [rad].
+    """Names of the numbers that describe uneven ground: height [m] and slope [rad] under every contact.
 
-    Of a foot that stands alone two more follow: ``swing_foot.is_higher`` is 0 where the next tile is level with this
-    one, so that the walker's own guard decides about touchdown, else 1; ``trailing_foot.height`` is that of
+    If one foot stands alone, two more follow. ``swing_foot.is_higher`` is 0 if the next tile is level with this one, so
+    that the walker's own guard determines touchdown, and 1 otherwise. ``trailing_foot.height`` is the height of
     ``Mechanism.trailing_foot`` at the start of the step.
     """
     names = [f"{name}.{what}" for name in walker.landing_points() for what in ("height", "slope")]
@@ -188,7 +189,7 @@ def equations_of_motion(walker: type[Walker]) -> EquationsOfMotion:
 
 @built_once(maxsize=4)
 def equations_on_tiles(walker: type[Walker]) -> EquationsOfMotion:
-    """``equations_of_motion`` on ground whose heights and slopes under the contacts are ``ground``."""
+    """The equations of motion on uneven ground, with the heights and slopes ``ground`` under the contacts."""
     return _equations(walker, uneven=True)
 
 
@@ -286,16 +287,16 @@ def _tilt(slope: SX) -> SX:
 
 
 def _gap(contact: Contact, length: SX) -> SX:
-    """The margin that falls to zero where a contact lands."""
+    """The margin that falls to zero when a contact lands."""
     gap = contact.position[1] if contact.gap is None else contact.gap
     counts = SX(contact.counts)
     return gap if counts.is_constant() else _either(gap, -counts * length)
 
 
 def _either(a: SX, b: SX) -> SX:
-    """Positive where one of two numbers is; where b is negative it falls through zero with a, at the same rate.
+    """A number that is positive if one of two numbers is, and falls through zero with a if b is negative.
 
-    Rvachev's disjunction: a maximum without a kink, of which engines can take Taylor series.
+    It is Rvachev's disjunction: a maximum without a kink, which engines can expand in Taylor series.
     """
     return a + b + sqrt(a**2 + b**2)
 

@@ -1,14 +1,14 @@
 """Modes: the states of the contacts, the joint stops and the switches.
 
-A contact on the ground obeys the friction complementarity, v_forward - v_backward being its slip velocity,
+A contact on the ground obeys the friction complementarity, where v_forward - v_backward is its slip velocity:
 
     0 <= v_forward  _|_ mu f_n + f_t >= 0        0 <= v_backward  _|_ mu f_n - f_t >= 0
 
 A mode states which factor of each pair is zero. A contact that is off has no force. Gamus & Or (2013), eqs (4), (5).
 
-A walker that stands on one foot at a time has two contacts, ``foot`` and ``swing_foot``, which swap places where the
-swing foot lands. Its modes have a short form: ``stick`` is ``{foot: stick, swing_foot: off}``, ``flight`` has both off.
-All other modes name each contact.
+A walker that stands on one foot at a time has two contacts, ``foot`` and ``swing_foot``, which swap places when the
+swing foot lands. Its modes have a short form: ``stick`` is ``{foot: stick, swing_foot: off}``; in ``flight`` both are
+off. All other modes name each contact.
 """
 
 import re
@@ -19,9 +19,9 @@ from typing import Any, ClassVar
 from pydantic_core import core_schema
 
 FOOT = "foot"
-"""The contact of a walker that stands on one foot at a time; the base point (x, y)."""
+"""The contact on the ground of a walker that stands on one foot at a time. It is at the base point (x, y)."""
 SWING_FOOT = "swing_foot"
-"""The contact of such a walker that lands; it then becomes the ``foot``."""
+"""The contact of such a walker that will land and then become the ``foot``."""
 OFF = "off"
 """State of a contact without a force."""
 STOP_STATES, SWITCH_STATES = ("free", "locked"), ("off", "on")
@@ -32,17 +32,17 @@ _DIRECTIONS = {"stick": 0, "slip_forward": 1, "slip_backward": -1, _FLIGHT: 0}
 NAMED = {"stick": 0, "slip_forward": 1, "slip_backward": -1, OFF: 0}
 """States of a contact."""
 LEAVES = "leaves"
-"""What a contact that touched the ground does in an impact after which it is off, in problem files."""
+"""In problem files, the state of a contact that touches the ground before an impact and is off after it."""
 IMPACT = "impact"
-"""Key of a phase that begins with an impact: what the contacts do just after it."""
-_AFTER_IMPACT = (*(word for word in NAMED if word != OFF), LEAVES)
+"""Key of a phase that begins with an impact: the states of the contacts just after it."""
+_AFTER_IMPACT = (*(state for state in NAMED if state != OFF), LEAVES)
 
 
 class Mode(str):
     """The states of the contacts, the joint stops and the switches; of an impact, those just after it.
 
-    The text is ``stick``, ``slip_forward``, ``slip_backward`` or ``flight`` where the walker stands on one foot at a
-    time, and ``left: stick, right: off`` where it has several contacts. The states of stops and switches follow if it
+    The text is ``stick``, ``slip_forward``, ``slip_backward`` or ``flight`` if the walker stands on one foot at a time,
+    and such as ``left: stick, right: off`` if it has several contacts. The states of stops and switches follow, if it
     has any: ``stick, knee free`` or ``slip_forward, knee locked``. Equal modes are one object.
 
     Attributes
@@ -50,12 +50,12 @@ class Mode(str):
     contact : the states of the contacts, as a mode without stops.
     contacts : state of every contact by name, in order. Read-only.
     touching : names of the contacts that touch the ground, in order.
-    directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip. Not
-        to be written to.
+    directions : sign of the slip velocity of every contact by name: +1 downhill, -1 uphill, 0 if it does not slip.
+        Read-only.
     sticks, slips : whether friction holds all contacts on the ground, and whether one of them slips.
     fixes_x : whether the foot at the base point sticks, so that dx is zero.
     direction : sign of the slip velocity of the foot at the base point; 0 if the base point is not a foot.
-    stops : state of every stop and switch by name, in order; read-only.
+    stops : state of every stop and switch by name, in order. Read-only.
     free, locked : names of the stops in either state.
     off : names of the switches that are off.
     key : the text as part of an identifier.
@@ -130,7 +130,7 @@ class Mode(str):
 
     @classmethod
     def of_feet(cls, contacts: Mapping[str, str]) -> "Mode":
-        """The mode with these states of ``foot`` and ``swing_foot``, in the short form where it has one."""
+        """The mode with these states of ``foot`` and ``swing_foot``, in the short form if it has one."""
         word = str(contacts[FOOT])
         if contacts[SWING_FOOT] == OFF:
             return cls(_FLIGHT if word == OFF else word)
@@ -143,7 +143,7 @@ class Mode(str):
 
     @property
     def swaps(self) -> bool:
-        """Of an impact within a cycle: whether the feet swap roles, so that the one that lands is then ``foot``."""
+        """Whether the feet swap roles in this impact within a cycle, so that the one that lands becomes ``foot``."""
         return not (self.is_named or self.locked)
 
     def with_states(self, changed: Mapping[str, str]) -> "Mode":
@@ -158,12 +158,12 @@ class Mode(str):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
-        """Problem files are read with the walker at hand, see ``problem.reading``; their sections hold modes."""
+        """The sections of a problem hold modes: ``problem.reading``, which knows the walker, has read them."""
         return core_schema.is_instance_schema(cls)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
-        """All forms."""
+        """The schema of all forms of a mode in a problem file."""
         word = {"type": "string", "enum": list(_DIRECTIONS)}
         words = "what contacts do just after an impact at the start of the phase, where that differs"
         touching = {
@@ -199,7 +199,7 @@ class Mode(str):
 
     @property
     def held(self) -> "Mode":
-        """The mode in which all contacts on the ground stick; of the one foot, also where it flies."""
+        """The mode in which all contacts on the ground stick; a single foot sticks even if it flies in this mode."""
         return self.with_states(dict.fromkeys(self.touching if self.is_named else (FOOT,), Mode.STICK))
 
     @property
@@ -211,7 +211,7 @@ class Mode(str):
 
     @property
     def words(self) -> str | dict[str, str]:
-        """The contacts as in JSON: the word of a foot, or a mapping of named contacts to their words."""
+        """The contacts in JSON: the state of a foot, or a mapping from named contacts to their states."""
         return dict(self.contacts) if self.is_named else str(self.contact)
 
     @property
@@ -221,11 +221,11 @@ class Mode(str):
 
     @property
     def data(self) -> str | dict[str, Any]:
-        """The mode in a problem file: a word, a mapping of named contacts, or a mapping where there are stops."""
+        """The mode in a problem file: the state of a foot, or a mapping for named contacts or stops."""
         return self.record if self.stops else self.words
 
     def begun_by(self, impact: "Mode | None") -> str | dict[str, Any]:
-        """A phase in a problem file that begins with an impact, which states what the contacts do just after it."""
+        """A phase in a problem file that begins with an impact, with the states of the contacts just after it."""
         if impact is None:
             return self.data
         if impact.swaps:

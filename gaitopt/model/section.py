@@ -2,7 +2,7 @@
 
     c(z, p) = 0,        z = lift(xi),        xi = z[indices]
 
-c follows from what the contacts and stops do just before and just after the event:
+c follows from the states of contacts and stops just before and just after the event:
 
     height of every contact that touches before or after it             = 0
     velocity of every contact that touches after it                     = 0       normal; tangential if it sticks
@@ -11,12 +11,14 @@ c follows from what the contacts and stops do just before and just after the eve
     the margin that ends the cycle, if one is stated                    = 0
     energy less the parameter ``energy``, if the walker has one         = 0       which removes the multiplier of one
 
-Where the state is continuous at the event, the velocities before it count as well. These equations are solved for as
-many coordinates as there are independent ones, by Newton's method from a state nearby; the others are the section.
-Coordinates of a massless contact that is off have no influence on the motion, and are not section coordinates either.
+If the state is continuous at the event, the velocities before it count as well. The equations are solved for as many
+coordinates as there are independent equations, by Newton's method from a state nearby; the other coordinates are those
+of the section. Coordinates of a massless contact that is off have no influence on the motion, and are not section
+coordinates either.
 
-Where a foot lands on which the walker then stands alone, the class of the walker states its coordinates and its lift
-(``Walker.section``, ``Walker.after_impact``), or the closure of the legs does. Such a section holds after every impact.
+If a foot lands on which the walker then stands alone, the class of the walker states the coordinates of the section and
+its lift (``Walker.section``, ``Walker.after_impact``), or the closure of the legs does. Such a section is the same
+after every impact.
 """
 
 from collections.abc import Callable, Sequence
@@ -52,19 +54,22 @@ from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
 TOUCHDOWN, CLOCK = "touchdown", "clock"
-"""What ends a cycle: the landing of a foot, or the end of a period of the control law; else it is a margin's name."""
+"""Events that end a cycle: the landing of a foot, and the end of a period of the control law. All others are
+margins."""
 SAMPLES = 5
-"""Random states at which the solved coordinates are chosen; all give the same ones unless a state is singular."""
-DEPENDENT = 1e-7
-"""An equation whose remainder is this small, relative to itself, follows from the ones before it."""
-SMALL = 0.1
-"""Least entry of an equation, relative to its largest, for which it is solved if there is a choice."""
+"""Number of random states of which one that is not singular determines the solved coordinates."""
+LARGEST_REMAINDER = 1e-7
+"""An equation whose remainder is no larger than this, relative to itself, follows from the ones before it."""
+SMALLEST_ENTRY = 0.1
+"""If there is a choice, an equation is solved only for coordinates whose entry in it, relative to its largest one,
+exceeds this."""
 NEWTON_STEPS = 50
-"""Newton's method converges in about five; a distant state needs some damped steps before."""
+"""Largest number of Newton steps. About five are needed, and some damped steps before if the state is distant."""
 LONGEST_CLOSING_STEP = 0.3
-"""Longest step, in rad and SI units; from there the method does not cross over to another posture."""
+"""Longest Newton step in rad and SI units. Longer steps might lead to another posture."""
 CLOSED, ROUNDING = 1e-9, 1e-13
-"""Size of the last step below which the equations are solved, and of a step that is left out."""
+"""After a step below the first size the equations are solved; a step below the second one is rounding and is left
+out."""
 
 
 class Section:
@@ -72,10 +77,10 @@ class Section:
 
     Attributes
     ----------
-    names : of the section coordinates.
-    indices : of these in the state, shape (n_xi,).
-    words : the contacts just after the event.
-    stated : whether the walker's class states coordinates and lift. A state then follows from its coordinates alone.
+    names : names of the section coordinates.
+    indices : indices of the section coordinates in the state, shape (n_xi,).
+    words : a text with the contacts just after the event.
+    stated : whether the walker's class states coordinates and lift. The coordinates then determine a state.
     """
 
     names: tuple[str, ...]
@@ -93,7 +98,7 @@ class Section:
             self.indices = np.array([state.index(name) for name in self.names], dtype=np.intp)
             return
         eom = equations_of_motion(walker)
-        self._z, self._p = eom.z, eom.p  # the symbols of its equations: those of a walker are built anew at times
+        self._z, self._p = eom.z, eom.p  # the equations of a walker may be built again, with other symbols
         self._c, counts, stale = _equations(walker, before, after, event)
         self._solved, self._rows = _solved_coordinates(walker, self._c, counts, stale)
         left_out = {*self._solved, *stale}
@@ -108,7 +113,7 @@ class Section:
 
     @property
     def defining_names(self) -> tuple[str, ...]:
-        """Names of the coordinates that determine a state: those of the section, or all where it may have several."""
+        """Names of the coordinates that determine a state: those of the section, or all if these are not enough."""
         return self.names if self.stated else self._walker.state_names()
 
     def lift(self, xi: Array, p: Array, near: Array | None = None) -> Array:
@@ -116,9 +121,9 @@ class Section:
 
         Parameters
         ----------
-        xi : of a stated section with or without dx.
-        p : the walker's parameters, and others after them.
-        near : needed unless the section is stated.
+        xi : the section coordinates; those of a stated section may be with or without dx.
+        p : the walker's parameters; others may follow them.
+        near : a state nearby, which is needed unless the section is stated.
         """
         if self.stated:
             lift = stated_lift(self._walker)
@@ -131,7 +136,7 @@ class Section:
             size = float(np.abs(change).max(initial=0.0))
             if not np.isfinite(size):
                 break
-            if size < ROUNDING:  # a state of the section stays what it is
+            if size < ROUNDING:  # a state of the section is not changed
                 return z
             z[self._solved] -= change * min(1.0, LONGEST_CLOSING_STEP / size)
             if size < CLOSED:  # one more step would be rounding: convergence is quadratic
@@ -139,7 +144,7 @@ class Section:
         return np.full(z.size, np.nan)
 
     def row_lift(self) -> Callable[[Array, Array, Array | None], Array]:
-        """A function with the arguments of ``lift`` for many states, (n, n_xi) to (n, n_z); one thread may call it."""
+        """A function like ``lift`` for many states, (n, n_xi) to (n, n_z), which one thread at a time may call."""
         if self.stated:
             lift = RowMap(stated_lift(self._walker))
             return lambda xi, p, near: lift(_filled(xi, self.every_step.indices.size), p[: self._n_p])[0]
@@ -154,7 +159,7 @@ class Section:
     @cached_property
     @building
     def tangents(self) -> Function:
-        """(z, p) -> ``tangent`` with the walker's parameters."""
+        """(z, p) -> ``tangent``, where p are the walker's parameters."""
         n = self.indices.size
         if self.stated:
             z, p = SX.sym("z", len(self._walker.state_names())), SX.sym("p", self._n_p)
@@ -186,9 +191,9 @@ class Section:
     @cached_property
     @building
     def projected(self) -> Function:
-        """(z, p) -> z_plus: the state after one Newton step towards the section, which leaves its states as they are.
+        """(z, p) -> z_plus: the state after one Newton step towards the section; p are the walker's parameters.
 
-        ``p`` are the walker's parameters.
+        States of the section are not changed.
         """
         z, change = SX(self._z), self._change
         for k, index in enumerate(self._solved):
@@ -214,7 +219,7 @@ class Section:
 
 
 class Cyclic(Protocol):
-    """A problem or a hybrid system, as far as its cycles are concerned."""
+    """A problem or a hybrid system, of which the end of a cycle matters."""
 
     @property
     def walker(self) -> Walker | type[Walker]:
@@ -222,17 +227,17 @@ class Cyclic(Protocol):
 
     @property
     def cycle_end(self) -> str:
-        """What ends a cycle: ``touchdown``, ``clock`` or the name of a margin."""
+        """Event that ends a cycle: ``touchdown``, ``clock`` or the name of a margin."""
 
 
 def cycle_start(of: Cyclic) -> str:
-    """When the first state of a cycle holds: after an impact or the landing of a massless foot, or at its start."""
+    """The time of the first state of a cycle in words: just after an impact or a landing, or at its start."""
     end = cycle_end(of)
     return "at the start of the cycle" if end == "end of cycle" else f"just after the {end}"
 
 
 def cycle_end(of: Cyclic) -> str:
-    """What ends a cycle: an impact, the landing of a massless foot, or its end by a clock or a margin."""
+    """The end of a cycle in words: an impact, the landing of a massless foot, or its end by a clock or a margin."""
     if of.cycle_end != TOUCHDOWN:
         return "end of cycle"
     return "landing" if of.walker.weightless() else "impact"
@@ -244,8 +249,8 @@ def section_of(walker: type[Walker], before: Mode, after: Mode, event: str) -> S
     Parameters
     ----------
     before : the mode in which the cycle ends.
-    after : the contacts just after it, relabelled.
-    event : what ends the cycle.
+    after : the contacts just after the event, relabelled.
+    event : the event that ends the cycle.
 
     Raises
     ------
@@ -264,15 +269,15 @@ def _section(walker: type[Walker], before: Mode, after: Mode, event: str) -> Sec
 
 
 def has_stated_sections(walker: type[Walker], event: str) -> bool:
-    """Whether the class of a walker, or the closure of its legs, states what is free where a cycle ends."""
+    """Whether the class of a walker, or the closure of its legs, states the coordinates that are free at this event."""
     return walker.stands_on_one() and event == TOUCHDOWN
 
 
 def stated_state(walker: type[Walker], xi: SX, p: SX) -> SX:
-    """z just after a landing from the section coordinates of a class with dx, x being 0; ``p`` are its parameters."""
+    """z just after a landing, with x = 0, from the section coordinates with dx; ``p`` are the walker's parameters."""
     free = SimpleNamespace(**{name: xi[k] for k, name in enumerate(walker.section_names(slipping=True))})
-    parts = zip(state_after_impact(walker, free, parameter_namespace(walker, p)), (SX(0), xi[-1]), strict=True)
-    named = ({**dict(zip(walker.shape, vertsplit(shape), strict=True)), "x": x, "y": SX(0)} for shape, x in parts)
+    halves = zip(state_after_impact(walker, free, parameter_namespace(walker, p)), (SX(0), xi[-1]), strict=True)
+    named = ({**dict(zip(walker.shape, vertsplit(shape), strict=True)), "x": x, "y": SX(0)} for shape, x in halves)
     return vertcat(*(values[name] for values in named for name in walker.coordinates()))
 
 
@@ -305,9 +310,13 @@ def _filled(xi: Array, size: int) -> Array:
 
 
 def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> tuple[SX, tuple[int, int], list[int]]:
-    """c(z, p), the number of its rows about positions and of those about velocities, which come next.
+    """The equations c(z, p).
 
-    Also the indices of the coordinates and rates of massless contacts that are off.
+    Returns
+    -------
+    c : SX - rows for positions, then rows for velocities, then further ones.
+    counts : number of rows for positions and of rows for velocities.
+    stale : indices of the coordinates and rates of massless contacts that are off.
     """
     eom, state, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
     contacts, massless, q, dq = eom.contacts, eom.mechanism.contacts, eom.q, eom.dq
@@ -321,13 +330,13 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
     places += gaps
     modes, rates, others = (after,) if event == TOUCHDOWN else (before, after), list[SX](), list[SX]()
     for name in on_ground:
-        # as a directional derivative: its rounding is part of a lifted guess, and with it of digests
+        # always as a directional derivative, whose rounding enters a lifted guess and so the digests
         velocity = jtimes(contacts[name].position, eom.z, vertcat(eom.z[n:], SX.zeros(n)))
         touching = [mode for mode in modes if name in mode.touching]
         rates += [velocity[1]] if touching else []
         rates += [velocity[0]] if any(not mode.directions[name] for mode in touching) else []
     rates += gap_rates
-    if walker.base_contact() in walker.weightless() and not on_ground:  # a massless foot keeps its place in flight
+    if walker.base_contact() in walker.weightless() and not on_ground:  # a massless foot does not move in flight
         rates.append(dq[names.index("x")])
     places, rates = ([row for row in rows if not SX(row).is_zero()] for rows in (places, rates))
     if event not in (TOUCHDOWN, CLOCK):
@@ -341,7 +350,9 @@ def _equations(walker: type[Walker], before: Mode, after: Mode, event: str) -> t
 
 
 def _closed_stops(walker: type[Walker], before: Mode) -> tuple[list[SX], list[SX]]:
-    """Gaps of the stops that are locked before a relabelling, and rates of those held in the impact, from z after it.
+    """Gaps of the stops that are locked before a relabelling, and gap rates of those that the impact holds.
+
+    They are functions of the state after the impact.
 
     Raises
     ------
@@ -362,7 +373,7 @@ def _closed_stops(walker: type[Walker], before: Mode) -> tuple[list[SX], list[SX
 
 
 def _in_order(walker: type[Walker]) -> list[int]:
-    """Indices of the state in the order of section coordinates: the shape, y, then their rates, dx the last."""
+    """Indices of the state in the order of section coordinates: the shape, y, then their rates, with dx last."""
     names = walker.state_names()
     order = [name for name in (*walker.shape, "y", "x") if name in names]
     return [names.index(name) for name in (*order, *(f"d{name}" for name in order))]
@@ -374,8 +385,8 @@ def _solved_coordinates(
     """Indices of the coordinates for which the equations are solved, and of the independent equations.
 
     First come the coordinates of massless contacts, then the base point, then the shape from its end; those that the
-    class names in ``section`` and ``section_rates`` come last. Equations about velocities are solved for rates, and so
-    is the energy; the margin that ends a cycle may be solved for either.
+    class names in ``section`` and ``section_rates`` come last. Equations for velocities and for the energy are solved
+    for rates; the margin that ends a cycle may be solved for a coordinate or a rate.
     """
     eom, names, n = equations_of_motion(walker), walker.state_names(), len(walker.coordinates())
     own = [key for name in walker.placed_contacts() for key in eom.mechanism.contacts[name].places]
@@ -401,21 +412,27 @@ def _solved_coordinates(
     else:
         raise ProblemError(f"{walker.__name__}: no state satisfies the conditions of its section")
     A, columns, rows = J / np.abs(J).max(axis=1, keepdims=True), list[int](), list[int]()
-    groups = [(range(n_places), places, SMALL), (range(n_places, n_places + n_rates), rates, SMALL)]
+    groups = [(range(n_places), places, SMALLEST_ENTRY), (range(n_places, n_places + n_rates), rates, SMALLEST_ENTRY)]
     for k in range(n_places + n_rates, len(A)):
         is_energy = "energy" in walker.model_fields and k == len(A) - 1
-        groups.append((range(k, k + 1), rates if is_energy else places + rates, DEPENDENT if is_energy else SMALL))
+        groups.append(
+            (
+                range(k, k + 1),
+                rates if is_energy else places + rates,
+                LARGEST_REMAINDER if is_energy else SMALLEST_ENTRY,
+            )
+        )
     for group, order, size in groups:
-        for least in (size, DEPENDENT):
+        for smallest in (size, LARGEST_REMAINDER):
             for column in order:
                 left = [k for k in group if k not in rows]
                 if column in columns or not left:
                     continue
                 row = max(left, key=lambda k: abs(A[k, column]))
-                if abs(A[row, column]) > least * max(np.abs(A[row, order]).max(), DEPENDENT):
+                if abs(A[row, column]) > smallest * max(np.abs(A[row, order]).max(), LARGEST_REMAINDER):
                     columns.append(column)
                     rows.append(row)
                     for other in (k for k in range(len(A)) if k not in rows):
                         A[other] -= A[other, column] / A[row, column] * A[row]
-                        A[other][np.abs(A[other]) < DEPENDENT * 1e-3] = 0.0
+                        A[other][np.abs(A[other]) < LARGEST_REMAINDER * 1e-3] = 0.0
     return columns, rows

@@ -1,12 +1,12 @@
 """The hybrid system: a walker, its control and the ground as compiled CasADi functions.
 
     dz/dt = flow_mode(t, z, p, r)         t time since the last impact, z state, p parameters, r segment data
-    margins_mode(t, z, p, r) > 0          while the mode holds; it ends where a margin falls to zero
+    margins_mode(t, z, p, r) > 0          while the mode holds; it ends when a margin falls to zero
     z_plus = impact_mode(z, p)            reset at touchdown
 
 Every number of walker, friction and control is an entry of ``p``, named by its dotted key. Any of them can therefore be
-varied, freed or continued without building a function again. ``Expressions`` puts the symbols of a walker, its control
-and the ground together; ``HybridSystem`` compiles them. The NLP and the simulator share these functions.
+varied, freed or continued without building a function again. ``Expressions`` combines the symbols of a walker, its
+control and the ground; ``HybridSystem`` compiles them. The NLP and the simulator share these functions.
 """
 
 import pickle
@@ -35,20 +35,20 @@ from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
 FLOOR = "floor"
-"""First word of the keys of the ground under the contacts, which are no part of a problem."""
-KEPT = 16
-"""Number of unpickled systems that are kept with their compiled functions, some megabytes each."""
+"""Beginning of the keys of the ground under the contacts, which are not parameters of a problem."""
+MOST_UNPICKLED = 16
+"""Largest number of unpickled systems that are kept with their compiled functions, some megabytes each."""
 Arguments = ParamSpec("Arguments")
 Value = TypeVar("Value")
 Method: TypeAlias = Callable[Concatenate["HybridSystem", Arguments], Value]
 
 
 def compiled(inputs: str) -> Callable[[Method[Arguments, dict[str, SX]]], Method[Arguments, Function]]:
-    """Decorator of a method that returns expressions by name: it returns the function of them, built once.
+    """Decorator of a method that returns expressions by name: the method then returns their function, built once.
 
     Parameters
     ----------
-    inputs : letters of the arguments; the method also returns the symbols of those that are not t, z, p or r.
+    inputs : letters of the arguments; the method also returns the symbols of arguments other than t, z, p and r.
     """
 
     def decorated(expressions: Method[Arguments, dict[str, SX]]) -> Method[Arguments, Function]:
@@ -65,7 +65,7 @@ def compiled(inputs: str) -> Callable[[Method[Arguments, dict[str, SX]]], Method
 
 
 class HybridSystem:
-    """Functions of one walker under one control law; all are built on first use and kept.
+    """Functions of one walker under one control law, which are built on first use and kept.
 
     A system never changes, so that a copy is the system itself. A pickle holds walker, control and laws; equal systems
     that are unpickled are one object, whose functions are compiled once.
@@ -76,13 +76,13 @@ class HybridSystem:
     control : the control law, of which the structure and the segment data matter here, but not the scalars.
     law : tangential law of slipping impacts.
     friction : friction law of the feet; its numbers are entries of ``p``.
-    cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
+    cycle_end : event that ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
     uneven : whether the ground under each contact has a height and a slope, see ``lagrangian.ground_names``.
 
     Attributes
     ----------
     parameters : dotted keys of ``p`` in order: walker, friction, control, ground.
-    walker, control, law, friction, cycle_end, uneven : as given.
+    walker, control, law, friction, cycle_end, uneven : see the parameters.
     transitions : the table of modes, margins and events.
     state_names : names of ``z`` in order.
     n_z, n_shape : number of states, and of the coordinates before x: the shape, and the height of a foot that can fly.
@@ -119,14 +119,14 @@ class HybridSystem:
         self._origin: HybridSystem | None = None
 
     def retimed(self, control: Control) -> "HybridSystem":
-        """The same functions under a law that differs in breakpoints, segment data and values of parameters alone."""
+        """The same functions under a law that differs only in breakpoints, segment data and values of parameters."""
         twin = object.__new__(HybridSystem)
         vars(twin).update(vars(self), control=control, _data={}, _origin=self.shared)
         return twin
 
     @property
     def shared(self) -> "HybridSystem":
-        """The system whose functions this one has; key of all that follows from the functions alone."""
+        """The system whose functions this one uses: the key of everything that depends on the functions only."""
         return self._origin or self
 
     @property
@@ -166,7 +166,7 @@ class HybridSystem:
 
     @compiled("tzpr")
     def linearized(self, mode: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> dz/dt, Jacobian of the margins in z, and rates of the margins along the flow."""
+        """(t, z, p, r) -> dz/dt, Jacobian of the margins by z, and rates of the margins along the flow."""
         dz, margins = self._symbols.rate(mode), self._symbols.margins(mode)
         by_z = jacobian(margins, self._eom.z)
         return {"dz": dz, "margins_by_z": by_z, "rates": by_z @ dz + jacobian(margins, self._symbols.t)}
@@ -181,8 +181,8 @@ class HybridSystem:
     def observation(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> contact forces, torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss, slip.
 
-        The forces (f_t, f_n) of all contacts follow each other. The loss is the power that the dampers dissipate, the
-        slip the tangential velocity of every contact.
+        The contact forces are (f_t, f_n) of one contact after the other. The loss is the power that the dampers
+        dissipate, the slip the tangential velocity of every contact.
         """
         eom, torque = self._eom, self._symbols.torque(mode)
         motor_rates = eom.E.T @ eom.dq
@@ -199,7 +199,7 @@ class HybridSystem:
 
     @cached_property
     def angle_names(self) -> tuple[str, ...]:
-        """Names of ``angles``: shape coordinates, motors, phase variables, and the joints of the links without one."""
+        """Names of ``angles``: shape coordinates, motors, phase variables, and all other joints of the links."""
         names = (*self.walker.shape, *self.walker.actuators, *self.walker.phases)
         return (*names, *(name for name in joint_limits(self.walker) if name not in names))
 
@@ -221,7 +221,7 @@ class HybridSystem:
 
     @compiled("tzpr")
     def quantities(self, mode: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> ``Control.quantities`` of the law; no function without any."""
+        """(t, z, p, r) -> ``Control.quantities`` of the law, which must have some."""
         return self._symbols.quantities(mode)
 
     @compiled("zp")
@@ -239,9 +239,10 @@ class HybridSystem:
         return self._symbols.momentum(mode)
 
     def impact(self, mode: Mode, before: Mode, *, ends_step: bool = True) -> Function:
-        """(z, p) -> z_plus as of ``reset``, but with x as the position of the base point; impulse.
+        """(z, p) -> z_plus, impulse. z_plus is that of ``reset``, but x is the position of the base point.
 
-        The impulse is (F_t, F_n) of all contacts as they are called before it; of a foot that stands alone, its own.
+        The impulse is (F_t, F_n) of all contacts, in the order that they have before the impact; for a foot that stands
+        alone, its own impulse.
         """
         return self._impact(mode, _before_impact(before), ends_step)
 
@@ -251,9 +252,10 @@ class HybridSystem:
         return {"z_plus": z_plus, "impulse": self._symbols.impulse(mode, before)}
 
     def impacts(self, before: Mode, *modes: Mode) -> Function:
-        """(z, p) -> z_plus, impulse and ``foot_velocities`` of each mode in a column; velocity of the landing [m/s].
+        """(z, p) -> z_plus, impulse and ``foot_velocities`` in a column for each mode; velocity of the landing [m/s].
 
-        For a walker on one foot; see ``Expressions``. The velocity is the normal one of the swing foot before it.
+        The walker stands on one foot; see ``Expressions``. The velocity is the normal velocity of the swing foot before
+        the landing.
         """
         return self._impacts(_before_impact(before), *modes)
 
@@ -284,7 +286,7 @@ class HybridSystem:
 
         Parameters
         ----------
-        mode : just after the impact, with the contacts as they are called before it; see ``Transitions.struck``.
+        mode : mode just after the impact, with the names that the contacts have before it; see ``Transitions.struck``.
         before : mode just before it.
         ends_step : whether the step ends.
         """
@@ -295,12 +297,12 @@ class HybridSystem:
         return self._reset_jacobian(mode, self._before_reset(before), ends_step)
 
     def _before_reset(self, before: Mode) -> Mode:
-        """The mode before a reset as far as it matters; the section at the end of a cycle may depend on all of it."""
+        """The mode before a reset without what does not matter. A section at the end of a cycle may depend on all."""
         return _before_impact(before) if self.cycle_end == TOUCHDOWN else before
 
     @compiled("tzpr")
     def stopped_together(self, mode: Mode, after: Mode) -> dict[str, SX]:
-        """(t, z, p, r) -> z_plus: the state in ``after`` where slips of several contacts have ended at one instant."""
+        """(t, z, p, r) -> z_plus: the state in ``after`` when slips of several contacts have ended at one instant."""
         return {"z_plus": self._symbols.stopped_together(mode, after)}
 
     @compiled("tzpr")
@@ -366,7 +368,7 @@ class HybridSystem:
     @property
     @compiled("zp")
     def descent(self) -> dict[str, SX]:
-        """(z, p) -> rates of the guard of a walker on one foot, as it is on level ground, and of its foot's height."""
+        """(z, p) -> rates of the guard of touchdown on level ground, and of the swing foot's height; of one foot."""
         z, n = self._symbols.z, self.n_shape + 1
         falling = vertcat(-SX(self._eom.mechanism.touchdown), self._eom.contacts[SWING_FOOT].position[1])
         return {"rates": jtimes(falling, z[:n], z[n:])}
@@ -374,20 +376,20 @@ class HybridSystem:
     @property
     @compiled("zp")
     def trailing_foot(self) -> dict[str, SX]:
-        """(z, p) -> height of the foot that has just left the ground, of a walker that may fall back on it [m]."""
+        """(z, p) -> height of the foot that has just left the ground, if the walker may fall back on it [m]."""
         foot = self._eom.mechanism.trailing_foot
         return {"height": SX(0, 1) if foot is None else foot[1]}
 
     @property
     @compiled("zp")
     def contact_points(self) -> dict[str, SX]:
-        """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number above zero where it may land."""
+        """(z, p) -> height of every contact, its velocity (v_t, v_n), and a number that is positive if it may land."""
         return self._symbols.points()
 
     def push(self, before: Mode) -> Function:
-        """(z, p) -> impulses (2, n) of the contacts that push off in a mode before another lands, work [J], rates.
+        """(z, p) -> impulses (2, n) of the contacts that push off before another one lands, work [J], rates.
 
-        The rates of (shape, x, y) are those just after the push.
+        The rates are those of (shape, x, y) just after the push.
         """
         return self._push(_before_impact(before))
 
@@ -436,7 +438,7 @@ class HybridSystem:
 
     @building
     def _compile(self, key: tuple[Any, ...], inputs: str, expressions: Callable[[], dict[str, SX]]) -> None:
-        if key not in self._functions:  # unless another thread has just built it
+        if key not in self._functions:  # another thread may just have built it
             common = {"t": self._symbols.t, "z": self._symbols.z, "p": self._symbols.p, "r": self._symbols.r}
             results = expressions()
             symbols = [results.pop(letter) if letter in results else common[letter] for letter in inputs]
@@ -449,7 +451,7 @@ class HybridSystem:
         return section_of(self.walker, before, after, self.cycle_end)
 
     def values(self, parameters: Mapping[str, float]) -> Array:
-        """The vector ``p`` from values by dotted key, shape (n_p,); those of the control law are its own by default."""
+        """The vector ``p``, shape (n_p,), from values by dotted key; the control law's own values are the default."""
         values = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
         return np.array([float(values[name]) for name in self.parameters])
 
@@ -462,9 +464,9 @@ class HybridSystem:
         return None if swapped == indices else swapped
 
     def step_parameters(self, p: Any) -> tuple[Any, ...]:
-        """Parameters in each of the first steps, after which they repeat: one set if the legs are alike, else two.
+        """Parameters in each of the first steps, after which they repeat: one set if the legs are alike, otherwise two.
 
-        At every landing that ends a step legs that differ swap places, and with them their friction.
+        At every landing that ends a step, legs that differ swap their parameters and their friction.
 
         Parameters
         ----------
@@ -481,7 +483,7 @@ class HybridSystem:
         return p, other
 
     def data(self, segment: int) -> Array:
-        """Segment data of the control, shape (n_r,); not to be written to."""
+        """Segment data of the control, shape (n_r,); read-only by convention."""
         if segment not in self._data:
             self._data[segment] = self.control.data(segment)
         return self._data[segment]
@@ -491,19 +493,19 @@ class HybridSystem:
         return self.contact_coefficients(p)[FOOT]
 
     def contact_coefficients(self, p: Any) -> dict[str, tuple[Any, Any, Any]]:
-        """The three coefficients of every contact by name."""
+        """Static, kinetic and viscous coefficient of every contact by name."""
         return self.friction.of(p[self._friction_entries])
 
 
 def _before_impact(before: Mode) -> Mode:
-    """The mode before an impact as far as it matters: what touches and what is locked, not what slips."""
+    """The mode before an impact without what does not matter: contacts that touch, and locked stops, but no slip."""
     contact = before.contact.with_states(dict.fromkeys(before.touching, Mode.STICK))
     return Mode.of(contact, dict.fromkeys(before.locked, "locked"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Definition:
-    """What defines a system; control laws are equal if their pickles are."""
+    """The key of a system; control laws are equal if their pickles are."""
 
     walker: type[Walker]
     law: ImpactLaw
@@ -534,7 +536,7 @@ def _unpickled(
     return _system(definition)
 
 
-@built_once(maxsize=KEPT)
+@built_once(maxsize=MOST_UNPICKLED)
 def _system(definition: _Definition) -> HybridSystem:
     d = definition
     return HybridSystem(d.walker, d.control, d.law, d.friction, d.cycle_end, d.uneven)

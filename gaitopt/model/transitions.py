@@ -3,31 +3,32 @@
     mode  --  margin falls to zero  --  reset  -->  one of the candidates, or the motion ends
 
 Every margin is positive while its mode holds and is the guard of one transition. A margin of an impact likewise leads
-to the impact, or the ending, that replaces it where the margin falls. At a breakpoint of the control law, whose guard
-is the time, torques and contact forces may jump. The table contains facts only: the expressions of
-the margins are in ``gaitopt.model.system``, and each method decides by itself which candidate is consistent: the
-simulator from forces and impulses, the NLP by following a cycle, a branch by trying the candidates in turn. In the
-same way a witness function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
+to the impact, or the ending, that replaces it when the margin falls. At a breakpoint of the control law, whose guard
+is the time, torques and contact forces may jump. The table contains facts only. The expressions of the margins are in
+``gaitopt.model.expressions``, and each method decides by itself which candidate is consistent: the simulator from
+forces and impulses, the NLP by following a cycle, a branch by trying the candidates in turn. In the same way a witness
+function stands beside its reset in Drake's compass gait (``examples/compass_gait``).
 
-A walker that stands on one foot at a time has the contacts ``foot`` and ``swing_foot``. Where the swing foot lands, the
+A walker that stands on one foot at a time has the contacts ``foot`` and ``swing_foot``. When the swing foot lands, the
 former stance foot leaves the ground, and the two swap places.
 
-Margins of forces and velocities belong to one contact each: ``normal_force.left``, or ``normal_force`` of the foot of a
-walker that stands on one at a time. Contacts that stick together and share their forces have margins of their group,
-such as ``cone_forward.left+right``. ``gap.left`` falls to zero where a contact that is off lands; ``touchdown`` is that
-of the swing foot. Where several contacts touch, any event may change the forces of all of them, so that the candidates
-are all modes of these contacts: one that slips goes on or lifts, one at rest may do anything. A foot that stands alone
-does what the margin says: it slips, or leaves the ground. The event between two given modes follows from what changes:
+A margin of a force or velocity belongs to one contact: ``normal_force.left``, or ``normal_force`` for the foot of a
+walker that stands on one foot at a time. Contacts that stick together and share their forces have margins of their
+group, such as ``cone_forward.left+right``. ``gap.left`` falls to zero when a contact that is off lands; that of the
+swing foot is ``touchdown``. If several contacts touch, any event may change the forces of all of them, so that the
+candidates are all modes of these contacts: a contact that slips continues or lifts, a contact at rest may stick, slip
+or lift. A foot that stands alone does what the margin says: it slips, or leaves the ground. The event between two given
+modes follows from what changes:
 
     a stop or switch                    its margin
     a contact lands                     gap             else    a slip ends or turns        slip_velocity
     else    a contact leaves            normal_force    else    a contact begins to slip    its cone
 
 Several slips may begin or end at one instant, as they do in symmetric motions. The guard is the cone, or the velocity,
-of the first one; those of the others are zero there too.
+of the first contact; those of the others are zero at this instant too.
 
-A step ends where the swing foot or a contact of ``Walker.landing_contacts`` lands, where a margin of
-``Walker.sections`` falls to zero, or with a period of the control law.
+A step ends when the swing foot or a contact of ``Walker.landing_contacts`` lands, when a margin of ``Walker.sections``
+falls to zero, or with a period of the control law.
 """
 
 import re
@@ -69,16 +70,16 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margin:
-    """Unit and words of a margin, the same for all walkers.
+    """Unit and messages of a margin, the same for all walkers.
 
     Attributes
     ----------
     unit : natural unit, a key of ``gaitopt.model.units.UNITS``.
-    violated : message about a negative value, which replaces ``{value}``; empty if it is judged together with others.
+    violated : message about a negative value, with ``{value}``; empty if the margin is judged together with others.
     lost : message about its fall to zero, in a motion or along a branch.
-    absent : message about a phase that it should end, but in which it does not fall to zero.
-    ending : how a motion ends where it falls to zero; None if a mode or an impact follows.
-    rises : whether it is zero at the start of a step, so that only a fall after it has been positive counts.
+    absent : message about a phase that the margin should end, but in which it does not fall to zero.
+    ending : how a motion ends when the margin falls to zero; None if a mode or an impact follows.
+    rises : whether the margin is zero at the start of a step, so that a fall counts only after it has been positive.
     """
 
     unit: str
@@ -112,10 +113,10 @@ class Transition:
     Attributes
     ----------
     guard : name of the margin whose fall to zero triggers the transition; ``breakpoint`` for a fixed time.
-    margin : unit and words of the guard.
-    ending : how the motion ends; None where a mode follows.
-    reason : message about that.
-    reset : the jump of the state; None if it is continuous.
+    margin : unit and messages of the guard.
+    ending : how the motion ends; None if a mode follows.
+    reason : message about the event.
+    reset : the jump of the state; None if the state is continuous.
     at_rest : contacts whose slip velocity is zero afterwards; their forces select the candidate.
     candidates : the modes that may follow; at a reset with several candidates the impulses select one.
     zeros : margins of the ended mode that are zero at the event.
@@ -138,8 +139,8 @@ class Transition:
         return self.reset is not None and self.reset.ends_step
 
 
-FOOT_WORDS = r"\bthe (?:stance foot|slipping foot|foot|contact)\b(?! that)"
-"""Words for the contact of a margin, which its name replaces."""
+FOOT_PHRASES = r"\bthe (?:stance foot|slipping foot|foot|contact)\b(?! that)"
+"""Phrases in the messages of margins that the name of a contact replaces."""
 NO_SLIP = "sticking never needs more friction than is available, so that no slip begins"
 
 PUSH_SLIPS = "the foot that pushes off slips: its push is {value:.4g} N s outside of the friction cone"
@@ -273,7 +274,7 @@ IMPACT_MARGINS: Mapping[str, Margin] = {
         ending=Ending.IMPACT_INCONSISTENT,
     ),
 }
-"""Margins of impacts, with impulses in place of forces."""
+"""Margins of impacts, with impulses instead of forces."""
 
 AT_BREAKPOINT = Margin(
     unit="time",
@@ -294,15 +295,16 @@ STOP = Margin(
     absent="the stop does not lock, the switch does not trigger, or the section is not reached",
     rises=True,
 )
-"""The gap of any joint stop, and the margin of any switch or section."""
+"""Unit and messages of the gap of any joint stop, and of the margin of any switch or section."""
 CONE: Mapping[Mode, str] = {Mode.SLIP_FORWARD: "cone_forward", Mode.SLIP_BACKWARD: "cone_backward"}
-"""The margin of a sticking foot that falls to zero where each slip begins; for impacts ``impulse_`` precedes it."""
+"""The margin of a sticking foot that falls to zero when each slip begins; in impacts its name begins with
+``impulse_``."""
 GROUND_FORCES = ("normal_force", "cone_forward", "cone_backward")
-"""Margins from the force of the ground; for a massless foot all are zero where it lands and where it takes off."""
+"""Margins of the force of the ground. All are zero at the landing and at the take-off of a massless foot."""
 LANDINGS = ("touchdown", "clearance")
 """Margins of the swing foot: the first in the order of a table."""
 AT_REST = (str(Mode.STICK), str(Mode.SLIP_FORWARD), str(Mode.SLIP_BACKWARD), OFF)
-"""What a contact at rest on the ground may do; sticking comes first."""
+"""The states that may follow for a contact at rest on the ground; sticking comes first."""
 PRIORITY = ("gap", "slip_velocity", "normal_force", "cone_forward", "cone_backward")
 """Kinds of margins in the order in which they explain a change of modes."""
 ONE_AT_A_TIME = "a step begins with all stops free and all switches off, and they change one at a time"
@@ -310,36 +312,39 @@ CANNOT_SLIP = "a massless foot cannot slip, and friction does not hold it"
 
 
 def kind(name: str) -> str:
-    """The margin of which that of a named contact is one: ``cone_forward`` of ``cone_forward.left``.
+    """The kind of a margin, which is its name without the contact: ``cone_forward`` for ``cone_forward.left``.
 
-    That of a group with different ones is of the kind of its first part.
+    A margin of a group may be a sum of different kinds; its kind is then that of the first term.
     """
     return name.partition(".")[0].partition("+")[0]
 
 
 def contact_of(name: str) -> str:
-    """The contact of a margin; ``foot`` where contacts have no names."""
+    """The contact of a margin; ``foot`` if contacts have no names."""
     return name.partition(".")[2] or FOOT
 
 
 def named(what: str, name: str) -> str:
-    """A margin of another kind, of the contact of ``name``."""
+    """The margin of another kind of the same contact as the margin ``name``."""
     contact = name.partition(".")[2]
     return f"{what}.{contact}" if contact else what
 
 
 @lru_cache(maxsize=256)
 def margin(name: str) -> Margin:
-    """Unit and words of a margin, which name its contact; those that ``MARGINS`` lacks are of stops and switches."""
+    """Unit and messages of a margin, with the name of its contact; ``MARGINS`` lacks those of stops and switches."""
     facts, contact = MARGINS.get(kind(name), STOP), name.partition(".")[2]
     if not contact:
         return facts
-    lost, absent = (re.sub(FOOT_WORDS, f"the contact {contact}", words) for words in (facts.lost, facts.absent))
+    lost, absent = (re.sub(FOOT_PHRASES, f"the contact {contact}", text) for text in (facts.lost, facts.absent))
     return replace(facts, lost=lost, absent=absent)
 
 
 def is_held(name: str) -> bool:
-    """Whether a margin is positive throughout a mode of a gait; others rise before they fall, or no gait loses them."""
+    """Whether a margin must be positive throughout a mode of a gait.
+
+    Other margins rise before they fall, and a gait is always upright.
+    """
     return name != "upright" and not margin(name).rises
 
 
@@ -349,20 +354,20 @@ def grounded(candidates: tuple[Mode, ...]) -> tuple[Mode, ...]:
 
 
 def share_name(parts: tuple[tuple[str, str], ...]) -> str:
-    """Name of the margin of a group: its kind once, if all parts have the same, and its contacts."""
+    """Name of the margin of a group of contacts: its kinds and its contacts, each of them once."""
     kinds = "+".join(dict.fromkeys(kind for kind, _ in parts))
     return f"{kinds}.{'+'.join(dict.fromkeys(contact for _, contact in parts))}"
 
 
 def impulse_name(name: str) -> str:
-    """Name of the margin of an impact that has impulses in place of the forces of a margin of a mode."""
+    """Name of the margin of an impact that has impulses where a margin of a mode has forces."""
     what, _, contacts = name.partition(".")
-    kinds = ("impulse" if part == "normal_force" else f"impulse_{part}" for part in what.split("+"))
+    kinds = ("impulse" if force == "normal_force" else f"impulse_{force}" for force in what.split("+"))
     return f"{'+'.join(kinds)}.{contacts}"
 
 
 def _parts(guard: str) -> set[tuple[str, str]]:
-    """Kinds and contacts of a margin of one contact, or of a group; not all pairs need to be parts of a group's."""
+    """All pairs of a kind and a contact in the name of a margin; a group's margin need not contain every pair."""
     kinds, _, contacts = guard.partition(".")
     return {(what, name) for what in kinds.split("+") for name in (contacts or FOOT).split("+")}
 
@@ -380,14 +385,14 @@ class Transitions:
     walker : the class of the walker.
     friction : the friction law of its contacts.
     law : tangential law of its slipping impacts.
-    cycle_end : what ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
+    cycle_end : event that ends a cycle: ``touchdown``, ``clock`` or the name of a margin.
 
     Attributes
     ----------
+    walker, cycle_end : see the parameters.
     modes : all modes of the walker.
-    cycle_end : as given.
     landed : modes with all stops free and all switches off in which the walker touches the ground.
-    unique : the margin of a unique slip: ``painleve``, the apparent mass of a foot alone, or ``regularity``.
+    unique : name of the margin of a unique slip: ``painleve``, the apparent mass of a foot alone, or ``regularity``.
     """
 
     def __init__(
@@ -416,20 +421,20 @@ class Transitions:
 
         Parameters
         ----------
-        mode : just after the impact, with the contacts as they are called before it; see ``struck``.
-        before : just before it.
+        mode : mode just after the impact, with the names that the contacts have before it; see ``struck``.
+        before : mode just before it.
         """
         if (mode, before) not in self._impacts:
             self._impacts[mode, before] = {row.guard: row for row in self._of_impact(mode, before)}
         return self._impacts[mode, before]
 
     def name(self, what: str, contact: str) -> str:
-        """The written name of a margin of a contact; a foot without a label does not close its gap, it touches down."""
+        """The name of a margin of a contact. The gap of a foot without a label is called ``touchdown``."""
         return "touchdown" if what == "gap" and not self.walker.label(contact) else self.walker.quantity(what, contact)
 
     @property
     def most_margins(self) -> int:
-        """A bound of the number of margins of a mode: three of each contact, and sums of those that share forces."""
+        """A bound of the number of margins of a mode: three per contact, and sums for those that share forces."""
         n = len(self.walker.contact_names())
         return 3 + 3 * n + n**2 + len(self.walker.stops) + len(self.walker.switches)
 
@@ -442,38 +447,38 @@ class Transitions:
         return tuple(self.of_impact(mode, before))
 
     def struck(self, cycle: Cycle, phase: int) -> Mode | None:
-        """The impact that ends a phase, with the contacts as they are called before it; None without an impact."""
+        """The impact that ends a phase, with the names that the contacts have before it; None without an impact."""
         impact, within = cycle.reset_after(phase), cycle.after(phase) is not None
         if impact is None or (not within and self.cycle_end != TOUCHDOWN):
             return impact
         return self.struck_within(impact) if within else self.walker.swapped(impact)
 
     def struck_within(self, landed: Mode) -> Mode:
-        """An impact within a step, with the contacts as called before it: a lone foot lands as the other one."""
+        """An impact within a step with the names of contacts before it: a lone foot lands as the other one."""
         return self.walker.swapped(landed) if landed.swaps else landed
 
     def written_impact(self, struck: Mode) -> Mode:
-        """An impact as records name its contacts: a foot on which the walker then stands alone is ``foot``."""
+        """An impact with the names of contacts in records: the only foot on which the walker then stands is ``foot``."""
         base = self.walker.base_contact()
         return self.walker.swapped(struck) if base and struck.touching and base not in struck.touching else struck
 
     def stated_impact(self, of: str, after: Mode) -> Mode | None:
-        """The impact of a contact or a stop within a step as the phase that it begins states it; None if it does not.
+        """The impact of a contact or a stop within a step, as the next phase states it; None if the phase need not.
 
-        Where one foot stands alone, the modes tell the impact of a stop.
+        If one foot stands alone, the modes already determine the impact of a stop.
 
         Parameters
         ----------
-        after : just after the impact, with the contacts as they are called then.
+        after : mode just after the impact, with the names that the contacts have then.
         """
         if of in self.walker.stops and self.walker.stands_on_one():
             return None
         return after if after.is_named else after.contact
 
     def landings(self, row: Transition, mode: Mode) -> Mapping[Mode, Mode]:
-        """The mode after each impact that may end a step in ``mode``, by the impact.
+        """For every impact that may end a step in ``mode``, the mode after it.
 
-        In the impact the contacts are called as before it, and the stops are locked that it holds.
+        The impact has the names that the contacts have before it, and those stops are locked that it holds.
         """
         if (row.guard, mode) not in self._landings:
             walker, landed = self.walker, [candidate.contact for candidate in row.candidates]
@@ -486,7 +491,7 @@ class Transitions:
 
         Parameters
         ----------
-        struck : see ``struck``; needed where several contacts may land.
+        struck : see ``struck``; it is needed if several contacts may land.
 
         Raises
         ------
@@ -505,8 +510,8 @@ class Transitions:
         else:
             found = self._leading(mode, after, struck)
         if not found:
-            words = "the end of a step" if after is None else after.brief
-            raise ValueError(f"no event of the {self.walker.model} leads from {mode.brief} to {words}")
+            goal = "the end of a step" if after is None else after.brief
+            raise ValueError(f"no event of the {self.walker.model} leads from {mode.brief} to {goal}")
         return found[0]
 
     def _leading(self, mode: Mode, after: Mode | None, struck: Mode | None) -> list[Transition]:
@@ -522,24 +527,24 @@ class Transitions:
                 return [rows[name]] if name in rows and after in rows[name].candidates else []
         if lands:
             return lands
-        parts = set[tuple[str, str]]()
-        for name, word in after.contacts.items() if after is not None and not landed else ():
+        changes = set[tuple[str, str]]()
+        for name, state in after.contacts.items() if after is not None and not landed else ():
             direction = mode.directions[name]
-            if name in mode.touching and word != mode.contacts[name]:
+            if name in mode.touching and state != mode.contacts[name]:
                 leaves = name not in (after or mode).touching
-                what = "normal_force" if leaves else "slip_velocity" if direction else CONE[Mode(word)]
-                parts.add((what, name))
+                what = "normal_force" if leaves else "slip_velocity" if direction else CONE[Mode(state)]
+                changes.add((what, name))
 
         def rank(row: Transition) -> tuple[int, int]:
             own = _parts(row.guard)
-            return min(PRIORITY.index(what) for what, _ in parts & own), -2 * len(parts & own) + len(own)
+            return min(PRIORITY.index(what) for what, _ in changes & own), -2 * len(changes & own) + len(own)
 
-        found = [r for r in rows.values() if after in r.candidates and r.reset is None and parts & _parts(r.guard)]
+        found = [r for r in rows.values() if after in r.candidates and r.reset is None and changes & _parts(r.guard)]
         if not found and after is not None:
             return self._stopping_together(mode, after)
-        if self._friction.may_drop:  # the force of one contact jumps where another one begins to slip
+        if self._friction.may_drop:  # the force of one contact jumps when another one begins to slip
             return sorted(found, key=rank)
-        edges = [f"{what}.{name}" for what, name in sorted(parts) if what in CONE.values()]
+        edges = [f"{what}.{name}" for what, name in sorted(changes) if what in CONE.values()]
         together = tuple(edge for edge in edges if edge in rows and len(edges) > 1)
         return [
             replace(row, zeros=tuple(dict.fromkeys((*row.zeros, *together)))) if row.guard in together else row
@@ -547,7 +552,7 @@ class Transitions:
         ]
 
     def _stopping_together(self, mode: Mode, after: Mode) -> list[Transition]:
-        """The transition where several slips end at one instant, as in a symmetric motion; its guard is the first."""
+        """The transition at which several slips end at one instant, as in symmetric motions; the first is its guard."""
         stopped = [name for name, d in mode.directions.items() if d and after.contacts.get(name) in AT_REST[:-1]]
         stopped = [name for name in stopped if after.directions[name] != mode.directions[name]]
         rests = (*_at_rest(mode), *stopped)
@@ -557,14 +562,14 @@ class Transitions:
         return [self._row(guards[0], at_rest=rests, candidates=(after,), zeros=tuple(guards))]
 
     def stops_in_turn(self, mode: Mode, after: Mode) -> tuple[tuple[str, Mode, Mode], ...]:
-        """Where several slips end at one instant, those after the first as if each ended a moment after the one before.
+        """The slips that end at one instant after the first one, as if each ended just after the previous one.
 
-        Contacts that a rigid body moves alike stop together. Two slips that end in friction may be put in either order,
-        because the forces that end them are the same.
+        Contacts that a rigid body moves alike stop together. The order of two slips that end in friction does not
+        matter, because the forces that end them are the same.
 
         Returns
         -------
-        stops : the contact, and the modes just before and just after it stops, for each.
+        stops : for each slip its contact, and the modes just before and just after it stops.
         """
         ended = [name for name, d in mode.directions.items() if d and name in after.touching]
         ended = [name for name in ended if after.directions[name] != mode.directions[name]]
@@ -583,8 +588,8 @@ class Transitions:
     def at_breakpoint(self, mode: Mode) -> Transition:
         """The transition at a breakpoint of the control law, where the torques and with them the forces may jump.
 
-        Its time is fixed, so that deviations pass it unchanged although the flow jumps. A contact at rest does what its
-        forces demand; a slipping one goes on slipping, or is lifted off; in flight nothing changes.
+        Its time is fixed, so that deviations pass it unchanged although the flow jumps. The forces of a contact at rest
+        determine its next state; a slipping contact continues to slip, or is lifted off; in flight nothing changes.
         """
         if mode not in self._breakpoints:
             rests = _at_rest(mode)
@@ -600,8 +605,8 @@ class Transitions:
     def zeros_after(self, cycle: Cycle, phase: int) -> tuple[str, ...]:
         """Margins of the next phase that are zero just after the event that ends a phase.
 
-        The forces of massless contacts that have just landed; of a foot that stands alone, its velocity where it begins
-        to slip.
+        They are the forces of massless contacts that have just landed, and the velocity of a foot that stands alone and
+        begins to slip.
         """
         following, partner = self.of(cycle.phases[(phase + 1) % len(cycle.phases)]), dict[str, str]()
         struck = self.struck(cycle, phase)
@@ -615,24 +620,24 @@ class Transitions:
         return tuple(name for name in names if name in following)
 
     def held(self, mode: Mode, contact: str) -> tuple[Mode, str]:
-        """The mode in which a contact that slips sticks instead, and its margin beyond which it slips so.
+        """The mode in which a slipping contact sticks instead, and its margin there that is negative if it must slip.
 
         The margin may be that of a group to which the contact then belongs.
         """
-        sticking, part = mode.with_states({contact: Mode.STICK}), (CONE[Mode(mode.contacts[contact])], contact)
-        return sticking, next(guard for guard in self.of(sticking) if part in _parts(guard))
+        sticking, cone = mode.with_states({contact: Mode.STICK}), (CONE[Mode(mode.contacts[contact])], contact)
+        return sticking, next(guard for guard in self.of(sticking) if cone in _parts(guard))
 
     def at_rest(self, mode: Mode) -> tuple[Mode, ...]:
-        """Candidates where the forces are decided anew and the contacts that stick are at rest; stick first."""
+        """Candidates if the forces are decided anew and the contacts that stick are at rest; stick comes first."""
         return self._candidates(mode, _at_rest(mode))
 
     def onset(self, mode: Mode, contact: str = FOOT) -> Transition:
-        """The transition where static friction holds a contact at the start of a slip from rest."""
+        """The transition for a contact that static friction holds at the start of a slip from rest."""
         rests = tuple(name for name in mode.touching if not mode.directions[name] or name == contact)
         return self._row(self.name("onset", contact), at_rest=rests, candidates=self._candidates(mode, rests))
 
     def pull(self, mode: Mode) -> Transition:
-        """The transition where a jump of the torques no longer lifts the foot out of a mode."""
+        """The transition for a jump of the torques that no longer lifts the foot out of a mode."""
         return self._row("pull", candidates=(mode,))
 
     def check(self, cycle: Cycle) -> None:
@@ -679,7 +684,7 @@ class Transitions:
         self._checked.add(cycle)  # a problem is read again at every ``replace``
 
     def may_land(self, mode: Mode) -> bool:
-        """Whether contacts that are off can land in a mode; a foot that flies lands out of flight alone."""
+        """Whether contacts that are off can land in a mode; a foot that can fly lands only out of flight."""
         return not (self.walker.stands_on_one() and self.walker.flies and mode.touching)
 
     def _check_modes(self, step: ModeSequence, start: Mapping[str, str]) -> None:
@@ -709,22 +714,22 @@ class Transitions:
         Parameters
         ----------
         at_rest : the contacts at rest.
-        landing : the contact that lands; its impact may change the motion of all that touch. A walker that stands on
-            one contact at a time then stands on this one.
+        landing : the contact that lands; its impact may change the motion of all contacts on the ground. A walker that
+            stands on one contact at a time then stands on this one.
         """
         walker, rests, massless = self.walker, {*at_rest}, self.walker.weightless()
         if landing is not None and walker.stands_on_one():
             return tuple(mode.with_contact(walker.swapped(landed.contact)) for landed in self.landed)
         choices = list[tuple[str, ...]]()
-        for name, word in mode.contacts.items():
+        for name, state in mode.contacts.items():
             touches = name in mode.touching
             if name in massless:
                 choices.append((AT_REST[0], OFF) if touches or name == landing else (OFF,))
             elif (landing is not None and (touches or name == landing)) or name in rests:
                 choices.append(AT_REST)
             else:
-                choices.append((word, OFF) if touches else (OFF,))
-        modes = (mode.with_states(dict(zip(mode.contacts, words, strict=True))) for words in product(*choices))
+                choices.append((state, OFF) if touches else (OFF,))
+        modes = (mode.with_states(dict(zip(mode.contacts, states, strict=True))) for states in product(*choices))
         return tuple(candidate for candidate in modes if candidate.contact in self._states)
 
     def _of_phase(self, mode: Mode) -> list[Transition]:
@@ -787,8 +792,8 @@ class Transitions:
 
         Parameters
         ----------
-        after : the mode in which this contact, and no other, gives way: a foot that stands alone does so.
-        slips : whether it then slips.
+        after : the mode in which this contact, and no other, slips or lifts, as a foot that stands alone does.
+        slips : whether the contact then slips.
         """
         if not self.walker.stands_on_one():
             rests = _at_rest(mode)
@@ -800,7 +805,7 @@ class Transitions:
         return self._row(guard, zeros=zeros)
 
     def _of_impact(self, mode: Mode, before: Mode) -> list[Transition]:
-        """Margins of an impact of contacts, or of a stop; none where the state is continuous."""
+        """Rows of an impact of contacts, or of a stop; none if the state is continuous."""
         landing = [name for name in mode.touching if name not in before.touching]
         if not landing and (not mode.stops or mode.locked == before.locked):
             return []
@@ -809,9 +814,9 @@ class Transitions:
         shared = {contact for share in shares for _, contact in share}
         rows = [self._row(self.name("touchdown_rate", name)) for name in landing]
 
-        def other(name: str, *words: str) -> tuple[Mode, ...]:
-            """What may replace the impact: other states of a contact in which the walker can stand."""
-            modes = (mode.with_states({name: word}) for word in words)
+        def other(name: str, *states: str) -> tuple[Mode, ...]:
+            """Impacts that may replace this one: other states of a contact in which the walker can stand."""
+            modes = (mode.with_states({name: state}) for state in states)
             return tuple(m for m in modes if len(m.touching) == 1 or not self.walker.stands_on_one())
 
         for name in (name for name in mode.contacts if name not in massless):
@@ -836,9 +841,10 @@ class Transitions:
         return sorted(rows, key=lambda row: order.index(row.guard) if row.guard in order else -1)
 
     def _may_stick_too(self, mode: Mode, name: str, landing: Sequence[str]) -> bool:
-        """Whether an impact after which a contact slips may stick instead although both are consistent.
+        """Whether an impact after which a contact slips may stick instead because both are consistent.
 
-        With one coefficient and one law for both, the margin of this has the sign of the slip velocity.
+        With one coefficient and one law for both, the margin of that has the sign of the slip velocity and is not
+        needed.
         """
         drops = self._friction.may_drop and len(mode.touching) == 1
         return drops or (self._law is ImpactLaw.FRICTIONLESS and name in landing)
@@ -855,7 +861,7 @@ class Transitions:
         zeros: tuple[str, ...] = (),
         zeros_after: tuple[str, ...] = (),
     ) -> Transition:
-        """A row; by default the motion ends, as the margin states, unless there are candidates."""
+        """A row. If there are no candidates, the motion ends as the margin states by default."""
         facts = margin(guard)
         return Transition(
             guard=guard,

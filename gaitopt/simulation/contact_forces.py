@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from gaitopt.arrays import Array
 from gaitopt.model.buffered import Buffers
 from gaitopt.model.contacts import (
-    DEPENDENT,
+    LARGEST_REMAINDER,
     active_coordinates,
     constraint_rows,
     constraint_structure,
@@ -274,7 +274,7 @@ class ContactForces:
         """Whether the motion in a mode depends on undetermined shares of forces."""
         if mode not in self._moved:
             of = dict(zip(self.walker.landing_points(), self.friction.kinetic.tolist(), strict=True))
-            self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > DEPENDENT)
+            self._moved[mode] = bool(np.linalg.norm(friction_of_shares(self.walker, mode, of)) > LARGEST_REMAINDER)
         return self._moved[mode]
 
     def mechanics(self, z: Array) -> Mechanics:
@@ -293,7 +293,7 @@ class ContactForces:
         mechanics = self.mechanics(z)
         J = mechanics.J[[*rows, *others]]
         required = np.concatenate([-mechanics.J[[*rows]] @ mechanics.dq, np.zeros(len(others))])
-        change = np.linalg.lstsq(J, required, rcond=DEPENDENT)[0]
+        change = np.linalg.lstsq(J, required, rcond=LARGEST_REMAINDER)[0]
         z = z.copy()
         z[self._rates] += (change * self._unit / self._time)[self._kept]
         return z
