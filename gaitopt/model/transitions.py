@@ -458,7 +458,7 @@ class Transitions:
         return self.walker.swapped(landed) if landed.swaps else landed
 
     def written_impact(self, struck: Mode) -> Mode:
-        """An impact with the names of contacts in records: the only foot on which the walker then stands is ``foot``."""
+        """An impact with the names of contacts in records, where the only foot on the ground is ``foot``."""
         base = self.walker.base_contact()
         return self.walker.swapped(struck) if base and struck.touching and base not in struck.touching else struck
 
