@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from casadi import DM, MX, SX, Function, Sparsity, cse, dot, gradient, hessian, jacobian, mtimes, reshape, vec, vertcat
+from casadi import DM, MX, SX, Function, Sparsity, dot, gradient, hessian, jacobian, mtimes, reshape, vec, vertcat
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 
@@ -61,12 +61,12 @@ def _derivatives(function: Function) -> tuple[Function | None, Function, Functio
     """
     y, c, p = (SX.sym(name, function.size1_in(k)) for k, name in enumerate("ycp"))
     f, g = function(y, c, p)
-    slope = None if f.is_zero() else Function("slope", [y, c, p], cse([gradient(f, y)]))
+    slope = None if f.is_zero() else Function("slope", [y, c, p], [gradient(f, y)])
     jac = jacobian(g, y)
-    first = Function("first", [y, c, p], cse([SX(jac.nz[:])]))
+    first = Function("first", [y, c, p], [SX(jac.nz[:])])
     w, multipliers = SX.sym("w"), SX.sym("l", g.numel())
     bent = hessian(w * f + dot(multipliers, g), y)[0]
-    second = Function("second", [y, c, p, w, multipliers], cse([SX(bent.nz[:])]))
+    second = Function("second", [y, c, p, w, multipliers], [SX(bent.nz[:])])
     return slope, first, second, jac.sparsity(), bent.sparsity()
 
 
