@@ -43,14 +43,14 @@ CURVES: Mapping[str, tuple[str, ...]] = {
     "double_neimark_sacker": ("neimark_sacker", "neimark_sacker"),
 }
 """The bifurcation curves that meet at a codimension-two point."""
+DEGENERATE = {"fold": "cusp", "period_doubling": "generalised_flip", "neimark_sacker": "chenciner"}
+"""The point at which the coefficient of each bifurcation vanishes."""
 POLE = 0.1
 """Part of the larger value at two points up to which a function that changes its sign between them is at a zero."""
 
 
 def curve_tests(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, float]:
-    """Test functions, by the type of their codimension-two point, on the curve of a bifurcation or of a margin.
-
-    That of a cusp has the sign of the critical eigenvector.
+    """Test functions of the multipliers, by the type of their codimension-two point, on a curve.
 
     Parameters
     ----------
@@ -60,19 +60,28 @@ def curve_tests(local: LocalMap, kind: str, kappa: float = 0.0) -> dict[str, flo
     multipliers = eigenvalues(local.A)
     if kind not in KINDS:
         return {f"margin_{name}": value for name, value in _products(multipliers).items()}
-    p, q, multiplier = local.critical(kind, kappa)
     doubles = {_double(kind, name): value for name, value in _products(_others(local, kind, kappa)).items()}
     values = {name: value for name, value in doubles.items() if name}
     if kind == "neimark_sacker":
         half = float(pair_nearest(multipliers, kappa).sum().real) / 2
-        values |= {name: half - strong for name, strong in RESONANCES.items()}
-        if abs(half) < 1:
-            values["chenciner"] = (torus_coefficient(local, p, q, multiplier / abs(multiplier)) / (p.conj() @ q)).real
-    elif kind == "period_doubling":
-        values |= {"resonance_1_2": float(p @ q), "generalised_flip": flip_coefficient(local, p, q)}
-    else:
-        values |= {"resonance_1_1": float(p @ q), "cusp": fold_coefficient(local, p, q)}
-    return values
+        return values | {name: half - strong for name, strong in RESONANCES.items()}
+    p, q, _ = local.critical(kind)
+    return values | {"resonance_1_1" if kind == "fold" else "resonance_1_2": float(p @ q)}
+
+
+def degeneracy(local: LocalMap, kind: str, kappa: float = 0.0) -> float:
+    """The coefficient whose zero is the point ``DEGENERATE[kind]``; NaN where the pair is real.
+
+    That of a fold has the sign of the critical eigenvector.
+    """
+    p, q, multiplier = local.critical(kind, kappa)
+    if kind == "fold":
+        return fold_coefficient(local, p, q)
+    if kind == "period_doubling":
+        return flip_coefficient(local, p, q)
+    if abs(multiplier.imag) < REAL_PAIR:
+        return float("nan")
+    return (torus_coefficient(local, p, q, multiplier / abs(multiplier)) / (p.conj() @ q)).real
 
 
 def is_zero(located: float, before: float, after: float) -> bool:

@@ -15,7 +15,7 @@ from typing import Any, overload
 import numpy as np
 
 from gaitopt.arrays import Array
-from gaitopt.branches.codimension_two import curve_tests
+from gaitopt.branches.codimension_two import DEGENERATE, curve_tests, degeneracy
 from gaitopt.branches.conditions import Condition, Conditioned, ConditionedEquations
 from gaitopt.branches.monitors import MonitorKey, MonitorValue, TestFunction, monitor_values, test_functions
 from gaitopt.branches.normal_forms import LocalMap, local_map
@@ -156,17 +156,27 @@ class CurvePoint:
 
     @cached_property
     def curve_tests(self) -> dict[str, float]:
-        """Test functions of codimension-two points on a curve with a condition, by their types."""
+        """Test functions of codimension-two points on a curve with a condition, of the multipliers, by their types."""
         condition = self.curve.condition
         return {} if condition is None else curve_tests(self.local, condition.kind, condition.kappa)
 
+    @cached_property
+    def _degeneracy(self) -> float:
+        condition = self.curve.condition
+        assert condition is not None
+        return degeneracy(self.local, condition.kind, condition.kappa)
+
     def curve_test(self, name: str, reference: "CurvePoint") -> float:
-        """Value of one of them; that of a cusp with the critical eigenvector along that at another point."""
-        value = self.curve_tests.get(name, np.nan)
+        """Value of one of them, or of the coefficient of the normal form, whose derivatives are of third order.
+
+        That of a fold is taken with the critical eigenvector along that at another point.
+        """
+        if name not in DEGENERATE.values():
+            return self.curve_tests[name]
         if name != "cusp":
-            return value
+            return self._degeneracy
         here, there = (point.local.critical("fold")[1] for point in (self, reference))
-        return -value if here @ there < 0 else value
+        return -self._degeneracy if here @ there < 0 else self._degeneracy
 
     def monitor(self, key: MonitorKey) -> float:
         """Value of one monitor; infinite if this gait does not have it."""

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from gaitopt.arrays import overflow_allowed
-from gaitopt.branches.change import ACTIVE, DISTANCES, NEARBY, start_states, successors, transition_at
+from gaitopt.branches.change import ACTIVE, DISTANCES, NEARBY, halved_cycle, start_states, successors, transition_at
 from gaitopt.branches.codimension_two import (
     CURVES,
+    DEGENERATE,
     is_zero,
     other_kappa,
     others_are_complex,
@@ -87,13 +88,12 @@ def curve_start(special: SpecialPoint) -> CurveStart:
         pair = min((m for m in gait.multipliers if m.imag > 0), key=lambda m: abs(abs(m) - 1), default=0.0)
         return CurveStart(type=special.type, parameter=special.parameter, gait=gait, kappa=float(np.real(pair)))
     if special.type == "branch_point":
-        if len(gait.steps) % 2 == 0 and gait.repeats_after == len(gait.steps) // 2:
-            words = "trace the period doubling of the gait with half as many steps instead, at the same place"
-            raise ProblemError(f"this branch point is a period doubling of a shorter cycle: {words}")
+        half = halved_cycle(gait)
+        if half is not None:  # a period doubling of the shorter cycle, which keeps both halves equal
+            return CurveStart(type="period_doubling", parameter=special.parameter, gait=_with_cycle(gait, half))
         raise ProblemError(
-            "a branch point has no curve over two parameters unless a symmetry protects it: in a second parameter it "
-            "falls apart into folds; continue the gait in the second parameter a little way, and trace the fold that "
-            "takes its place"
+            "a branch point has no curve in two parameters: in a second one it falls apart into folds; continue the "
+            "gait a little way in the second parameter, and trace the fold that takes its place"
         )
     at_margin = special.type == "end" and not (special.bound or special.open) and special.status == "converged"
     if special.type not in MARGINS and not at_margin:
@@ -101,7 +101,7 @@ def curve_start(special: SpecialPoint) -> CurveStart:
         raise ProblemError(f"a special point of type {special.type} has no curve; trace one of the types {known}")
     fewest = min((c for c in (gait.cycle, special.before, special.after) if c is not None), key=lambda c: len(c.phases))
     if len(fewest.phases) < len(gait.cycle.phases):  # a phase of no duration has half the digits
-        gait = _without_phase(gait, fewest)
+        gait = _with_cycle(gait, fewest)
     key = vanishing_monitor(gait)
     return CurveStart(type="margin", parameter=special.parameter, gait=gait, margin=(key.kind, key.phase, key.step))
 
@@ -131,16 +131,16 @@ def vanishing_monitor(gait: Gait) -> MonitorKey:
     return min(small, key=lambda key: (key.kind == "duration", small[key]))
 
 
-def _without_phase(gait: Gait, cycle: Cycle) -> Gait:
-    """The same gait with a mode sequence that lacks its phases of no duration.
+def _with_cycle(gait: Gait, cycle: Cycle) -> Gait:
+    """The same gait without its phases of no duration, or without its second half.
 
     Raises
     ------
     SolveError
         If Newton's method fails.
     """
-    states = np.array([step.arcs[0].states[0] for step in gait.steps])
-    for step, (before, after) in enumerate(zip(gait.cycle.steps, cycle.steps, strict=True)):
+    states = np.array([step.arcs[0].states[0] for step in gait.steps[: len(cycle.steps)]])
+    for step, (before, after) in enumerate(zip(gait.cycle.steps, cycle.steps, strict=False)):
         if before.phases[0] != after.phases[0] and after.phases[0].fixes_x:
             states[step, -1] = 0.0
     problem = gait.problem.with_modes(cycle, dict(zip(gait.system.state_names, states[0], strict=True)))
@@ -413,7 +413,7 @@ class CurveWalk:
     def _codimension_two(self, here: CurvePoint, point: CurvePoint, length: float) -> Iterator[TraceSpecial]:
         """Zeros of the test functions between two points, in order; a curve of pairs ends at kappa = 1 and -1."""
         zeros = list[tuple[Location, str]]()
-        for name in here.curve_tests.keys() & point.curve_tests.keys():
+        for name in (*here.curve_tests, *filter(None, [DEGENERATE.get(self.kind)])):
             test = partial(CurvePoint.curve_test, name=name, reference=here)
             if test(here) * test(point) < 0:
                 zeros.append((here.locate(point, length, test), name))

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from gaitopt.branches.codimension_two import curve_tests, is_zero, other_kappa, others_are_complex
+from gaitopt.branches.codimension_two import (
+    DEGENERATE,
+    curve_tests,
+    degeneracy,
+    is_zero,
+    other_kappa,
+    others_are_complex,
+)
 from gaitopt.branches.normal_forms import LocalMap, coefficients, stability_words
 
 BASIS = np.random.default_rng(3).standard_normal((5, 5))
@@ -156,8 +163,7 @@ def test_where_two_conditions_meet_one_function_changes_its_sign(name):
     kind, linear = DOUBLE[name]
     kappa = np.cos(0.7)
     sides = [curve_tests(local_map(linear(e)), kind, kappa) for e in (-1e-2, 1e-2)]
-    quadratic = {"cusp", "generalised_flip", "chenciner"}
-    changed = {key for key in sides[0] if key not in quadratic and sides[0][key] * sides[1][key] < 0}
+    changed = {key for key in sides[0] if sides[0][key] * sides[1][key] < 0}
     assert changed == {name}
     at = curve_tests(local_map(linear(0.0)), kind, kappa)[name]
     assert is_zero(at, *(side[name] for side in sides))
@@ -191,7 +197,8 @@ def test_a_fold_on_the_neimark_sacker_curve_is_that_of_another_multiplier():
 )  # fmt: skip
 def test_degenerate_bifurcations_are_where_their_coefficient_changes_its_sign(name, kind, linear, quadratic, cubic):
     """The cubic coefficient, or that of a fold along the same eigenvector."""
-    values = [curve_tests(local_map(linear, quadratic(e), cubic(e)), kind, np.cos(1.1))[name] for e in (-0.1, 0.1, 0.0)]
+    assert DEGENERATE[kind] == name
+    values = [degeneracy(local_map(linear, quadratic(e), cubic(e)), kind, np.cos(1.1)) for e in (-0.1, 0.1, 0.0)]
     assert values[0] * values[1] < 0
     assert values[2] == pytest.approx(0.0, abs=1e-12)
 
