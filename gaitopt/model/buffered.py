@@ -1,4 +1,4 @@
-"""Calls of CasADi functions through buffers, which cost little more than the arithmetic: 1 us instead of 20.
+"""Calls of CasADi functions through buffers, which take little longer than the arithmetic: 1 us instead of 20.
 
 A call overwrites its buffers, and CasADi lets other threads run during a call. Functions that are kept and shared
 therefore have buffers of their own in every thread.
@@ -15,24 +15,24 @@ from gaitopt.arrays import Array
 from gaitopt.building import BUILT, building
 
 WIDTH = 256
-"""Rows that ``RowMap`` evaluates in one call of CasADi."""
+"""Number of rows that ``RowMap`` evaluates in one call of CasADi."""
 
 
 class Buffers:
     """A function of vectors with fixed memory, for one user: a call overwrites the outputs of the previous one.
 
     A hot loop writes ``inputs``, calls ``evaluate`` and reads ``outputs``; other code calls the object with all
-    arguments. Objects with several users are ``BufferedFunction``.
+    arguments. For several users there is ``BufferedFunction``.
 
     Parameters
     ----------
-    function : of dense inputs.
-    nonzeros : read only the nonzeros of sparse outputs; they are written out otherwise.
+    function : a function with dense inputs.
+    nonzeros : whether sparse outputs have their nonzeros only; otherwise they are dense.
 
     Attributes
     ----------
-    inputs, outputs : tuple of ndarray, each of shape (n,) - what the function reads and writes in place.
-    evaluate : callable without arguments.
+    inputs, outputs : tuple of ndarray, each of shape (n,) - memory that the function reads and writes.
+    evaluate : callable without arguments, which evaluates the function.
     """
 
     __slots__ = ("_buffer", "evaluate", "inputs", "outputs")
@@ -47,7 +47,7 @@ class Buffers:
             buffer.set_arg(k, vector.data)
         for k, vector in enumerate(self.outputs):
             buffer.set_res(k, vector.data)
-        self._buffer = BUILT.watch(buffer)  # keeps alive what ``evaluate`` works on
+        self._buffer = BUILT.watch(buffer)  # keeps the memory of ``evaluate`` alive
 
     @property
     def failed(self) -> bool:
@@ -67,7 +67,7 @@ class BufferedFunction(threading.local):
 
     Parameters
     ----------
-    function, nonzeros : as for ``Buffers``.
+    function, nonzeros : see ``Buffers``.
     """
 
     def __init__(self, function: Function, *, nonzeros: bool = False) -> None:  # once in every thread
@@ -92,7 +92,7 @@ class BufferedMap(threading.local):
 
     Parameters
     ----------
-    function : of vectors.
+    function : a function of vectors.
     count : number of points.
     """
 
@@ -106,8 +106,8 @@ class BufferedMap(threading.local):
     def __call__(self, *values: Any) -> tuple[Array, ...]:
         """The transposed outputs, of shape (count, columns, rows), or (count, rows) for a vector.
 
-        They are valid until the next call of this thread. ``values`` have the shape (count, size), or (size,) where
-        they are the same at all points.
+        They are valid until the next call of this thread. ``values`` have the shape (count, size), or (size,) if they
+        are the same at all points.
         """
         for memory, value in zip(self._inputs, values, strict=True):
             if memory is not None:
@@ -130,7 +130,7 @@ class RowMap:
         self._mapped = Buffers(_map(function, WIDTH))
 
     def __call__(self, *values: Any) -> list[Array]:
-        """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) for the same in all rows."""
+        """Outputs of shape (n, size) from inputs of shape (n, size), or (size,) if they are the same in all rows."""
         arrays = [np.asarray(value, dtype=float) for value in values]
         n = max(len(array) for array in arrays if array.ndim == 2)
         outputs = [np.empty((n, size)) for size in self._sizes_out]
@@ -170,7 +170,7 @@ def _map(function: Function, count: int) -> Function:
 
 @building
 def _dense(function: Function) -> Function:
-    """The function with structural zeros written out, as buffers hold nonzeros only."""
+    """The function with dense outputs, because buffers contain nonzeros only."""
     if all(function.nnz_out(k) == function.numel_out(k) for k in range(function.n_out())):
         return function
     inputs = function.sx_in()

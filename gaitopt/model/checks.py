@@ -7,9 +7,9 @@ stance foot at the former swing foot, at every touchdown
     V_plus = V_minus                potential energy of springs; dampers dissipate energy
     s_minus lies on the guard       for every s_plus from ``after_impact``, with all stops locked
 
-Of walkers with massless feet only the positions must agree. A walker with several contacts has no such postures of its
-own: where it relabels its shape, bodies, springs and exchanged contacts are compared in any posture. Return map,
-multipliers and costs rely on these equations, so that a walker that violates them is an error.
+For walkers with massless feet only the positions must agree. A walker with several contacts has no special postures for
+this: if it relabels its shape, bodies, springs and exchanged contacts are compared in any posture. Return map,
+multipliers and costs rely on these equations, so that it is an error if a walker violates them.
 """
 
 import warnings
@@ -46,9 +46,9 @@ from gaitopt.model.units import LARGEST, Scales
 from gaitopt.model.walker import Walker
 
 CHECKED_TOUCHDOWNS = 4
-"""Number of random touchdowns at which the equations are checked; none of them holds at all by chance."""
+"""Number of random touchdowns at which the equations are checked. If an equation is wrong, it holds at none of them."""
 TOUCHDOWNS = 32
-"""Number of random touchdowns after which all coordinates must be numbers, a quick check."""
+"""Number of random touchdowns after which all coordinates must be numbers, which is a quick check."""
 SWING_FRACTIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Fractions of the way from the posture after an impact to that before the next one."""
 FALLEN = -1e-9
@@ -57,18 +57,20 @@ SPREAD = 0.3
 """Range of the random section coordinates [rad]: the half-angles of walking legs."""
 AGREEMENT = 1e-9
 """Tolerance of the equations in natural units, above the rounding of the geometry."""
-SAME_LINKS = 1e-12
-"""Relative difference of the mass matrix and of positions of links and mechanism: rounding, with a reserve."""
-DEFINITE = 1e-12
-"""Least eigenvalue of the mass matrix with its diagonal scaled to one: the rounding of its factorisation."""
+LINKS_TOLERANCE = 1e-12
+"""Largest relative difference of the mass matrix and of positions between links and mechanism: rounding, with a
+reserve."""
+SMALLEST_EIGENVALUE = 1e-12
+"""Smallest eigenvalue of a definite mass matrix whose diagonal is scaled to one: the rounding of its factorisation."""
 POSTURE_STEPS = 60
-"""Steps towards a posture with a given step length."""
+"""Largest number of steps towards a posture with a given step length."""
 LONGEST_TURN = 0.3
-"""Longest of them [rad]."""
+"""Longest step towards such a posture [rad]."""
 NUDGE = 1e-7
-"""Step of their differences, and the size of the last of them [rad]."""
+"""Step of the differences for such a posture, and size of the last step towards it [rad]."""
 NEWTON_STEPS = 20
-"""Newton steps to invert ``relabel``; one is enough if it is affine, as for all but exotic walkers."""
+"""Largest number of Newton steps to invert ``relabel``. One is enough if it is affine, as for all but exotic
+walkers."""
 
 
 def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] | None = None) -> None:
@@ -113,7 +115,7 @@ def check_walker(walker: type[Walker] | Walker, parameters: Mapping[str, float] 
 def forgotten_inertia(walker: type[Walker]) -> tuple[str, ...]:
     """A remark on every body that has an angle without an inertia, or an inertia without an angle.
 
-    Bodies that follow from links always have an angle, and are point masses on purpose where they have no inertia.
+    Bodies that follow from links always have an angle; without inertia they are point masses on purpose.
     """
     if is_default(walker, "mechanism"):
         return ()
@@ -147,7 +149,7 @@ def section_posture(walker: type[Walker], free: Mapping[str, float], p: Array) -
 def stepping_posture(walker: type[Walker], step_length: float, p: Array) -> Array:
     """The posture just after an impact whose feet are ``step_length`` [m] apart, near ``walker.posture``; (n_shape,).
 
-    Gauss-Newton steps in the section coordinates, each as short as possible.
+    It is found by Gauss-Newton steps in the section coordinates, each as short as possible.
 
     Raises
     ------
@@ -172,13 +174,13 @@ def stepping_posture(walker: type[Walker], step_length: float, p: Array) -> Arra
     posture = stretched(step_length)
     if posture is not None:
         return posture
-    shorter = (step_length * part for part in np.arange(0.95, 0.0, -0.05))
-    reached = next((length for length in shorter if stretched(length) is not None), 0.0)
-    raise ProblemError(f"{step_length:g} m is too long: the legs of {walker.model} reach about {reached:.2g} m")
+    shorter = (step_length * fraction for fraction in np.arange(0.95, 0.0, -0.05))
+    longest = next((length for length in shorter if stretched(length) is not None), 0.0)
+    raise ProblemError(f"{step_length:g} m is too long: the legs of {walker.model} reach about {longest:.2g} m")
 
 
 def _lead(walker: type[Walker], x: Array, p: Array) -> float:
-    """How far the swing foot is in front of the stance foot just after an impact, from section coordinates [m]."""
+    """Distance of the swing foot in front of the stance foot just after an impact, from section coordinates [m]."""
     shape, _ = section_posture(walker, dict(zip(walker.section, x.tolist(), strict=True)), p)
     return float(swing_foot(walker, shape, p)[0])
 
@@ -189,13 +191,13 @@ def swing_foot(walker: type[Walker], shape: Array, p: Array) -> Array:
 
 
 def before_impact(walker: type[Walker], shape: Array, p: Array) -> Array:
-    """The posture just before the impact after which the shape is this one, shape (n_shape,)."""
+    """The shape coordinates just before an impact, from those just after it; shape (n_shape,)."""
     return buffered(_feet(walker))(shape, p)[1].copy()
 
 
 @built_once(maxsize=8)
 def _feet(walker: type[Walker]) -> Function:
-    """(shape, p) -> position of the swing foot; the shape before an impact, of which it is the one after it."""
+    """(shape just after an impact, p) -> position of the swing foot, and the shape just before the impact."""
     s, p = SX.sym("s", len(walker.shape)), SX.sym("p", len(walker.model_fields))
     named = SimpleNamespace(**{name: s[k] for k, name in enumerate(walker.shape)}, x=SX(0), y=SX(0))
     mechanism = state_mechanism(walker, named, parameter_namespace(walker, p))
@@ -319,7 +321,7 @@ def _touchdown_fault(
 
     Parameters
     ----------
-    legs : parameters before and after touchdown; they differ where the legs do.
+    legs : parameters before and after touchdown; they differ if the legs do.
     """
     p, p_plus = legs
     s_plus, _ = section_posture(walker, free, p_plus)
@@ -330,7 +332,7 @@ def _touchdown_fault(
     s_minus = _before_relabelling(walker, s_plus, p)
     if s_minus is None:
         return "relabel cannot be inverted: after the swap of the feet the posture before it is no longer known"
-    swing = (_undefined(walker, s_plus + part * (s_minus - s_plus), p) for part in SWING_FRACTIONS)
+    swing = (_undefined(walker, s_plus + fraction * (s_minus - s_plus), p) for fraction in SWING_FRACTIONS)
     undefined = next((reason for reason in swing if reason is not None), None)
     if undefined is not None:
         return undefined
@@ -366,14 +368,14 @@ def _touchdown_fault(
 
 
 def _links_fault(walker: type[Walker], p: Array) -> str | None:
-    """Message about links that are not those of the mechanism: other inertia, weight, or another swing foot."""
+    """Message about links that contradict the mechanism: another inertia, weight or swing foot."""
     random, pairs = np.random.default_rng(0), _links_pairs(walker)
     names = ("mass matrix", "centre of mass", "swing foot", "angle of a motor that has the name of a joint")
     for _ in range(CHECKED_TOUCHDOWNS):
         shape = random.uniform(-1, 1, len(walker.shape))
         values = list(map(np.asarray, pairs(shape, p)))
         for name, stated, follows in zip(names, values[::2], values[1::2], strict=True):
-            if not np.abs(stated - follows).max() <= SAME_LINKS * np.abs(stated).max():
+            if not np.abs(stated - follows).max() <= LINKS_TOLERANCE * np.abs(stated).max():
                 where = _posture_words(walker, shape)
                 return f"links and mechanism contradict each other: the {name} differs, at {where}"
     return None
@@ -381,7 +383,7 @@ def _links_fault(walker: type[Walker], p: Array) -> str | None:
 
 @built_once(maxsize=8)
 def _links_pairs(walker: type[Walker]) -> Function:
-    """(shape, p) -> mass matrix, mass times centre of mass, swing foot, motors: of the mechanism, then of the links."""
+    """(shape, p) -> pairs of the mechanism's and the links' mass matrix, mass moment, swing foot, and motors."""
     names, (q, p, mechanism) = (*walker.shape, "x", "y"), symbolic_mechanism(walker)
     named = SimpleNamespace(**{name: q[k] for k, name in enumerate(names)}), parameter_namespace(walker, p)
     tree = state_tree(walker, *named)
@@ -419,7 +421,7 @@ def _before_relabelling(walker: type[Walker], s_plus: Array, p: Array) -> Array 
 
 
 def _jump(before: Array, after: Array, scales: Scales) -> str | None:
-    """Message about a body without counterpart after the swap of the feet; rows as ``Posture.bodies``."""
+    """Message about a body without counterpart after the swap of the feet; for the rows see ``Posture.bodies``."""
     before, after = (bodies[(bodies[:, :2] > 0).any(axis=1)] for bodies in (before, after))
     first, second = before[:, None], after[None, :]
     size = np.maximum(np.abs(first[..., :2]), np.abs(second[..., :2]))
@@ -449,7 +451,7 @@ def _without_inertia(walker: type[Walker], mass_matrix: Array) -> str | None:
         massless = ", ".join(name for name, value in zip(walker.shape, inertia, strict=True) if not value > 0)
         return f"nothing has inertia against {massless}: the mass matrix is singular"
     normalised = mass_matrix / np.sqrt(np.outer(inertia, inertia))
-    if np.linalg.eigvalsh(normalised)[0] > DEFINITE:
+    if np.linalg.eigvalsh(normalised)[0] > SMALLEST_EIGENVALUE:
         return None
     return f"the mass matrix is not positive definite: {', '.join(walker.shape)} do not move masses independently"
 
@@ -465,7 +467,7 @@ def _undefined(walker: type[Walker], shape: Array, p: Array) -> str | None:
 
 
 def _posture_words(walker: type[Walker], shape: Array) -> str:
-    """``theta1 = 0.2, theta2 = 0.2``."""
+    """A posture in messages: ``theta1 = 0.2, theta2 = 0.2``."""
     return ", ".join(f"{name} = {value:.4g}" for name, value in zip(walker.shape, shape, strict=True))
 
 
@@ -479,13 +481,14 @@ class Posture:
     foot : ndarray, shape (2, 2) - position and velocity of the swing foot, in rows.
     relabel, relabel_rate : ndarray, shape (n_shape,) - shape coordinates and rates after a swap of the feet.
     relabel_jacobian : ndarray, shape (n_shape, n_shape) - derivative of ``relabel``.
-    mass_matrix : ndarray, shape (n_shape, n_shape) - with the stance foot at rest.
+    mass_matrix : ndarray, shape (n_shape, n_shape) - mass matrix with the stance foot at rest.
     guard, guard_slope : the guard of touchdown, and the length of its gradient.
-    upright : positive unless the walker has fallen.
-    spring_energy : potential energy besides gravity [J].
+    upright : number that is positive unless the walker has fallen.
+    spring_energy : potential energy without that of gravity [J].
     dissipation : power that the dampers dissipate [W].
     gravity : acceleration of gravity [m/s^2].
-    gaps, gap_jacobian : ndarray, shape (n_stops,) and (n_stops, n_shape) - of the joint stops.
+    gaps : ndarray, shape (n_stops,) - gaps of the joint stops.
+    gap_jacobian : ndarray, shape (n_stops, n_shape) - their derivative.
     """
 
     bodies: Array
@@ -550,7 +553,7 @@ def _kinematics(walker: type[Walker]) -> Function:
 def _definition(walker: type[Walker]) -> tuple[tuple[str, ...], Function]:
     """Names of all expressions that define a walker, and (shape, p) -> their values for the walker at rest.
 
-    Equations of motion contain derivatives of the expressions of a mechanism, which therefore belong to them.
+    The derivatives of the expressions of a mechanism are included, because the equations of motion contain them.
     """
     shape, p = SX.sym("shape", len(walker.shape)), SX.sym("p", len(walker.model_fields))
     q = SimpleNamespace(**{name: shape[k] for k, name in enumerate(walker.shape)}, x=SX(0), y=SX(0))

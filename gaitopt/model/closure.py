@@ -1,12 +1,12 @@
 """Closure of the legs: the posture just after an impact of the foot, from the coordinates that are free there.
 
-At touchdown the guard is zero, and the gaps of the stops that are locked then are zero as well. With the posture
-s_minus before the feet swap roles,
+At touchdown the guard is zero, and the gaps of the stops that are locked then are zero as well. For the posture s_minus
+before the feet swap roles,
 
     c(s_plus) = (touchdown(s_minus), gaps(s_minus)) = 0,      s_plus = relabel(s_minus)
 
-These equations determine as many coordinates of s_plus as there are equations; the others are the section. A walker
-without ``after_impact`` has its posture from here: by Newton's method, in symbols, from ``Walker.posture``.
+These equations determine as many coordinates of s_plus as there are equations; the others are the section. If a walker
+has no ``after_impact``, its posture is computed here, by Newton's method in symbols from ``Walker.posture``.
 """
 
 from collections.abc import Mapping
@@ -41,17 +41,18 @@ from gaitopt.model.foreign import calling
 from gaitopt.model.mechanism import Mechanism
 
 NEWTON_STEPS = 12
-"""Steps of Newton's method; from a typical posture it needs five."""
+"""Number of Newton steps; from a typical posture five are needed."""
 LONGEST_CLOSING_STEP = 0.3
-"""Longest step [rad, or units of a length]: from there the method does not cross over to a leg bent the other way."""
+"""Longest Newton step [rad, or units of a length]. Longer steps might lead to a leg that is bent the other way."""
 CLOSED = 1e-10
-"""Size of the last step below which the posture is closed; otherwise all coordinates are nan."""
+"""The posture is closed if the last step is smaller; otherwise all coordinates are nan."""
 SAMPLES = 32
 """Number of random touchdowns at which the condition of a section is judged."""
 SPREAD = 0.3
 """Range of the coordinates around ``Walker.posture`` in these touchdowns [rad]: the half-angles of walking legs."""
-TIE = 0.9
-"""Conditions that differ by less than this ratio count as equal; then the last coordinates are solved for."""
+EQUAL_CONDITION = 0.9
+"""Sections whose condition is at least this part of the best one are as good; then the last coordinates are solved
+for."""
 
 
 class Closing(Protocol):
@@ -71,7 +72,7 @@ class Closing(Protocol):
 
 
 def closed_posture(walker: type[Closing], free: SimpleNamespace, p: SimpleNamespace) -> tuple[SX, ...]:
-    """All shape coordinates just after an impact, from those of ``walker.section``; nan where the legs do not close.
+    """All shape coordinates just after an impact, from those of ``walker.section``; nan if the legs do not close.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def closure(walker: type[Closing]) -> tuple[Function, Function]:
     Raises
     ------
     ProblemError
-        If the walker's feet land otherwise than on one foot after the other, or ``relabel`` is not affine.
+        If the walker does not land on one foot after the other, or ``relabel`` is not affine.
     """
     if walker.massless_feet:
         raise ProblemError(f"{walker.__name__}: has massless feet: define section and after_impact")
@@ -149,9 +150,9 @@ def closure(walker: type[Closing]) -> tuple[Function, Function]:
 def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
     """The section of a walker that names none: the closure is solved for the other coordinates.
 
-    These are the ones in which it is best conditioned: they have the largest least singular value of its derivative, in
-    the middle of random touchdowns around ``Walker.posture``, with parameters of one unless they have a default. Where
-    several choices are as good, the last coordinates are solved for, those of the swing foot if they follow its leg.
+    The closure is best conditioned in these: the smallest singular value of its derivative, in the median over random
+    touchdowns around ``Walker.posture``, is largest. Parameters are one unless they have a default. If several choices
+    are as good, the last coordinates are solved for: those of the swing foot if they come after its leg.
 
     Raises
     ------
@@ -183,5 +184,7 @@ def chosen_section(walker: type[Closing]) -> tuple[str, ...]:
             f"({', '.join(f'{name} = {value:g}' for name, value in zip(walker.shape, centre, strict=True))}): "
             "define posture, or section and after_impact"
         )
-    best = [choice for choice, value in zip(choices, middle, strict=True) if value >= TIE * middle.max()][-1]
+    best = [choice for choice, value in zip(choices, middle, strict=True) if value >= EQUAL_CONDITION * middle.max()][
+        -1
+    ]
     return tuple(name for k, name in enumerate(walker.shape) if k not in best)

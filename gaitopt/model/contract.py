@@ -1,4 +1,4 @@
-"""The contract between a control law and a walker: checks of a law's class, and of the torques that it gives.
+"""The contract between a control law and a walker: checks of a law's class, and of the torques that it returns.
 
 A law may come from any package. Each error is one sentence that names the class and the attribute or method.
 """
@@ -50,14 +50,15 @@ from gaitopt.model.walker import WalkerType
 
 ATTRIBUTES = ("type", "version", "jumps", "restarts")
 DERIVED = ("targets", "parameters", "structure", "source", "record", "unknowns", "guesses")
-"""Methods of ``Control`` that follow from the fields of a class."""
+"""Methods of ``Control`` that follow from the fields of a class, and so must not be overridden."""
 OPAQUE: tuple[object, ...] = (Any, object, dict, list, tuple, set, frozenset, Mapping, Sequence)
 """Annotations that say nothing about the values in a field."""
-PERIODIC = 1e-6
-"""Difference of the torques at both ends of a period, relative to those in between, that is rounding of the period."""
-PARTS_OF_PERIOD = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
-"""Parts of the period at which torques are evaluated, with both ends."""
-NEARBY, STATES = 0.1, 3
+LARGEST_JUMP = 1e-6
+"""Largest difference of the torques at both ends of a period, relative to those in between, that the rounding of the
+period may cause."""
+PERIOD_FRACTIONS = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
+"""Fractions of the period at which torques are evaluated, with both ends."""
+DEVIATION, STATES = 0.1, 3
 """Deviation from the guess, and number, of the states in which both ends of a period are compared."""
 KINKED = {OP_FABS: "fabs", OP_FMAX: "fmax", OP_FMIN: "fmin"}
 """Operations whose derivatives jump."""
@@ -129,21 +130,21 @@ def _field_faults(name: str, field: FieldInfo) -> Iterator[str]:
         yield "has an alias, which problem files cannot use: remove it"
     if field.exclude:
         yield "is excluded from records of the law: remove exclude=True"
-    if any(part in OPAQUE for part in _types(field.annotation)):
+    if any(kind in OPAQUE for kind in _types(field.annotation)):
         words = "which does not say what problem files may give: state one such as float, str or tuple[float, ...]"
         yield f"is of type {_type_words(field.annotation)}, {words}"
-    for part in field.metadata:
-        if isinstance(part, Within) and part.unit not in UNITS:
-            yield f"has a range in {shown(part.unit)}, which is not a natural unit: {', '.join(UNITS)}"
+    for entry in field.metadata:
+        if isinstance(entry, Within) and entry.unit not in UNITS:
+            yield f"has a range in {shown(entry.unit)}, which is not a natural unit: {', '.join(UNITS)}"
 
 
 def _types(annotation: object) -> Iterator[object]:
-    """The types in an annotation; a generic one such as ``dict[str, float]`` counts by its arguments."""
-    arguments = [part for part in get_args(annotation) if part is not ...]
+    """The types in an annotation; those of a generic one such as ``dict[str, float]`` are its arguments."""
+    arguments = [argument for argument in get_args(annotation) if argument is not ...]
     if not arguments:
         yield annotation
-    for part in arguments:
-        yield from _types(part)
+    for argument in arguments:
+        yield from _types(argument)
 
 
 def _type_words(annotation: object) -> str:
@@ -152,7 +153,7 @@ def _type_words(annotation: object) -> str:
 
 
 def law_section(law: type[Control], walker: WalkerType) -> SectionType:
-    """``Control.section``, checked: the keys of a law for a walker.
+    """The keys of a law for a walker: ``Control.section``, checked.
 
     Raises
     ------
@@ -168,7 +169,7 @@ def law_section(law: type[Control], walker: WalkerType) -> SectionType:
 
 
 def law_faults(law: Control, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-    """``Control.faults``, checked: the keys below ``control`` that are wrong, with a message for each.
+    """The keys below ``control`` that are wrong, with a message for each: ``Control.faults``, checked.
 
     Raises
     ------
@@ -188,7 +189,7 @@ def law_faults(law: Control, walker: WalkerType) -> Iterator[tuple[Path, str]]:
 
 
 def check_hooks(law: Control, walker: WalkerType) -> None:
-    """Check what the methods of a law return for a walker, besides torques: clock, phase variable and units.
+    """Check the results of a law's methods for a walker except torques: clock, phase variable and units.
 
     Raises
     ------
@@ -215,8 +216,9 @@ def check_period(law: Control, motors: Sequence[str], torques: Function, z: Arra
 
     Parameters
     ----------
-    motors, torques : names, and function (t, z, p, r).
-    z, p : state near which they are compared, and parameters.
+    motors : names of the motors.
+    torques : function (t, z, p, r) of their torques.
+    z, p : state near which torques are compared, and parameters.
 
     Raises
     ------
@@ -226,13 +228,13 @@ def check_period(law: Control, motors: Sequence[str], torques: Function, z: Arra
     if law.period is None or law.jumps:
         return
     random = np.random.default_rng(0)
-    times = [law.period * part for part in PARTS_OF_PERIOD]
-    for size in (0.0, *(NEARBY,) * (STATES - 1)):
+    times = [law.period * fraction for fraction in PERIOD_FRACTIONS]
+    for size in (0.0, *(DEVIATION,) * (STATES - 1)):
         state = z + size * random.standard_normal(z.size)
         pieces = [law.data(bisect_left(law.breakpoints, time)) for time in times]
         applied = [np.asarray(torques(t, state, p, r)).ravel() for t, r in zip(times, pieces, strict=True)]
         start, end = applied[0], applied[-1]
-        if not (np.abs(end - start) <= PERIODIC * np.abs(applied).max(initial=0.0)).all():
+        if not (np.abs(end - start) <= LARGEST_JUMP * np.abs(applied).max(initial=0.0)).all():
             k = int(np.argmax(np.abs(end - start)))
             words = f"the motor {motors[k]} applies {start[k]:.6g} at its start and {end[k]:.6g} at its end"
             remedy = "make the torques periodic, or set jumps = True"
@@ -245,8 +247,8 @@ def check_clock(law: Control) -> None:
     Raises
     ------
     ProblemError
-        If breakpoints are not increasing times or too many, segment data differ in length or hold something else than
-        numbers, or one of these depends on a parameter.
+        If there are too many breakpoints, or they are not increasing times; if segment data differ in length or are not
+        numbers; or if one of these depends on a parameter.
     """
     kind, name = type(law), type(law).__name__
     read: dict[str, Callable[[Control], Any]] = {
@@ -283,7 +285,7 @@ def check_clock(law: Control) -> None:
     for key, value in read.items():
         try:
             same = _equal(value(varied), stated[key])
-        except Exception:  # noqa: BLE001 - a law that computes with symbols in place of numbers may raise anything
+        except Exception:  # noqa: BLE001 - a law that computes with symbols instead of numbers may raise anything
             same = False
         if not same:
             words = "depends on a parameter, which may vary: annotate that one as Annotated[float, gaitopt.Fixed]"
@@ -300,7 +302,7 @@ def _equal(one: Any, other: Any) -> bool:
 
 
 def jumping_operations(torques: Function, kinds: Mapping[int, str] = JUMPING) -> tuple[str, ...]:
-    """Names of the operations of some kinds in a function (t, z, p, r) that depend on time or state."""
+    """Names of those operations of some kinds in a function (t, z, p, r) that depend on time or state."""
     moves = [False] * torques.sz_w()
     found = dict[str, None]()
     for k in range(torques.n_instructions()):
@@ -322,7 +324,7 @@ def _is_time(value: object) -> bool:
 
 
 def symbolic(law: Control, p: SimpleNamespace) -> Control:
-    """The law with symbols in place of its parameters, so that ``self.kp`` and ``now.p.kp`` are the same."""
+    """The law with symbols instead of its parameters, so that ``self.kp`` and ``now.p.kp`` are the same."""
     fields = type(law).model_fields
     values = dict(law)
     for name in values:
@@ -364,7 +366,7 @@ def torques(law: Control, now: Instant, p: SX) -> SX:
 
 
 def quantities(law: Control, now: Instant, p: SX) -> dict[str, SX]:
-    """The further expressions of a law by name, checked; arguments as for ``torques``.
+    """The further expressions of a law by name, checked; for the arguments see ``torques``.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """The class of a walker: checks of its attributes, and calls of its methods with checks of their results.
 
 A class may come from any package. Its attributes are checked before they are used. The results of its methods are
-checked before they enter an equation: each expression has the right shape and depends only on the arguments that it may
-depend on. An error is one sentence that names the class and the attribute or method.
+checked before they enter an equation: each expression must have the right shape and depend only on those arguments on
+which it may depend. An error is one sentence that names the class and the attribute or method.
 """
 
 import inspect
@@ -39,7 +39,7 @@ from gaitopt.model.units import words_and_unit
 from gaitopt.model.walker import Walker
 
 COLUMNS = ("t", "mode", "f_t", "f_n")
-"""Columns of the table of a motion, besides those of coordinates, rates and actuators."""
+"""Columns of the table of a motion that are not coordinates, rates or actuators."""
 RESERVED = (
     *COLUMNS,
     "contact",
@@ -53,7 +53,7 @@ RESERVED = (
     "clearance",
     "painleve",
 )
-"""Words with another meaning where the names of stops, switches and actuators occur."""
+"""Words that have another meaning, and so cannot be names of stops, switches or actuators."""
 DERIVED = (
     "contact_names",
     "foot_modes",
@@ -69,7 +69,7 @@ DERIVED = (
     "section_names",
     "model_post_init",
 )
-"""Methods of ``Walker`` that follow from the class attributes."""
+"""Methods of ``Walker`` that follow from the class attributes, and so must not be overridden."""
 OVERRIDABLE = ("mechanism", "links", "after_impact", "rates_after_impact", "landing", "outline", "contact")
 """Methods that a class may define."""
 ATTRIBUTES = tuple(Walker.__annotations__)
@@ -223,7 +223,7 @@ def state_mechanism(walker: type[Walker], q: SimpleNamespace, p: SimpleNamespace
 
 @built_once(maxsize=64)
 def joint_limits(walker: type[Walker]) -> Mapping[str, tuple[tuple[float, float] | None, float | None]]:
-    """Range [rad] and largest torque [N m] of every joint of a walker's links by name, None where it has no limit."""
+    """Range [rad] and largest torque [N m] of every joint of a walker's links by name; None for no limit."""
     if not has_links(walker):
         return {}
     q = SimpleNamespace(**{name: SX.sym(name) for name in (*walker.shape, *FOOT_COORDINATES)})
@@ -235,9 +235,9 @@ def joint_limits(walker: type[Walker]) -> Mapping[str, tuple[tuple[float, float]
 def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
     """Unit of the force of every actuator by its name: ``N`` if the motor acts on a length, ``N m`` if on an angle.
 
-    If all lengths l of a walker grow in proportion, the derivative e of what a motor acts on with respect to a
-    coordinate grows with the power (de/dl l) / e (Euler); the dimension of the coordinate adds to it. A walker whose
-    mechanism is at fault has ``N m``; the error is that of its problem.
+    If all lengths l of a walker grow in proportion, the derivative e of a motor's angle or length by a coordinate grows
+    with the power (de/dl l) / e (Euler), to which the dimension of the coordinate is added. If the mechanism is faulty,
+    the unit is ``N m``; reading the problem reports the fault.
     """
     if not walker.actuators:
         return {}
@@ -252,8 +252,8 @@ def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
     lengths, symbols = vertcat(*(symbol for name, symbol in (q | p).items() if name in metres)), {**q, **p}
     slopes = horzcat(*(jacobian(vertcat(*motors), q[name]) for name in q))
     growths = [jacobian(slopes[:, k], lengths) @ lengths for k in range(len(q))]
-    place = np.random.default_rng(0).uniform(0.4, 0.6, len(symbols))
-    values = Function("slopes", [vertcat(*symbols.values())], [slopes, horzcat(*growths)])(place)
+    sample = np.random.default_rng(0).uniform(0.4, 0.6, len(symbols))
+    values = Function("slopes", [vertcat(*symbols.values())], [slopes, horzcat(*growths)])(sample)
     slope, growth = (np.asarray(value) for value in values)
     acts_on = np.abs(slope).argmax(axis=1)  # the coordinate with the largest derivative
     rows = zip(walker.actuators, slope, growth, acts_on.tolist(), strict=True)
@@ -263,12 +263,12 @@ def actuator_units(walker: type[Walker]) -> Mapping[str, str]:
 
 
 def is_default(walker: type[Walker], method: str) -> bool:
-    """Whether a class leaves a method of ``OVERRIDABLE`` to its default."""
+    """Whether a class does not define a method of ``OVERRIDABLE`` itself."""
     return inspect.getattr_static(walker, method) is inspect.getattr_static(Walker, method)
 
 
 def has_links(walker: type[Walker]) -> bool:
-    """Whether a class defines its links; those of a base do not describe a mechanism that the class redefines."""
+    """Whether a class defines its links. Those of a base class do not count if the class redefines the mechanism."""
     bases = walker.__mro__
     links, mechanism = (next(base for base in bases if name in vars(base)) for name in ("links", "mechanism"))
     return links is not Walker and bases.index(links) <= bases.index(mechanism)
@@ -362,14 +362,14 @@ def _checked_switch(
 
 
 def _checked_motor(walker: type[Walker], read: Reader, what: str, name: str, angle: Any) -> SX:
-    """What a motor acts on; the force of one that acts from outside does not depend on the place along the ground."""
+    """The angle or length of a motor; an external motor's force must not depend on the place along the ground."""
     if name not in walker.external:
         return read.scalar(what, angle, "motor")
-    place = read.scalar(what, angle, "all")
-    if depends_on(jacobian(place, vertcat(read.shape, read.height, read.along)), read.along):
+    moved = read.scalar(what, angle, "all")
+    if depends_on(jacobian(moved, vertcat(read.shape, read.height, read.along)), read.along):
         words = "must depend on x with a constant factor: the place on the ground makes no difference to the motion"
         raise ProblemError(f"{walker.__name__}: {what} {words}")
-    return place
+    return moved
 
 
 def _checked_contact(walker: type[Walker], read: Reader, name: str, contact: Contact) -> Contact:
@@ -388,7 +388,7 @@ def _checked_contact(walker: type[Walker], read: Reader, name: str, contact: Con
 
 
 def _container_faults(walker: type[Walker], mechanism: Mechanism) -> Iterator[str]:
-    """Messages about the containers of a mechanism, whose entries the class attributes announce."""
+    """Messages about the containers of a mechanism, whose entries must agree with the class attributes."""
     for name, kind in (("bodies", Body), ("dampers", Damper), ("motors", object)):
         value: Any = getattr(mechanism, name)
         if not is_list(value, kind):
@@ -574,7 +574,7 @@ def _field_fault(name: str, field: FieldInfo) -> str | None:
 
 
 def _section_of(walker: type[Walker]) -> Any:
-    """``Walker.section`` as classes define it; () where the closure of the legs chooses it, None if it is missing."""
+    """``Walker.section`` as classes define it; () if the closure of the legs chooses it, None if it is missing."""
     defined = [vars(base)["section"] for base in walker.__mro__ if "section" in vars(base)]
     return defined[0] if defined else () if is_default(walker, "after_impact") else None
 

@@ -1,7 +1,7 @@
 """Code of other packages: calls of its methods, whose exceptions become one sentence, and checks of their results.
 
-Each expression has the right shape and depends only on the arguments that it may depend on. An error names the class
-and the method.
+Each expression must have the right shape and depend only on those arguments on which it may depend. An error names the
+class and the method.
 """
 
 import difflib
@@ -22,7 +22,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*")
 NAME_WORDS = "a name of ASCII letters and digits, with single underscores between them"
 FOOT_COORDINATES = ("x", "y")
 KINDS: Any = (SX, DM, int, float, np.number, np.ndarray)
-"""Types of a method's results where an expression belongs."""
+"""Types that a method may return for an expression."""
 
 
 @contextmanager
@@ -32,7 +32,7 @@ def calling(walker: type, what: str) -> Iterator[None]:
     Raises
     ------
     ProblemError
-        If the body of the ``with`` raises an exception, SystemExit included; KeyboardInterrupt passes.
+        If the body of the ``with`` raises an exception, SystemExit included; KeyboardInterrupt is not caught.
     """
     try:
         yield
@@ -43,7 +43,7 @@ def calling(walker: type, what: str) -> Iterator[None]:
 
 
 def raised(error: BaseException) -> str:
-    """Type and first line of an exception; of a misspelt coordinate or parameter the names that there are."""
+    """Type and first line of an exception; for a misspelt coordinate or parameter, the names that exist."""
     if isinstance(error, AttributeError) and isinstance(error.obj, SimpleNamespace):
         names = [*vars(error.obj)]
         near = difflib.get_close_matches(str(error.name), names, n=2)
@@ -128,7 +128,7 @@ def is_list(value: object, kind: type | UnionType) -> bool:
 
 
 def doubles(names: tuple[str, ...]) -> str:
-    """The names that occur twice, as a list in words."""
+    """A text with the names that occur twice."""
     return ", ".join(sorted({name for name in names if names.count(name) > 1}))
 
 
@@ -138,7 +138,7 @@ def symbols_of(expressions: Any) -> SX:
 
 
 def shown(value: object) -> str:
-    """A value in a message: its text if that is short, else its type."""
+    """A value in a message: its text if that is short, otherwise its type."""
     try:
         text = repr(value)
     except Exception:  # noqa: BLE001 - the text of someone's object may raise anything

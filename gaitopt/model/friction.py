@@ -4,8 +4,8 @@
     slipping    f_t = -s mu_k f_n - c dx,    s = sgn dx
 
 A sticking impact has the same cone for its impulses, a slipping impact F_t = -s mu_k F_n: drag has no effect within an
-instant. Where mu_s > mu_k the force jumps when a foot begins to slip, and sticking and slipping may both be
-consistent; then the foot sticks. Gamus & Or (2013), eqs (4), (5) have mu_s = mu_k and c = 0.
+instant. If mu_s > mu_k, the force jumps when a foot begins to slip, and sticking and slipping may both be consistent;
+then the foot sticks. Gamus & Or (2013), eqs (4), (5) have mu_s = mu_k and c = 0.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from gaitopt.model.modes import FOOT
 class Friction:
     """The dotted keys of the coefficients mu_s, mu_k and c [N s/m].
 
-    Motions, impacts and margins always have all three coefficients; ``coefficients`` alone knows how they are written.
+    Motions, impacts and margins always have all three coefficients; only ``coefficients`` knows how they are written.
     Parameters hold each written number once, so that a derivative by a dotted key is one column. Three entries in all
     cases would give the same numbers in the same time, but every such derivative would be a sum of columns, and the
     equations would still depend on ``may_drop``: where mu_s and mu_k are one number, a slip from rest begins with no
@@ -28,7 +28,7 @@ class Friction:
 
     Attributes
     ----------
-    static, kinetic : keys of mu_s >= mu_k; equal where one number is both.
+    static, kinetic : keys of mu_s >= mu_k; the same key if one number is both.
     viscous : key of c; None if there is no drag.
     """
 
@@ -44,20 +44,20 @@ class Friction:
 
     @property
     def may_drop(self) -> bool:
-        """Whether friction may drop when a foot begins to slip: mu_s and mu_k are numbers of their own."""
+        """Whether friction may drop when a foot begins to slip, because mu_s and mu_k are different parameters."""
         return self.static != self.kinetic
 
     def coefficients(self, values: Any) -> tuple[Any, Any, Any]:
-        """(mu_s, mu_k, c) from the values of ``parameters``, numbers or symbols."""
+        """(mu_s, mu_k, c) from the values of ``parameters``, as numbers or symbols."""
         by_key = {key: values[k] for k, key in enumerate(self.parameters)}
         return by_key[self.static], by_key[self.kinetic], 0.0 if self.viscous is None else by_key[self.viscous]
 
     def of(self, values: Any) -> dict[str, tuple[Any, Any, Any]]:
-        """``coefficients`` by contact, of the one foot."""
+        """``coefficients`` by contact: those of the single foot."""
         return {FOOT: self.coefficients(values)}
 
     def exchanged(self, partners: Mapping[str, str]) -> tuple[int, ...]:
-        """Indices of the parameters after feet have swapped places: both have this law."""
+        """Indices of the parameters after feet have swapped places, which changes nothing: both have this law."""
         return tuple(range(len(self.parameters)))
 
 
@@ -68,7 +68,7 @@ class ContactFriction:
     Attributes
     ----------
     laws : (contact, law) in the order of the walker's contacts.
-    of_ground : whether the numbers are those of the ground under each contact: they stay where they are when contacts
+    of_ground : whether the numbers are those of the ground under each contact, so that they do not change when contacts
         swap places.
     """
 
@@ -86,12 +86,12 @@ class ContactFriction:
         return any(law.may_drop for _, law in self.laws)
 
     def of(self, values: Any) -> dict[str, tuple[Any, Any, Any]]:
-        """(mu_s, mu_k, c) of every contact from the values of ``parameters``, numbers or symbols."""
-        place = {key: k for k, key in enumerate(self.parameters)}
-        return {name: law.coefficients([values[place[key]] for key in law.parameters]) for name, law in self.laws}
+        """(mu_s, mu_k, c) of every contact from the values of ``parameters``, as numbers or symbols."""
+        index = {key: k for k, key in enumerate(self.parameters)}
+        return {name: law.coefficients([values[index[key]] for key in law.parameters]) for name, law in self.laws}
 
     def exchanged(self, partners: Mapping[str, str]) -> tuple[int, ...]:
-        """Indices of the parameters after contacts have swapped places: each contact has the law of its partner.
+        """Indices of the parameters after contacts have swapped places, when each contact has the law of its partner.
 
         Raises
         ------
@@ -101,13 +101,13 @@ class ContactFriction:
         laws, keys = dict(self.laws), self.parameters
         if self.of_ground:
             return tuple(range(len(keys)))
-        place = dict[str, int]()
+        index = dict[str, int]()
         for name, law in self.laws:
             other = laws[partners.get(name, name)]
             if len(law.parameters) != len(other.parameters):
                 raise ValueError(f"{name} and {partners[name]} swap places: give both one number, or both coefficients")
-            place |= zip(law.parameters, map(keys.index, other.parameters), strict=True)
-        return tuple(place[key] for key in keys)
+            index |= zip(law.parameters, map(keys.index, other.parameters), strict=True)
+        return tuple(index[key] for key in keys)
 
 
 def shared_friction(contacts: tuple[str, ...], law: Friction) -> "Friction | ContactFriction":

@@ -1,11 +1,11 @@
 """Links: a walker as a planar tree of rigid bodies, from which its mechanism, joints and drawing follow.
 
 A link's frame turns with the link. At angle zero its axes are those of the ground, x downhill and y along the normal;
-a positive angle turns y towards x, as that of a leg does. A point r of a frame with angle a is at
+a positive angle turns y towards x, as for a leg. A point r of a frame with angle a is at
 
     origin + (r_x cos a + r_y sin a,  r_y cos a - r_x sin a)
 
-Positions are summed along the tree from the stance foot, so that no term enters that would cancel again.
+Positions are summed along the tree from the stance foot, so that they contain no terms that would cancel.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,9 +22,9 @@ from gaitopt.model.foreign import KINDS, NAME_WORDS, Reader, calling, doubles, i
 from gaitopt.model.mechanism import ORIGIN, Body, Damper, Link, Mechanism, inclined
 
 SAME = 1e-9
-"""Relative difference below which numbers of two legs agree, above the digits of a file."""
-SAME_DEPTH = 10
-"""Operations up to which expressions of places and angles are compared."""
+"""Numbers of two legs agree if their relative difference is smaller; files have fewer digits."""
+COMPARISON_DEPTH = 10
+"""Depth to which expressions of positions and angles are compared."""
 COMPARED = ("mass", "inertia", "position", "com", "tip", "rotor_inertia", "damping", "foot_radius")
 
 
@@ -55,7 +55,7 @@ class Tree:
 
     Parameters
     ----------
-    links : as ``declaration.state_links`` returns them.
+    links : the links, checked by ``state_tree``.
     foot : SX, shape (2,) - coordinates (x, y) of the stance foot; the centre of a round one is at x + R angle, y + R.
 
     Attributes
@@ -75,14 +75,14 @@ class Tree:
         }
         R = SX(self.stance.foot_radius)
         centre = foot + vertcat(R * self.stance.angle, R)
-        self._entry = {self.stance.name: (_column(self.stance.tip), centre)}  # a point of each frame, and its place
+        self._entry = {self.stance.name: (_column(self.stance.tip), centre)}  # a point of each frame, and its position
         before: dict[str, Link] = {}
         reached = [self.stance]
         for link in reached:
             for other in links:
                 if other.name not in self._entry and (other.parent == link.name or link.parent == other.name):
                     here, there = _joint(link, other)
-                    if is_equal(SX(link.angle), SX(other.angle), SAME_DEPTH):  # fixed: points of one frame
+                    if is_equal(SX(link.angle), SX(other.angle), COMPARISON_DEPTH):  # fixed: points of one frame
                         entry, place = self._entry[link.name]
                         self._entry[other.name] = entry + there - here, place
                     else:
@@ -109,14 +109,14 @@ class Tree:
 
     @property
     def swing_foot(self) -> SX:
-        """Coordinates of the swing foot, as those of the stance foot."""
+        """Coordinates of the swing foot, defined like those of the stance foot."""
         R = SX(self.swing.foot_radius)
         return self.place(self.swing, self.swing.tip) - vertcat(R * self.swing.angle, R)
 
     def bodies(self) -> tuple[Body, ...]:
         """The links that have inertia, and the rotors, which turn with the angles of their joints.
 
-        Point masses have no angle, and those in one place are one body, as the halves of the mass at a hip.
+        Point masses have no angle. Those at one position, such as the two halves of the mass at a hip, are one body.
         """
         bodies = list[Body]()
         for link in self.links:
@@ -125,7 +125,7 @@ class Tree:
                 bodies.append(Body(mass=link.mass, position=place, inertia=link.inertia, angle=link.angle))
             elif not mass.is_zero():
                 points = (k for k, body in enumerate(bodies) if SX(body.inertia).is_zero())
-                same = next((k for k in points if is_equal(place, bodies[k].position, SAME_DEPTH)), None)
+                same = next((k for k in points if is_equal(place, bodies[k].position, COMPARISON_DEPTH)), None)
                 if same is None:
                     bodies.append(Body(mass=link.mass, position=place))
                 else:
@@ -142,8 +142,8 @@ class Tree:
     def partners(self) -> dict[str, str]:
         """For every link the one whose place it takes when the feet swap roles.
 
-        The links on the way between the feet change places with those as far from the other foot. Limbs that are alike
-        and hang on such links, as two arms on one torso, change places too. Any other link keeps its place.
+        A link on the way between the feet takes the place of the one as far from the other foot. Limbs that are alike
+        and hang on such links, as two arms on one torso, exchange their places too. Any other link keeps its place.
         """
         way = [link.name for link, _, _ in self.way]
         partner = {link.name: link.name for link in self.links} | dict(zip(way, way[::-1], strict=True))
@@ -157,7 +157,7 @@ class Tree:
         return partner
 
     def _limb(self, link: Link) -> list[Link]:
-        """A link and all that it carries."""
+        """A link and all links that it carries."""
         limb = [link]
         for carrier in limb:
             limb += [other for other in self.links if other.parent == carrier.name]
@@ -168,7 +168,7 @@ class Tree:
         return tuple((self.place(link, ORIGIN), self.place(link, end)) for link, end in self._drawn())
 
     def sides(self) -> tuple[int | None, ...]:
-        """The leg to which every line belongs: 0 the one that stands, 1 the one that swings, None neither."""
+        """The leg to which every line belongs: 0 for the stance leg, 1 for the swing leg, None for neither."""
         way = [link.name for link, _, _ in self.way]
         legs = dict.fromkeys(way[: len(way) // 2], 0) | dict.fromkeys(way[-(len(way) // 2) :], 1)
         return tuple(legs.get(link.name) for link, _ in self._drawn())
@@ -190,7 +190,7 @@ def state_tree(walker: type[Jointed], q: SimpleNamespace, p: SimpleNamespace) ->
     ------
     ProblemError
         If the method raises, an entry has the wrong type or shape or depends on a forbidden argument, or the links are
-        no tree with two feet.
+        not a tree with two feet.
     """
     with calling(walker, "links"):
         stated = walker.links(q, p)
@@ -218,13 +218,13 @@ def state_tree(walker: type[Jointed], q: SimpleNamespace, p: SimpleNamespace) ->
 
 
 def tree_mechanism(walker: type[Jointed], tree: Tree, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-    """The mechanism of a walker that defines its links alone.
+    """The mechanism of a walker that defines only its links.
 
-    Gravity is ``p.gravity``, on a slope ``p.slope`` if there is one. Every actuator is the motor of the joint of its
-    name; a class that refines this mechanism may add motors that act elsewhere. Legs of one link each land where their
-    leans are opposite, as those of a compass; any other swing foot lands where it comes down to the ground. The walker
-    is upright while the middle of the way between the feet is above the ground, and the link there has an angle below
-    90 deg.
+    Gravity is ``p.gravity``, on a slope ``p.slope`` if there is one. Every actuator is the motor of the joint with its
+    name; a class that refines this mechanism may add motors that act elsewhere. If each leg is one link, the swing foot
+    lands when the leans of the legs are opposite, as for a compass; otherwise it lands when its height falls to zero.
+    The walker is upright while the middle of the way between the feet is above the ground, and the link there has an
+    angle below 90 deg.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def _relabelled(walker: type[Jointed], tree: Tree, shape: SX, p: SimpleNamespace
     """The shape after the feet have swapped roles: every link then has the angle that its partner had."""
     partner, links, symbols = tree.partners(), tree.links, shape
     angles = {link.name: SX(link.angle) for link in links}
-    if not shape.is_valid_input():  # the coordinates are expressions of others
+    if not shape.is_valid_input():  # the coordinates are expressions, not symbols
         named = {name: SX.sym(name) for name in (*walker.shape, "x", "y")}
         links, symbols = walker.links(SimpleNamespace(**named), p), vertcat(*(named[name] for name in walker.shape))
     of_symbols = {link.name: SX(link.angle) for link in links}
@@ -288,7 +288,7 @@ def _relabelled(walker: type[Jointed], tree: Tree, shape: SX, p: SimpleNamespace
 
 
 def _point(value: Any) -> Any:
-    """A point that is given as two numbers, as a column."""
+    """A point as a column if it is given as two numbers; any other value is not changed."""
     numbers = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(part, KINDS) for part in value)
     return vertcat(*value) if numbers else value
 
@@ -341,7 +341,7 @@ def _tree_faults(links: Sequence[Link]) -> Iterator[str]:
 def _lean(foot: SX, hip: SX) -> SX:
     """Angle of the line from a foot to a hip in the frame of a leg, from the frame's y towards its x [rad].
 
-    A leg along the frame's y hangs down at angle zero.
+    It is zero for a leg along the frame's y.
     """
     aside, up = hip[0] - foot[0], hip[1] - foot[1]
     return SX(0) if aside.is_zero() and not up.is_constant() else atan2(aside, up)

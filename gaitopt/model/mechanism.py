@@ -1,6 +1,7 @@
 """The parts of a walker: bodies, links, contacts and the mechanism that they form, in CasADi symbols.
 
-Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
+The coordinates are ``q = (shape..., x, y)``: (x, y) is the stance foot, with x along the slope downhill and y along its
+normal.
 """
 
 from collections.abc import Callable, Mapping
@@ -23,7 +24,7 @@ class Body:
     ----------
     mass : SX or float [kg]
     position : SX, shape (2,) - centre of mass [m]
-    inertia : SX or float - about the centre of mass [kg m^2]
+    inertia : SX or float - moment of inertia about the centre of mass [kg m^2]
     angle : SX - orientation [rad]
     """
 
@@ -54,10 +55,12 @@ class Contact:
     Attributes
     ----------
     position : SX, shape (2,) - the point [m].
-    counts : SX - positive where the point may land, such as past mid-swing; it passes through the ground elsewhere.
-    places : for a contact at the end of a massless part: the coordinates of its own, with the values that they take
-        when it lands. Such a contact sticks or is off.
-    gap : SX - falls to zero where the point lands; its height by default. A massless contact has no height of its own.
+    counts : SX - number that is positive if the point may land, for instance past mid-swing; otherwise it passes
+        through the ground.
+    places : for a contact at the end of a massless part, its own coordinates with the values that they take when it
+        lands. Such a contact sticks or is off.
+    gap : SX - number that falls to zero when the point lands; its height by default. A massless contact has no height
+        of its own.
     """
 
     position: SX
@@ -76,28 +79,29 @@ class Mechanism:
     gravity : SX, shape (2,) - acceleration of gravity in (x, y) [m/s^2].
     swing_foot : SX, shape (2,) - the foot that will collide [m].
     touchdown : SX - guard; the swing foot lands when it crosses zero from below.
-    upright : SX - positive while the walker is upright; zero is a fall.
-    trailing_foot : SX, shape (2,) - the foot that has just left the ground, if the walker falls back on it where
+    upright : SX - number that is positive while the walker is upright; the walker falls when it is zero.
+    trailing_foot : SX, shape (2,) - the foot that has just left the ground, if the walker falls back on it when
         ``upright`` is zero [m]; None if it does not.
     relabel : SX, shape (n_shape,) - shape coordinates after the feet have swapped roles.
-    stops : gaps of the joint stops by name, affine in the shape: positive while free, zero while locked; an angle
-        [rad], or a length divided by that of a leg.
-    switches : margins of the switches by name, dimensionless, positive while off; functions of the rates, which are
-        given by name (``dq.theta``).
-    phases : phase variables by name, functions of the shape and the parameters alone.
+    stops : gaps of the joint stops by name, affine in the shape: positive while free, zero while locked. Each is an
+        angle [rad], or a length divided by that of a leg.
+    switches : dimensionless margins of the switches by name, positive while off. They are functions of the rates, which
+        are given by name (``dq.theta``).
+    phases : phase variables by name, functions of the shape and the parameters only.
     motors : tuple of SX - the angle or length on which each actuator acts, in the order of ``Walker.actuators`` [rad or
-        m]; for those of ``Walker.external`` the place along their direction of what they push [m].
-    potential : SX - potential energy besides gravity, of springs for instance [J].
-    potential_while : potential energy that acts only in a state: ``contact`` (the foot is on the ground), or that of a
-        stop or switch, such as ``thrust on`` [J].
+        m]; for an actuator of ``Walker.external``, the position of the pushed point along its direction [m].
+    potential : SX - potential energy without that of gravity, for instance of springs [J].
+    potential_while : potential energy that acts only in a state [J]: ``contact`` (the foot is on the ground), or the
+        state of a stop or switch, such as ``thrust on``.
     dampers : the viscous dampers.
     push : impulse of the ground on each contact of ``Walker.pushes`` just before another one lands, by its name, each
-        of shape (2,) [N s]. That of a stance foot without a name stands alone. None if the walker does not push off.
-    contacts : the points that can touch the ground by name, of a walker with several contacts.
-    sections : margins by name, any of which may end a cycle where it falls to zero, dimensionless; functions of the
-        rates, as ``switches``.
+        of shape (2,) [N s]; without a mapping, the impulse on a stance foot that has no name. None if the walker does
+        not push off.
+    contacts : the points that can touch the ground by name, if the walker has several contacts.
+    sections : dimensionless margins by name, any of which may end a cycle when it falls to zero; they are functions of
+        the rates, like ``switches``.
     length : natural unit of length [m]; by default the largest distance of a body from the stance foot, or from a
-        contact, where all shape coordinates are zero.
+        contact, when all shape coordinates are zero.
     """
 
     bodies: tuple[Body, ...]
@@ -138,15 +142,15 @@ class Link:
     parent : name of the link that carries it; None for the root of the tree.
     joint : name of the joint with the parent; empty for the root, and for a link that is fixed to its parent.
     position : the joint, or the origin of a fixed link, in the frame of the parent; it is the origin of this frame.
-    sign : 1, or -1 for a joint whose angle counts the other way.
+    sign : 1, or -1 for a joint whose angle has the opposite sign.
     zero : the joint's angle is ``sign`` times (the angle of this link minus that of its parent), plus ``zero`` [rad].
-    tip : the other end of the link in drawings; the foot, if there is one.
+    tip : the other end of the link in drawings, which is the foot if there is one.
     foot : whether the tip is a foot. The first link with a foot belongs to the stance leg, the second one swings.
     foot_radius : radius of a round foot, whose centre is the tip [m].
-    mass : [kg]
+    mass : mass [kg].
     com : centre of mass.
     inertia : moment of inertia about the centre of mass [kg m^2].
-    rotor_inertia : that of the joint's motor, times the square of the gear ratio [kg m^2].
+    rotor_inertia : moment of inertia of the joint's rotor, times the square of the gear ratio [kg m^2].
     damping : coefficient of a viscous damper in the joint [N m s/rad].
     range : smallest and largest angle of the joint; None if it has none [rad].
     effort : largest torque of the joint's motor; None if it has no limit [N m].

@@ -36,20 +36,29 @@ OWN_CONTROLS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """A kind of plugins: its entry-point group, its own classes, its name in messages and how its name is stated."""
+    """A kind of plugins.
+
+    Attributes
+    ----------
+    group : name of the entry-point group.
+    own : entry points of this package.
+    title : name of the kind in messages.
+    attribute : class attribute with the name of a plugin.
+    check : function that raises an error if a class is ill formed.
+    """
 
     group: str
     own: tuple[EntryPoint, ...]
-    words: str
+    title: str
     attribute: str
     check: Callable[[object], None]
 
 
-WALKERS = Kind(group=ENTRY_POINT_GROUP, own=(), words="walker", attribute="model", check=check_class)
+WALKERS = Kind(group=ENTRY_POINT_GROUP, own=(), title="walker", attribute="model", check=check_class)
 CONTROLS = Kind(
     group=CONTROL_GROUP,
     own=tuple(EntryPoint(name, value, CONTROL_GROUP) for name, value in OWN_CONTROLS.items()),
-    words="control law",
+    title="control law",
     attribute="type",
     check=check_law,
 )
@@ -66,7 +75,7 @@ def registered_controls() -> Mapping[str, type[Control]]:
 
 
 def built_in(kind: Kind, name: str) -> Any:
-    """The class of this package with a name; None if there is none."""
+    """The class with a name if this package defines it; otherwise None."""
     found = _plugins(kind)[0].get(name)
     return found if found is not None and found.__module__.startswith(OWN_PACKAGE) else None
 
@@ -83,7 +92,7 @@ def refused_controls() -> Mapping[str, str]:
 
 @lru_cache(maxsize=2)
 def _plugins(kind: Kind) -> tuple[dict[str, Any], dict[str, str]]:
-    """Classes by name, and messages about those that cannot be used; the first call warns of these."""
+    """Classes by name, and messages about those that cannot be used; the first call issues a warning about these."""
     classes: dict[str, Any] = {}
     refused: dict[str, str] = {}
     order = {point.name: k for k, point in enumerate(kind.own)}
@@ -101,9 +110,9 @@ def _plugins(kind: Kind) -> tuple[dict[str, Any], dict[str, str]]:
         except ProblemError as error:
             refused[name] = str(error)
         for other in values.keys() - {point.value}:
-            refused[f"{name} of {other}"] = f"gaitopt has a {kind.words} of this name: choose another one"
+            refused[f"{name} of {other}"] = f"gaitopt has a {kind.title} of this name: choose another one"
     if refused:
-        reasons = "; ".join(f"{kind.words} {name}: {why}" for name, why in refused.items())
+        reasons = "; ".join(f"{kind.title} {name}: {why}" for name, why in refused.items())
         warnings.warn(f"not available: {reasons}", GaitoptWarning, stacklevel=2)
     return classes, refused
 

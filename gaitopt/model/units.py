@@ -4,7 +4,7 @@
 
 l is the distance of the farthest body from the stance foot with all shape coordinates zero: the length of a straight
 leg. Every tolerance, time limit and step length is in natural units, so that dimensionless results do not depend on the
-units of a problem. A number outside its possible range is an error, outside its usual range a remark.
+units of a problem. A number outside its possible range causes an error, outside its usual range a remark.
 
 Numbers in problem files are in SI units; angles may be in ``deg`` or ``rad``. This table of units is closed, because a
 general units library would parse and evaluate arbitrary expressions.
@@ -25,7 +25,9 @@ class Scales:
 
     Attributes
     ----------
-    length : [m]; time : [s]; mass : [kg].
+    length : unit of length [m].
+    time : unit of time [s].
+    mass : unit of mass [kg].
     """
 
     length: float
@@ -96,7 +98,7 @@ OF_FORCES = {
 }
 """SI units of motors that act on lengths, by those of motors that act on angles."""
 MOTOR_WORDS = {"N": "motor force", "N m": "torque"}
-"""What a motor applies, by its unit."""
+"""The name of a motor's force, by its unit."""
 Interval = tuple[float, float]
 ANY: Interval = (-math.inf, math.inf)
 
@@ -126,56 +128,56 @@ class Within:
         return self.possible[0] * size, self.possible[1] * size
 
     def objection(self, lower: float, upper: float, scales: Scales) -> str | None:
-        """Message if no value from ``lower`` to ``upper`` [SI] is possible; else None."""
-        least, most = self.bounds(scales)
-        if upper >= least and lower <= most:
+        """Message if no value from ``lower`` to ``upper`` [SI] is possible; otherwise None."""
+        lowest, highest = self.bounds(scales)
+        if upper >= lowest and lower <= highest:
             return None
-        value = upper if upper < least else lower
-        words, natural = _words((least, most), ""), _words(self.possible, UNITS[self.unit][0])
-        return f"{value:g} is impossible: must be {words}{f' ({natural})' if natural != words else ''}"
+        value = upper if upper < lowest else lower
+        stated, natural = _range_text((lowest, highest), ""), _range_text(self.possible, UNITS[self.unit][0])
+        return f"{value:g} is impossible: must be {stated}{f' ({natural})' if natural != stated else ''}"
 
     def remark(self, lower: float, upper: float, scales: Scales) -> str | None:
-        """Message if all values from ``lower`` to ``upper`` [SI] are unusual; else None."""
-        word, size = UNITS[self.unit][0], self.size(scales)
+        """Message if all values from ``lower`` to ``upper`` [SI] are unusual; otherwise None."""
+        symbol, size = UNITS[self.unit][0], self.size(scales)
         if upper >= self.usual[0] * size and lower <= self.usual[1] * size:
             return None
         value = upper if upper < self.usual[0] * size else lower
-        if self.unit == "angle" and value == float(f"{value:.3g}"):  # typed as it is, rather than converted
+        if self.unit == "angle" and value == float(f"{value:.3g}"):  # few digits: the user has typed this number
             return f"{value:g} rad is {math.degrees(value):.3g} deg; did you mean {value:g} deg?"
-        natural = f", that is {value / size:.3g}{word}" if word else ""
-        return f"{value:g}{natural} is unusual; usually {_words(self.usual, word)}"
+        natural = f", that is {value / size:.3g}{symbol}" if symbol else ""
+        return f"{value:g}{natural} is unusual; usually {_range_text(self.usual, symbol)}"
 
     def __str__(self) -> str:
-        word = UNITS[self.unit][0]
+        symbol = UNITS[self.unit][0]
         spans = [("", self.possible), ("usually ", self.usual)]
-        return "; ".join(f"{prefix}{_words(span, word)}" for prefix, span in spans if span != ANY)
+        return "; ".join(f"{prefix}{_range_text(span, symbol)}" for prefix, span in spans if span != ANY)
 
 
 def words_and_unit(description: str) -> tuple[str, str]:
-    """``radius of the foot; 0 is a point`` and ``m`` for the description ``radius of the foot [m]; 0 is a point``."""
+    """The text and the unit of a description: ``radius; 0 is a point`` and ``m`` for ``radius [m]; 0 is a point``."""
     words, _, rest = description.partition(" [")
     unit, _, more = rest.partition("]")
     return words + more, unit
 
 
 def symmetric(size: float) -> Interval:
-    """From minus ``size`` to ``size``."""
+    """The interval from minus ``size`` to ``size``."""
     return (-size, size)
 
 
-def _words(span: Interval, unit: str) -> str:
-    least, most = (f"{value:g}{unit if value else ''}" for value in span)
+def _range_text(span: Interval, unit: str) -> str:
+    lowest, highest = (f"{value:g}{unit if value else ''}" for value in span)
     if span[0] == -span[1]:
-        return f"at most {most} in size"
+        return f"at most {highest} in size"
     if math.isinf(span[0]):
-        return f"at most {most}"
+        return f"at most {highest}"
     if math.isinf(span[1]):
-        return f"at least {least}"
-    return f"from {least} to {most}"
+        return f"at least {lowest}"
+    return f"from {lowest} to {highest}"
 
 
 def shorter(part: str, whole: str) -> Any:
-    """A validator for the body of a walker's class: the distance ``part`` of a mass is less than ``whole``, in m."""
+    """A validator for the body of a walker's class: the distance ``part`` of a mass must be less than ``whole`` [m]."""
 
     def check(model: Checked) -> Checked:
         length, limit = getattr(model, part), getattr(model, whole)
@@ -194,7 +196,7 @@ DECIMAL = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 """Pattern of a decimal number."""
 _NUMBER = re.compile(rf"{DECIMAL}|[+-]?\.?(?:inf|nan)", re.IGNORECASE)
 LONGEST_COUNT = 100
-"""Digits of a whole number; Python's ``int`` reads some thousand."""
+"""Largest number of digits of a whole number; Python's ``int`` reads some thousand."""
 _ANGLE = re.compile(rf"\s*({DECIMAL})\s*(deg|rad)\s*")
 
 
@@ -206,7 +208,7 @@ def parse_number(text: str) -> float:
     Raises
     ------
     ValueError
-        If the text is something else.
+        If the text is not such a number.
     """
     if _NUMBER.fullmatch(text.strip()) is None:
         raise ValueError(f"{text.strip()!r} is not a number: write decimal digits, such as 0.25 or 2.5e-1")
@@ -214,12 +216,12 @@ def parse_number(text: str) -> float:
 
 
 def parse_count(text: str) -> int | None:
-    """The whole number that at most ``LONGEST_COUNT`` ASCII digits state; None if the text is something else."""
+    """The whole number that at most ``LONGEST_COUNT`` ASCII digits state; None for any other text."""
     return int(text) if len(text) <= LONGEST_COUNT and text.isascii() and text.isdecimal() else None
 
 
 def parse_angle(value: object) -> object:
-    """``"1 deg"`` or ``"0.1 rad"`` in radians; anything else is passed on unchanged.
+    """The angle of a text like ``"1 deg"`` or ``"0.1 rad"`` in radians; a value that is not a text is not changed.
 
     Raises
     ------
@@ -237,7 +239,7 @@ def parse_angle(value: object) -> object:
 SMALLEST, LARGEST = 1e-30, 1e30
 """Bounds of masses, lengths and forces, within which their products neither vanish nor overflow in any units."""
 STEEPEST = math.radians(80)
-"""Steady walking needs friction tan(slope) [rad]: nearly 6 here."""
+"""Steepest slope [rad]. Steady walking needs the friction tan(slope), which is nearly 6 there."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 """A number whose range depends on the walker."""

@@ -4,7 +4,8 @@ A walker is a frozen pydantic model. Its fields are the physical parameters, wit
 name the coordinates; ``mechanism`` defines bodies, springs, dampers and guards. M, B, G, W, E, contact forces, impacts
 and multipliers are derived from these.
 
-Coordinates ``q = (shape..., x, y)``: (x, y) is the stance foot, x along the slope downhill, y along its normal.
+The coordinates are ``q = (shape..., x, y)``: (x, y) is the stance foot, with x along the slope downhill and y along its
+normal.
 """
 
 import copyreg
@@ -44,7 +45,7 @@ else:
 
 
 class PluginClass(ModelMetaclass):
-    """The class of the classes of walkers and control laws: pickles hold the names of such a class and its module."""
+    """The class of the classes of walkers and control laws. Pickles of such a class contain its name and its module."""
 
 
 class WalkerClass(PluginClass):
@@ -52,7 +53,7 @@ class WalkerClass(PluginClass):
 
     @property
     def section(cls) -> tuple[str, ...]:
-        """``Walker.section`` as the class defines it, else the best conditioned one for the closure of the legs.
+        """``Walker.section`` as the class defines it, or the best conditioned one for the closure of the legs.
 
         Raises
         ------
@@ -62,7 +63,7 @@ class WalkerClass(PluginClass):
         defined = next((vars(base)["section"] for base in cls.__mro__ if "section" in vars(base)), None)
         if defined is not None:
             return cast(tuple[str, ...], defined)
-        if cast("type[Walker]", cls).contacts:  # what is free follows from the gait, see ``gaitopt.model.section``
+        if cast("type[Walker]", cls).contacts:  # the free coordinates depend on the gait, see ``gaitopt.model.section``
             return ()
         return chosen_section(cast("type[Walker]", cls))
 
@@ -79,30 +80,32 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
         without ``after_impact``; coordinates that it leaves out are zero.
     section_rates : the shape coordinates whose rates are free just after an impact; all by default.
     exchanged : for legs that differ, each parameter of the stance leg with the corresponding one of the swing leg; the
-        two swap places at touchdown. A cycle then has an even number of steps.
-    stops : names of the joint stops; a stop locks where its gap closes, and the impact of the foot releases all stops.
+        two swap their values at touchdown. A cycle then has an even number of steps.
+    stops : names of the joint stops; a stop locks when its gap closes, and the impact of the foot releases all stops.
     open_in_impact : the stops that are released before the impulse of the foot's impact rather than after it.
-    switches : names of the switches; a switch triggers where its margin falls to zero, and all are off after an impact.
+    switches : names of the switches; a switch triggers when its margin falls to zero, and all are off after an impact.
     flies : whether the walker leaves the ground; its steps then end with a flight.
-    massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse, as
+    massless_feet : whether feet, and the legs up to the bodies, have no mass. Such feet land without an impulse as
         ``landing`` defines, cannot slip, and keep their position in flight.
     lengths : the shape coordinates that are lengths [m] rather than angles [rad].
-    pushes : whether the walker pushes off with its stance foot just before the swing foot lands; of named contacts, the
-        names of those that push off just before another one lands, if they are on the ground then.
+    pushes : whether the walker pushes off with its stance foot just before the swing foot lands; if contacts are named,
+        the names of those that push off just before another one lands, if they are on the ground then.
     actuators : names of the actuators.
-    external : the actuators that push the walker from outside of it, such as a tow, a belt or the wind. Only what they
-        act on may depend on x and y, and on x with a constant factor: the place on the ground makes no difference.
+    external : the actuators that push the walker from outside of it, such as a tow, a belt or the wind. Only their
+        entries of ``Mechanism.motors`` may depend on x and y, and on x with a constant factor, so that the motion does
+        not depend on the place on the ground.
     tracked : for each actuator the shape coordinate whose error drives it under a PD law; may be left out.
     phases : names of the phase variables, functions of the shape that grow along a step; each shape coordinate is one
         under its own name.
     largest_angle : largest size of the shape coordinates in walking [rad].
     contacts : names of the contact points, if the walker has several; (x, y) is then a point of your choice.
-    massless_contacts : those at the end of massless parts, which have coordinates of their own (``Contact.places``).
-    landing_contacts : those whose landing ends a step: the shape is then relabelled, and the base point moves to
+    massless_contacts : the contacts at the end of massless parts, which have coordinates of their own
+        (``Contact.places``).
+    landing_contacts : the contacts whose landing ends a step: the shape is then relabelled, and the base point moves to
         ``swing_foot``.
-    closing_stops : the stops that must be locked where such a landing ends a step, because ``relabel`` is of legs that
-        are locked. A foot that comes down before scuffs. Of a walker on one foot at a time all stops are.
-    exchanged_contacts : contacts of one foot with those of the other; they swap places where a step ends.
+    closing_stops : the stops that must be locked when such a landing ends a step, because ``relabel`` holds for locked
+        legs. A foot that comes down earlier scuffs. For a walker on one foot at a time these are all stops.
+    exchanged_contacts : contacts of one foot with those of the other one; they swap places at the end of a step.
     sections : names of the margins any of which may end a cycle (``gait: {section: {margin: NAME}}``).
     """
 
@@ -135,9 +138,9 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """The mechanism; ``q`` holds the coordinates by name (shape, x, y), ``p`` the parameters by field name.
+        """The mechanism; ``q`` contains the coordinates by name (shape, x, y), ``p`` the parameters by field name.
 
-        By default that of the links, see ``links.tree_mechanism``.
+        By default it is that of the links, see ``links.tree_mechanism``.
         """
         tree = state_tree(cls, q, p)
         lost = [actuator for actuator in cls.actuators if actuator not in tree.joints]
@@ -148,7 +151,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def links(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[Link, ...]:
-        """The links of a walker that is a planar tree; arguments as for ``mechanism``. Empty if it defines none."""
+        """The links of a walker that is a planar tree; empty by default. For the arguments see ``mechanism``."""
         return ()
 
     @classmethod
@@ -158,7 +161,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[SX, ...], ...]:
-        """Lines that draw the walker, each a sequence of points [m]; arguments as for ``mechanism``.
+        """Lines that draw the walker, each a sequence of points [m]; for the arguments see ``mechanism``.
 
         Only pictures use them. By default they are the links; without links a picture joins the bodies and feet.
         """
@@ -188,33 +191,33 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def stands_on_one(cls) -> bool:
-        """Whether one contact is on the ground at a time: the ``foot``, which another foot becomes by landing."""
+        """Whether one contact is on the ground at a time: the ``foot``. Another foot that lands takes its role."""
         return not cls.contacts
 
     @classmethod
     def leaves_ground(cls) -> bool:
-        """Whether it has a mode in which no contact is on the ground."""
+        """Whether the walker has a mode in which no contact is on the ground."""
         return cls.flies or not cls.stands_on_one()
 
     @classmethod
     def keeps_height(cls) -> bool:
-        """Whether the foot at (x, y) is always on the ground, or massless and stays there: y is then no state."""
+        """Whether y is not a state: the foot at (x, y) never leaves the ground, or is massless and stays there."""
         return cls.stands_on_one() and (cls.massless_feet or not cls.flies)
 
     @classmethod
     def base_contact(cls) -> str:
-        """The contact at the base point (x, y), whose velocity is part of the state; none if that is another point."""
+        """The contact at the base point (x, y), whose velocity is part of the state; empty if there is no contact."""
         return FOOT if cls.stands_on_one() else ""
 
     @classmethod
     def may_keep_energy(cls) -> bool:
-        """Whether it may land without losing energy: on massless feet, or by springs that act in flight or in parts."""
+        """Whether the walker may land without losing energy, by massless feet or by springs that do not always act."""
         return cls.flies or bool(cls.weightless() or cls.switches)
 
     @classmethod
     def features(cls) -> tuple[str, ...]:
-        """What it has beyond one foot on the ground, in words: methods say with these what they do not cover."""
-        parts = {
+        """Names of the features beyond one foot on the ground, for messages about features that a method lacks."""
+        features = {
             "several contacts": cls.contacts,
             "flight": cls.flies,
             "joint stops": cls.stops,
@@ -223,7 +226,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
             "massless feet": cls.weightless(),
             "motors that push from outside": cls.external,
         }
-        return tuple(words for words, part in parts.items() if part)
+        return tuple(text for text, feature in features.items() if feature)
 
     @classmethod
     def labels(cls) -> tuple[str, ...]:
@@ -232,29 +235,29 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def label(cls, contact: str) -> str:
-        """The name of a contact if it is one of ``labels``, else nothing."""
+        """The name of a contact if it is one of ``labels``, otherwise an empty text."""
         return contact if contact in cls.labels() else ""
 
     @classmethod
     def quantity(cls, what: str, contact: str) -> str:
-        """The name of a quantity of a contact: ``f_t.left``, or ``f_t`` of a contact without a label."""
+        """The name of a quantity of a contact: ``f_t.left``, or ``f_t`` if the contact has no label."""
         return f"{what}.{cls.label(contact)}".rstrip(".")
 
     @classmethod
     def called(cls, contact: str) -> str:
-        """A contact in messages: ``the swing foot``, or ``the contact left`` of one with a label."""
+        """A contact in messages: ``the swing foot``, or ``the contact left`` if it has a label."""
         return f"the contact {contact}" if cls.label(contact) else f"the {contact.replace('_', ' ')}"
 
     @classmethod
-    def contact_mode(cls, words: Mapping[str, str]) -> Mode:
-        """The mode, without stops, in which every contact does what ``words`` say by its name."""
-        return Mode.of_feet({SWING_FOOT: OFF, **words}) if cls.stands_on_one() else Mode.of_contacts(words)
+    def contact_mode(cls, states: Mapping[str, str]) -> Mode:
+        """The mode, without stops, with these states of the contacts by name."""
+        return Mode.of_feet({SWING_FOOT: OFF, **states}) if cls.stands_on_one() else Mode.of_contacts(states)
 
     @classmethod
     def mode_words(cls, *, after_impact: bool = False) -> tuple[str, ...]:
-        """Words that state a mode, in a phase or just after an impact; none if the contacts have labels."""
-        words = (*CONTACTS, Mode.FLIGHT)[: 3 if after_impact else 4]
-        return tuple(map(str, words)) if cls.stands_on_one() else ()
+        """Short forms of modes, in a phase or just after an impact; there are none if the contacts have labels."""
+        modes = (*CONTACTS, Mode.FLIGHT)[: 3 if after_impact else 4]
+        return tuple(map(str, modes)) if cls.stands_on_one() else ()
 
     @classmethod
     def step_ends(cls) -> tuple[str, ...]:
@@ -268,7 +271,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def placed_contacts(cls) -> tuple[str, ...]:
-        """Names of the massless contacts that have coordinates of their own, which take new values where they land."""
+        """Names of the massless contacts that have coordinates of their own, which take new values at their landing."""
         return cls.massless_contacts
 
     @classmethod
@@ -278,7 +281,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def struck_contacts(cls, mode: Mode) -> tuple[str, ...]:
-        """Contacts with impulses in an impact, as called before it: all, or the one on which it then stands."""
+        """Contacts with impulses in an impact, by their names before it: all, or the one that is on the ground then."""
         return (*mode.touching, FOOT)[:1] if cls.stands_on_one() else cls.contacts
 
     @classmethod
@@ -305,7 +308,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
     @classmethod
     def swapped(cls, mode: Mode) -> Mode:
-        """A mode with the contacts as they are called after the feet have swapped roles, or before they do."""
+        """A mode with the names that its contacts have after the feet have swapped roles, or before they do."""
         return _swapped(cls, mode)
 
     @classmethod
@@ -331,7 +334,7 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 
         Parameters
         ----------
-        p : ndarray or CasADi symbols, shape (n,) - those of the first step: the fields in order, and others after them.
+        p : ndarray or CasADi symbols, shape (n,) - parameters of the first step: the fields in order, then any others.
         """
         if not cls.exchanged:
             return (p,)
@@ -366,41 +369,42 @@ class Walker(BaseModel, ABC, metaclass=WalkerClass):
 @lru_cache(maxsize=64)  # four contacts have 256
 def _foot_modes(walker: type[Walker]) -> tuple[Mode, ...]:
     if walker.contacts:
-        words: dict[str, tuple[str, ...]] = dict.fromkeys(walker.contacts, (*CONTACTS, OFF))
-        words |= dict.fromkeys(walker.massless_contacts, (Mode.STICK, OFF))
-        names = [dict(zip(words, choice, strict=True)) for choice in product(*words.values())]
-        return tuple(Mode.of_contacts(states) for states in names)
+        choices: dict[str, tuple[str, ...]] = dict.fromkeys(walker.contacts, (*CONTACTS, OFF))
+        choices |= dict.fromkeys(walker.massless_contacts, (Mode.STICK, OFF))
+        combined = [dict(zip(choices, choice, strict=True)) for choice in product(*choices.values())]
+        return tuple(Mode.of_contacts(states) for states in combined)
     ground = CONTACTS[:1] if walker.massless_feet else CONTACTS
     return (*ground, Mode.FLIGHT) if walker.flies else ground
 
 
 WalkerType: TypeAlias = type[Walker]
-"""A class of walkers; in the body of a control law, ``type`` is the law's name."""
+"""A class of walkers. In the body of a control law ``type`` is the law's name, so that ``type[Walker]`` is
+impossible."""
 
 
 def _pickled(plugin: PluginClass) -> tuple[Any, ...]:
-    """Reduce a class to its names; cloudpickle, which Dask uses, sends classes without a module by value.
+    """Reduce a class to its names for a pickle; cloudpickle, which Dask uses, would send some classes by value.
 
     Raises
     ------
     PicklingError
         If an import would not find the class.
     """
-    if "rebuilt_by" in vars(plugin):  # a class that is made from the content of a file
+    if "rebuilt_by" in vars(plugin):  # a class that was made from the content of a file
         return cast(tuple[Any, ...], vars(plugin)["rebuilt_by"])
     module, name = plugin.__module__, plugin.__qualname__
     is_walker = issubclass(plugin, Walker)
-    words = f"walker {getattr(plugin, 'model', '?')}" if is_walker else f"control law {getattr(plugin, 'type', '?')}"
+    title = f"walker {getattr(plugin, 'model', '?')}" if is_walker else f"control law {getattr(plugin, 'type', '?')}"
     try:
         importable = attrgetter(name)(sys.modules[module])
     except (KeyError, AttributeError):
         importable = None
     if importable is not plugin:
         raise PicklingError(
-            f"{words}: another process cannot import its class {name} from the module {module}; "
+            f"{title}: another process cannot import its class {name} from the module {module}; "
             "define the class at the top level of a module, under its own name"
         )
-    return _imported, (module, name, words)
+    return _imported, (module, name, title)
 
 
 @lru_cache(maxsize=256)
@@ -410,8 +414,8 @@ def _swapped(walker: type[Walker], mode: Mode) -> Mode:
     return mode.with_contact(Mode.of_contacts(contacts) if walker.contacts else Mode.of_feet(contacts))
 
 
-def _imported(module: str, name: str, words: str) -> Any:
-    """The class of a walker or a control law, which ``words`` name.
+def _imported(module: str, name: str, title: str) -> Any:
+    """The class of a walker or a control law, which messages call ``title``.
 
     Raises
     ------
@@ -421,9 +425,9 @@ def _imported(module: str, name: str, words: str) -> Any:
     try:
         return attrgetter(name)(import_module(module))
     except (ImportError, AttributeError) as error:
-        owner = words.rpartition(" ")[0]
+        owner = title.rpartition(" ")[0]
         raise UnknownNameError(
-            f"{words}: its class {name} cannot be imported from the module {module} in this process ({error}); "
+            f"{title}: its class {name} cannot be imported from the module {module} in this process ({error}); "
             f"install the package of the {owner} there"
         ) from error
 

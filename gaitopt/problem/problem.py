@@ -617,7 +617,7 @@ def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
             raise ProblemError(f"{argument}: {error}") from error
         name = getattr(passed, kind.attribute)
         if not passed.__module__.startswith(OWN_PACKAGE) and built_in(kind, name) is not None:
-            words = f"{kind.attribute} is {name!r}, the name of a {kind.words} of gaitopt: choose another one"
+            words = f"{kind.attribute} is {name!r}, the name of a {kind.title} of gaitopt: choose another one"
             raise ProblemError(f"{argument}: {passed.__name__}: {words}")
         if named.setdefault(name, passed) is not passed:
             both = f"{named[name].__name__} and {passed.__name__}"
