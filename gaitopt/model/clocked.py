@@ -3,8 +3,8 @@
     alternating    u = first while t < T / 2, then second
     oscillating    u = kp (r - a) + kd (dr/dt - da/dt),    r = mean + amplitude sin(2 pi t / T)
 
-a is the angle, or the length, on which an actuator acts. Where a period ends a cycle (``gait: {section: clock}``), time
-starts from zero there, which makes no difference; elsewhere it starts from zero at the end of every step.
+a is the angle, or the length, on which an actuator acts. If a period ends a cycle (``gait: {section: clock}``), time
+starts from zero there, which makes no difference; otherwise it starts from zero at the end of every step.
 """
 
 from collections.abc import Iterator, Mapping
@@ -59,7 +59,7 @@ class Alternating(Control):
         return self.cycle
 
     def data(self, segment: int) -> Array:
-        """1 in the first half, 0 in the second one."""
+        """A number that is 1 in the first half and 0 in the second one."""
         return np.array([1.0 - segment])
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
@@ -93,7 +93,7 @@ class Oscillating(Control):
         return self.cycle
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """Faults of every law, and sines of what is no actuator."""
+        """Faults of every law, and sines that are not those of actuators."""
         yield from super().faults(walker)
         yield from _unknown(walker, mean=self.mean, amplitude=self.amplitude)
 

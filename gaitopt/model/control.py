@@ -1,7 +1,8 @@
-"""Control laws: joint torques u(t, q, dq, s, p), with t the time since the last impact.
+"""Control laws: joint torques u(t, q, dq, s, p), where t is the time since the last impact.
 
-A law is a frozen pydantic model, and what a problem file says under ``control`` is the law. Its numbers are parameters,
-entries of the vector p of the system: they can be set, freed, swept and continued. Everything else is structure.
+A law is a frozen pydantic model with the content of the section ``control`` of a problem file. Its numbers are
+parameters, entries of the vector p of the system: they can be set, freed, swept and continued. Everything else is
+structure.
 
 A law is smooth between its breakpoints, which are fixed times since the impact. On each segment between two breakpoints
 it reads ``segment data`` r, so that one compiled function serves all segments.
@@ -30,7 +31,7 @@ OWN_PACKAGE = "gaitopt."
 SectionType: TypeAlias = type[BaseModel]
 TORQUE = Within(unit="torque", possible=symmetric(1000), usual=symmetric(10))
 OF_MOTOR = {"N m": TORQUE, "N": replace(TORQUE, unit="force")}
-"""Range of what a motor applies, by its unit."""
+"""Range of a motor's torque or force, by its unit."""
 
 
 class Fixed:
@@ -49,12 +50,13 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
     floats annotated with ``Fixed``; their change requires new expressions. ``section`` and ``faults`` restrict the keys
     for a walker.
 
-    In the body of a subclass ``type`` is the law's name: write ``WalkerType`` in place of ``type[Walker]`` there.
+    In the body of a subclass ``type`` is the law's name: write ``WalkerType`` there instead of ``type[Walker]``.
 
     Class attributes
     ----------------
     type : the name used in problem files.
-    version : part of the digest of a problem if the law is from another package; change it with the equations.
+    version : a text that is part of the digest of a problem if the law is from another package; change it whenever the
+        equations change.
     jumps : whether the torques may jump at breakpoints; otherwise they must be continuous there.
     restarts : whether the law's clock restarts at every impact; if not, the law has a ``period``, with which a cycle
         ends, ``gait: {section: clock}``.
@@ -105,7 +107,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         return np.zeros(0)
 
     def faults(self, walker: WalkerType) -> Iterator[tuple[Path, str]]:
-        """What is wrong with the law for a walker: keys below ``control``, and a message for each."""
+        """Mistakes in the law for a walker: keys below ``control``, with a message for each."""
         for name in self.limits:
             if name not in walker.actuators:
                 yield (
@@ -143,7 +145,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     @property
     def structure(self) -> tuple[object, ...]:
-        """Key of the systems that can share the law's expressions: all but the values of the parameters."""
+        """Key of the systems that can share the law's expressions: the law without the values of its parameters."""
         numbers = {name for name in dict(self) if is_parameter(type(self).model_fields.get(name))}
         references = self.targets
         fixed = self.model_dump_json(exclude=numbers | {*references})
@@ -151,7 +153,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     @property
     def untimed(self) -> "Control":
-        """The law of all that have its expressions, at any breakpoints; itself if there is no other."""
+        """The law that stands for all laws with the same expressions and any breakpoints; by default this one."""
         return self
 
     @property
@@ -165,7 +167,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
     @property
     def record(self) -> dict[str, Any]:
-        """JSON data that are read as the same law: its type, the version of another package's law, and its keys."""
+        """JSON data from which the same law is read: its type, the version of another package's law, and its keys."""
         law = type(self)
         version = {} if law.__module__.startswith(OWN_PACKAGE) else {"version": law.version}
         keys = self.model_dump(mode="json", exclude_none=True, exclude=None if self.limits else {"limits"})
@@ -177,7 +179,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         return {f"{name}.{key}": span for name, each in references for key, span in each.unknowns(walker).items()}
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
-        """Dotted keys and values that make known parameters, by dotted key, the guess of the law's unknowns."""
+        """Dotted keys and values of a problem whose guess of the law's unknowns are the known parameters ``values``."""
         changes = dict[str, object]()
         for name, reference in self.targets.items():
             above = f"control.{name}."
@@ -193,7 +195,7 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
 
 
 def is_parameter(info: FieldInfo | None) -> bool:
-    """Whether a field holds parameters: a float, or a mapping from names to floats; None is a key without a field."""
+    """Whether a field has parameters: a float, or a mapping from names to floats; None stands for an extra key."""
     if info is None:
         return True
     if Fixed in info.metadata:
@@ -210,11 +212,11 @@ def _is_mapping(info: FieldInfo) -> bool:
 def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
     """Symbols of a law's parameters as nested namespaces; a level whose keys are numbers is a column.
 
-    The other fields have their values, which are structure.
+    The other fields, which are structure, have their values.
 
     Parameters
     ----------
-    symbols : SX - in the order of ``law.parameters``.
+    symbols : SX - symbols in the order of ``law.parameters``.
     """
 
     def nested(entries: Mapping[str, Any]) -> Any:
@@ -229,10 +231,10 @@ def parameter_names(law: Control, symbols: SX) -> SimpleNamespace:
         if isinstance(value, Reference) or (isinstance(value, Mapping) and is_parameter(fields.get(name)))
     }
     for k, key in enumerate(law.parameters):
-        level, parts = tree, key.split(".")
-        for part in parts[:-1]:
-            level = level.setdefault(part, {})
-        level[parts[-1]] = symbols[k]
+        level, (*above, last) = tree, key.split(".")
+        for name in above:
+            level = level.setdefault(name, {})
+        level[last] = symbols[k]
     known = {name: nested(v) if isinstance(v, Mapping) else v for name, v in tree.items()}
     return SimpleNamespace(**{name: value for name, value in law if name not in known}, **known)
 

@@ -1,9 +1,10 @@
-"""Controlled symmetries: the motors make gravity feel as on another slope.
+"""Controlled symmetries: the motors have the effect of gravity on another slope.
 
     E u = G(q; g) - G(q; g_v),        g_v = |g| (sin alpha, -cos alpha)        Spong and Bullo (2005), IEEE TAC 50(7)
 
-With one motor per coordinate of the shape, a walker whose foot sticks then moves as a passive one on the virtual slope
-alpha: period and multipliers are the same. The contact force differs by m (g_v - g), so that the foot slips elsewhere.
+With one motor per coordinate of the shape, a walker whose foot sticks then moves like a passive one on the virtual
+slope alpha: period and multipliers are the same. The contact force differs by m (g_v - g), so that the foot slips in
+other states.
 """
 
 from collections.abc import Iterator, Mapping

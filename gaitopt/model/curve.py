@@ -5,8 +5,8 @@ On the piece from x_0 to x_1, with s = (x - x_0) / (x_1 - x_0), the angle of eac
     sum_k c_k T_k(2 s - 1)                                 c_k are numbers: coefficients of a Chebyshev series
     sum_k c_k B_k(s),  B_k(s) = C(n, k) s^k (1 - s)^(n - k)        c_k are parameters: control points
 
-Parameters can be set, freed and continued. A curve of control points stays within their range, starts at the first and
-ends at the last one with the rate n (c_n - c_(n-1)) / (x_1 - x_0). A constant has a single one.
+Parameters can be set, freed and continued. A curve of control points stays within their range, starts at the first one,
+and ends at the last one with the rate n (c_n - c_(n-1)) / (x_1 - x_0). A constant has a single control point.
 
 Pieces of time meet at breakpoints, where the curve may have a kink or, with ``off``, the control ends. In a phase
 variable a breakpoint would be an event of the motion, so that curves over a phase have one piece.
@@ -27,7 +27,7 @@ from gaitopt.arrays import Array
 from gaitopt.model.instant import Instant
 
 BLOCK = 6
-"""Terms of a series that are summed directly: about the root of their number, which is 33 for a phase of walking."""
+"""Number of terms of a series that are summed directly: about the root of all, which are 33 for a phase of walking."""
 Number: TypeAlias = Any
 """A float, an array of floats, a CasADi symbol or a ball of a proof: only + - * / are needed."""
 Row: TypeAlias = tuple[Number, ...]
@@ -35,7 +35,7 @@ Row: TypeAlias = tuple[Number, ...]
 
 
 class BeyondEnd(StrEnum):
-    """Continuation of a curve of time after its end."""
+    """Continuation of a curve in time after its end."""
 
     FLOW = "flow"
     LINEAR = "linear"
@@ -49,9 +49,9 @@ class Piece:
 
     Attributes
     ----------
-    start, end : time since impact [s], or phase; ``end`` scales the polynomials and does not have to be reached.
-    rows : Chebyshev coefficients of each angle [rad, or m]; none if the coefficients are parameters.
-    active : False where the control is switched off.
+    start, end : time since impact [s], or phase; ``end`` scales the polynomials, and a motion may end earlier.
+    rows : Chebyshev coefficients of each angle [rad, or m]; empty if the coefficients are parameters.
+    active : whether the control acts.
     """
 
     start: Number
@@ -84,13 +84,14 @@ class Curve:
     Attributes
     ----------
     names : the joints, in the order of the rows of ``pieces``.
-    pieces : in order of time; one of a phase. They are defined up to ``horizon``, a time since impact [s].
+    pieces : pieces in order of time, or a single one over a phase.
+    horizon : time since impact up to which the pieces are defined [s].
     points : control points of each joint [rad, or m], if they are parameters: those of the first piece. They determine
-        a second piece, which continues the first one after its end as ``beyond_end`` says.
+        a second piece, which continues the first one after its end according to ``beyond_end``.
     bounds : bounds of the parameters that a design determines, by key.
     phase : the phase variable over which the curves run; empty if it is the time since the impact.
-    beyond_end : continuation after the end of curves of time; None if they have none.
-    fit_errors : largest distance of fitted curves from what they fit, by joint [rad, or m]; empty if nothing is fitted.
+    beyond_end : continuation after the end of curves in time; None if they have none.
+    fit_errors : largest distance of fitted curves from their data, by joint [rad, or m]; empty if nothing is fitted.
     """
 
     names: tuple[str, ...]
@@ -127,22 +128,23 @@ class Curve:
         return np.array(piece_data(self.pieces, segment), dtype=float)
 
     def weighted(self, now: Instant, p: SimpleNamespace, weights: tuple[Number, Number]) -> tuple[SX, SX]:
-        """Weighted sum of angle and rate of every joint, shape (n,), and a factor: 1 while they act, 0 when off.
+        """Weighted sum of angle and rate of every joint, shape (n,), and a factor: 0 if the control is off, else 1.
 
         Parameters
         ----------
         now : an instant of a law whose segment data are those of the curve.
         p : the curve's own parameters by name.
+        weights : weights of angle and rate.
         """
         x, rate = (getattr(now.s, self.phase), getattr(now.ds, self.phase)) if self.phase else (now.t, 1)
         return self.at(x, rate, now.r, p, weights)
 
     def at(self, x: SX, rate: Number, r: SX, p: SimpleNamespace, weights: tuple[Number, Number]) -> tuple[SX, SX]:
-        """As ``weighted``, at a time or phase ``x`` that changes at some rate.
+        """The results of ``weighted`` at a time or phase ``x`` that changes at the rate ``rate``.
 
         Parameters
         ----------
-        r : SX - segment data, as ``data`` gives them.
+        r : SX - segment data, see ``data``.
         """
         weights, piece = (weights[0], weights[1] * rate), Piece(start=r[0], end=r[1])
         acts = SX(1) if all(each.active for each in self.pieces) else r[2]
@@ -180,7 +182,7 @@ class Curve:
         return angles, slopes
 
     def _row(self, k: int, points: Sequence[Number]) -> Sequence[Number]:
-        """Control points of a piece: beyond the end the curve has those of a line, or of a constant."""
+        """Control points of a piece; after the end they are those of a line, or of a constant."""
         if k == 0 or self.beyond_end is BeyondEnd.OFF:
             return points
         if self.beyond_end is BeyondEnd.HOLD:
@@ -189,7 +191,7 @@ class Curve:
 
 
 def keys(name: str, row: Sequence[object]) -> tuple[str, ...]:
-    """Keys of the parameters of a joint: ``JOINT.K`` of control point K, ``constant.JOINT`` of a constant."""
+    """Keys of the parameters of a joint: ``JOINT.K`` for control point K, ``constant.JOINT`` for a constant."""
     return (f"constant.{name}",) if len(row) == 1 else tuple(f"{name}.{k}" for k in range(len(row)))
 
 
@@ -215,14 +217,14 @@ def bezier_curve(
 
 
 def bezier_pieces(span: tuple[Number, Number], beyond_end: BeyondEnd | None) -> tuple[Piece, ...]:
-    """The piece of curves of control points and, of curves of time, one of the same length after it."""
+    """The piece of curves of control points; curves in time have another one of the same length after it."""
     (start, end), active = span, beyond_end is not BeyondEnd.OFF
     first = Piece(start=start, end=end)
     return (first,) if beyond_end is None else (first, Piece(start=end, end=end + (end - start), active=active))
 
 
 def continued(names: tuple[str, ...], pieces: Sequence[Piece], end: float, beyond_end: BeyondEnd) -> Curve:
-    """The curves of some pieces up to the time ``end`` [s], continued: ``linear``, ``hold`` or ``off``."""
+    """The curves of some pieces up to the time ``end`` [s] with their continuation: ``linear``, ``hold`` or ``off``."""
     tail = continuation(pieces[-1], end, beyond_end)
     return Curve(names=names, pieces=(*pieces, tail), beyond_end=beyond_end)
 
@@ -230,7 +232,7 @@ def continued(names: tuple[str, ...], pieces: Sequence[Piece], end: float, beyon
 def continuation(last: Piece, end: Number, beyond_end: BeyondEnd) -> Piece:
     """The piece that continues a series after the time ``end`` [s]: ``linear``, ``hold`` or ``off``.
 
-    ``flow`` needs the equations of motion of the walker that moves so; see ``gaitopt.systems``.
+    The continuation ``flow`` needs the equations of motion of a walker; see ``gaitopt.systems``.
     """
     powers, rows = _chebyshev(2 * last.fraction(end) - 1), list[Row]()
     for row, slopes in zip(last.rows, last.slopes, strict=True):
@@ -241,10 +243,10 @@ def continuation(last: Piece, end: Number, beyond_end: BeyondEnd) -> Piece:
 
 
 def piece_data(pieces: Sequence[Piece], segment: int) -> list[Number]:
-    """The numbers of a piece that ``Curve.at`` reads, as many for all pieces of a curve.
+    """The numbers of a piece that ``Curve.at`` reads; all pieces of a curve have equally many.
 
-    These are its start, its end, 1 if it is active, and then either the rows of its angles and of their slopes or,
-    where coefficients are parameters, 1 for this piece and 0 for the others.
+    These are its start, its end, and 1 if it is active, otherwise 0. Then follow the rows of its angles and of their
+    slopes or, if coefficients are parameters, 1 for this piece and 0 for the others.
     """
     piece = pieces[segment]
     head, rows = [piece.start, piece.end, int(piece.active)], (*piece.rows, *piece.slopes)
@@ -255,9 +257,12 @@ def piece_data(pieces: Sequence[Piece], segment: int) -> list[Number]:
 
 
 def control_points(phases: Array, angles: Array, degree: int) -> tuple[Array, Array]:
-    """Control points (n, degree + 1) of the curves that fit ``angles`` (n, m) at ``phases`` (m,) from 0 to 1 best.
+    """Curves that fit ``angles`` (n, m) at ``phases`` (m,) from 0 to 1 best.
 
-    Also their largest errors at these phases, shape (n,).
+    Returns
+    -------
+    points : ndarray, shape (n, degree + 1) - control points.
+    errors : ndarray, shape (n,) - largest errors at these phases.
     """
     basis = bernstein_matrix(degree, phases)
     points = np.linalg.lstsq(basis, angles.T, rcond=None)[0]
@@ -265,7 +270,7 @@ def control_points(phases: Array, angles: Array, degree: int) -> tuple[Array, Ar
 
 
 def bernstein_matrix(degree: int, s: Array, order: int = 0) -> Array:
-    """Derivatives of B_0, ..., B_degree at ``s`` (N,), of this order; shape (N, degree + 1)."""
+    """Derivatives of the given order of B_0, ..., B_degree at ``s`` (N,); shape (N, degree + 1)."""
     if order == 0:
         return np.column_stack(_bernstein(degree, s))
     differences = degree * (np.eye(degree, degree + 1, 1) - np.eye(degree, degree + 1))
@@ -278,7 +283,7 @@ def _width(pieces: Sequence[Piece]) -> int:
 
 
 def _weighted_bezier(c: Sequence[Number], s: Number, length: Number, weights: tuple[Number, Number]) -> Number:
-    """Weighted sum of a curve of control points and of its derivative, at the fraction s of a piece of some length."""
+    """Weighted sum of a curve of control points and its derivative, at the fraction s of a piece of this length."""
     n = len(c) - 1
     angle = sum((a * b for a, b in zip(c, _bernstein(n, s), strict=True)), start=0 * s)
     slopes = (n * (b - a) / length for a, b in pairwise(c))
@@ -287,7 +292,7 @@ def _weighted_bezier(c: Sequence[Number], s: Number, length: Number, weights: tu
 
 
 def _bernstein(degree: int, s: Number) -> list[Number]:
-    """B_k(s) for all k; powers are products, because the power of a symbol has no derivative at 0."""
+    """B_k(s) for all k, with products instead of powers, because the power of a symbol has no derivative at 0."""
     rising, falling = [0 * s + 1], [0 * s + 1]
     for _ in range(degree):
         rising.append(rising[-1] * s)
@@ -307,8 +312,8 @@ def _sum(c: Sequence[Number], T: Sequence[Number]) -> Number:
     """Chebyshev series sum_k c_k T_k from T_0, ..., T_m: blocks of m terms, and Clenshaw's recurrence over T_jm.
 
     With T_jm+k = 2 T_jm T_k - T_jm-k the series is sum_j q_j T_jm, where q_j is a sum over T_0, ..., T_m-1 and T_jm is
-    T_j(T_m). This takes one product of variables per block instead of one per term, and such products dominate the cost
-    of a Taylor series of the motion.
+    T_j(T_m). This takes one product of variables per block instead of one per term. Such products dominate the cost of
+    a Taylor series of the motion.
     """
     m, c = len(T) - 1, list(c)
     for n in reversed(range(m + 1, len(c))):

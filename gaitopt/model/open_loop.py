@@ -1,10 +1,10 @@
-"""Open-loop torques: functions of the time since the impact alone, on N equal intervals of a duration T.
+"""Open-loop torques: functions of the time since the impact only, on N equal intervals of a duration T.
 
     constant    u(t) = c_k                                        on  k T / N <= t < (k + 1) T / N
     linear      u(t) = c_k + (c_(k+1) - c_k) (N t / T - k)
 
 In a problem without ``duration`` the values c_k are unknowns, and T is the period of the gait that is sought
-(``gaitopt.design.open_loop``). With it the law is fixed in time, and its last piece extends beyond T.
+(``gaitopt.design.open_loop``). With ``duration`` the law is fixed in time, and its last piece extends beyond T.
 """
 
 from collections.abc import Iterator, Mapping
@@ -76,7 +76,7 @@ class OpenLoop(Control):
     @model_validator(mode="before")
     @classmethod
     def _zeros(cls, data: Any) -> Any:
-        """Torques that are left out start from zero."""
+        """Fill in zeros as the first guess of torques that are left out."""
         if not (isinstance(data, Mapping) and isinstance(data.get("intervals"), int)):
             return data
         count = data["intervals"] + (data.get("order", Order.LINEAR) == Order.LINEAR)
@@ -95,7 +95,7 @@ class OpenLoop(Control):
 
     @property
     def parameters(self) -> dict[str, float]:
-        """The values as ``ACTUATOR.K``, and limits."""
+        """The values by the keys ``ACTUATOR.K``, and the limits."""
         rows = {f"{name}.{k}": value for name, row in self.values.items() for k, value in enumerate(row)}
         return rows | {f"limits.{name}": value for name, value in self.limits.items()}
 
@@ -147,10 +147,10 @@ class OpenLoop(Control):
                     yield (name, k), f"{value:g} is outside of the bounds [{lower:g}, {upper:g}] of {name}"
 
     def spans(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
-        """Range of the torque of every motor: ``bounds``, else the effort of its joint, else none."""
+        """Range of the torque of every motor: ``bounds``, or the effort of its joint if there is one, or no limit."""
         efforts = {name: effort for name, (_, effort) in joint_limits(walker).items() if effort is not None}
         largest = {name: efforts.get(name, np.inf) for name in walker.actuators}
-        return {name: (-most, most) for name, most in largest.items()} | {
+        return {name: (-limit, limit) for name, limit in largest.items()} | {
             name: (lower, upper) for name, (lower, upper) in self.bounds.items()
         }
 
@@ -168,7 +168,7 @@ class OpenLoop(Control):
         return {f"control.{name}": row for name, row in rows.items()}
 
     def fixed(self, values: Mapping[str, float], duration: float) -> "OpenLoop":
-        """The law with known values, by dotted key of a problem, fixed in time.
+        """The law with known values, given by dotted keys of a problem, and fixed in time.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class OpenLoop(Control):
         return self.model_validate({**self.model_dump(), **rows, "duration": duration})
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
-        """The piece of the interval."""
+        """The torques in the interval of the segment data."""
         s, selected = (now.t - now.r[0]) / now.r[1], now.r[2:]
 
         def torque(c: SX) -> SX:

@@ -1,13 +1,13 @@
-"""What a problem file says about the motion that joints follow: five kinds of references, by their first key.
+"""The motion that joints follow, as a problem file states it: five kinds of references, by their first key.
 
     constant, bezier    control points, which are numbers or unknowns of a design
     table               rows of angles, which are interpolated or fitted
     gait                the angles of another gait
     curve               control points that a design finds
 
-Each gives a ``Curve``, once the gait that it names is known, which ``gaitopt.systems`` solves for. Of every kind there
-are two classes. The curves of the first run over the phase variable of a control law, ``OverPhase``. Those of the
-second, a ``Motion``, have an argument of their own, the time since the impact or a phase variable, ``Followed``.
+Each determines a ``Curve``, once the gait that it names is known, which ``gaitopt.systems`` solves for. There are two
+classes for every kind. The curves of the first run over the phase variable of a control law, ``OverPhase``. Those of
+the second, a ``Motion``, have an argument of their own, the time since the impact or a phase variable, ``Followed``.
 """
 
 import re
@@ -40,12 +40,12 @@ from gaitopt.model.walker import WalkerType
 Path = tuple[str | int, ...]
 """Keys that lead to a value."""
 Fault = tuple[Path, str]
-"""What is wrong, with its keys below those of the reference."""
+"""Keys of a mistake below those of the reference, and a message."""
 
 
 OVERSHOOT, CURVE_POINTS = 10, 65
-"""Largest size of a control point, relative to that of the angle, which its curve reaches only in part; and number of
-points at which the size of a curve is taken."""
+"""Largest size of a control point relative to that of the angle, because a curve does not pass through its control
+points; and number of points at which the size of a curve is computed."""
 LARGEST_POINT = 1000
 PointValue = Annotated[
     float,
@@ -68,7 +68,7 @@ class FreePoint(BaseModel):
 
 
 def _read_point(value: Any, handler: ValidatorFunctionWrapHandler) -> "float | FreePoint":
-    """A control point, by whether it is a mapping."""
+    """A control point: an unknown if it is a mapping, otherwise a number."""
     if not isinstance(value, Mapping | FreePoint):
         return _ANGLE.validate_python(value)
     if isinstance(value, Mapping):
@@ -97,13 +97,13 @@ def _by_key(points: Points) -> dict[str, float | FreePoint]:
 
 
 def _free_bounds(points: Points) -> dict[str, tuple[float, float]]:
-    """Bounds of those that are unknowns, by key."""
+    """Bounds of those control points that are unknowns, by key."""
     free = ((key, point) for key, point in _by_key(points).items() if isinstance(point, FreePoint))
     return {key: (point.free[0], point.free[1]) for key, point in free}
 
 
 def _guessed(point: float | FreePoint, value: float | None) -> object:
-    """The data of a point, with a known value as the guess of an unknown, within its bounds."""
+    """The data of a control point; a known value becomes the guess of an unknown, within its bounds."""
     if not isinstance(point, FreePoint):
         return point
     guess = float(np.clip(point.guess if value is None else value, point.free[0], point.free[1]))
@@ -111,7 +111,7 @@ def _guessed(point: float | FreePoint, value: float | None) -> object:
 
 
 def _largest_angle(name: str, walker: WalkerType) -> float:
-    """Largest size of a shape coordinate, or of the difference of two, on which a motor acts; of others no limit."""
+    """Largest size of a shape coordinate, or of a motor's angle, which is the difference of two; inf for others."""
     if name in {*walker.shape} - {*walker.lengths}:
         return walker.largest_angle
     return 2 * walker.largest_angle if name in walker.actuators and not walker.lengths else inf
@@ -137,14 +137,15 @@ def point_faults(point: float | FreePoint) -> Iterator[tuple[Path, str]]:
 
 
 MOST_KNOTS = 60
-"""Rows of a table without a degree; each knot divides the motion."""
+"""Largest number of rows of a table without a degree, because each knot divides the motion."""
 MOST_ROWS = 100_000
-LEAST_STEP = 1e-6
-"""Least step of the first column, relative to its range."""
+"""Largest number of rows of a table."""
+SMALLEST_STEP = 1e-6
+"""Smallest step of the first column, relative to its range."""
 
 
 class Table(BaseModel):
-    """The name and the content of a table of angles: a text whose lines are rows of numbers, after one of names."""
+    """The name and the content of a table of angles: a line of names, followed by rows of numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -164,7 +165,7 @@ class Table(BaseModel):
 
     @property
     def decimals(self) -> Mapping[str, tuple[str, ...]]:
-        """The numbers as the file writes them, with ``deg`` where their column has this unit; raises as ``columns``."""
+        """The numbers as texts of the file, with ``deg`` if their column has this unit; for errors see ``columns``."""
         return _columns(self)[1]
 
 
@@ -204,7 +205,7 @@ def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]
                 raise ValueError(f"{table.file}:{k}: {names[column]} = {cell.strip()} {words}")
     numbers[:, [unit == "deg" for unit in units]] *= radians(1)
     steps = np.diff(numbers[:, 0]) * np.sign(numbers[-1, 0] - numbers[0, 0])
-    wrong = np.flatnonzero(~(steps > LEAST_STEP * abs(numbers[-1, 0] - numbers[0, 0])))
+    wrong = np.flatnonzero(~(steps > SMALLEST_STEP * abs(numbers[-1, 0] - numbers[0, 0])))
     if wrong.size:
         k = int(wrong[0])
         words = (
@@ -218,7 +219,7 @@ def _columns(table: Table) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]
 
 
 def _read_table(value: Any) -> Any:
-    """A table of its content, or from columns of numbers by name."""
+    """The data of a table: its content, or that of columns of numbers by name."""
     if not isinstance(value, Mapping) or {*value} == {"file", "text"}:
         return value
     columns = {str(name): np.asarray(column) for name, column in value.items()}
@@ -241,7 +242,7 @@ def _check_table(table: Table) -> Table:
 
 
 CLOCK = "clock"
-"""In place of a phase variable: the time since the impact."""
+"""Name of the time since the impact as the argument of curves, instead of a phase variable."""
 Name = Annotated[str, Field(min_length=1, max_length=1000)]
 """Name or path of another problem."""
 GivenPhase = Annotated[
@@ -297,7 +298,7 @@ Joints = Annotated[
 
 
 class Reference(BaseModel):
-    """The motion that joints follow, as a key of a control law: what the file says, and the curve that it gives.
+    """The motion that joints follow, as a key of a control law: its statement in the file, and its curve.
 
     The law collects the parameters, unknowns and faults of its references under the name of the key.
     """
@@ -316,19 +317,19 @@ class Reference(BaseModel):
         Raises
         ------
         ValueError
-            If it follows from a gait that is not known yet.
+            If it depends on a gait that is not known yet.
         """
         return self._curve(phase, span) if self._known is None else self._known
 
     def with_curve(self, curve: Curve) -> Self:
-        """The same with a curve that is known, such as that of the gait in ``source``."""
+        """The same reference with a known curve, such as that of the gait in ``source``."""
         known = self.model_copy()
         known._known = curve
         return known
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """Values of the scalars that can be set, freed or continued, by key; of unknowns their guesses."""
+        """Values of the scalars that can be set, freed or continued, by key; unknowns have their guesses."""
         if self._known is not None:
             return self._known.parameters
         return {key: _value(point) for key, point in _by_key(self.points).items()}
@@ -339,19 +340,19 @@ class Reference(BaseModel):
 
     @property
     def fit_errors(self) -> Mapping[str, float]:
-        """Largest distance of fitted curves from what they fit, by joint [rad, or m]; empty if nothing is fitted."""
+        """Largest distance of fitted curves from their data, by joint [rad, or m]; empty if nothing is fitted."""
         return {} if self._known is None else self._known.fit_errors
 
     @property
     def structure(self) -> object:
-        """A hashable value that is equal for references with equal expressions, whatever their parameters."""
+        """A hashable value that is equal for references with equal expressions and any parameters."""
         bounds = (tuple(getattr(point, "free", None) for point in row) for row in self.points.values())
         stated = self.model_dump_json(exclude={"bezier", "constant"})
         known = None if self._known is None else id(self._known)
         return type(self), tuple(zip(self.points, bounds, strict=True)), stated, known
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> Mapping[str, object]:
-        """Keys and values that make known values of the unknowns their guess, within their bounds; empty if none is."""
+        """Keys and values by which known values become the guesses, within their bounds; empty if none is known."""
         if not {*_free_bounds(self.points)} & {*values}:
             return {}
         known = {key: _guessed(point, values.get(key)) for key, point in _by_key(self.points).items()}
@@ -372,7 +373,7 @@ class Reference(BaseModel):
         phase: str | None = getattr(self, "phase", None)
         return "" if phase in (None, CLOCK) else str(phase)
 
-    # what the kinds define
+    # properties that the kinds of references override
 
     kind: ClassVar[str] = ""
 
@@ -383,7 +384,7 @@ class Reference(BaseModel):
 
     @property
     def points(self) -> Points:
-        """Control points that the file gives, by joint."""
+        """Control points that the file states, by joint."""
         return {}
 
     def free_points(self, walker: WalkerType) -> Points:
@@ -397,11 +398,11 @@ class Reference(BaseModel):
 
     @property
     def source(self) -> tuple[str, Path]:
-        """Name or path of the problem whose gait is needed, and the key that gives it; empty if there is none."""
+        """Name or path of the problem whose gait is needed, and the key that states it; empty if there is none."""
         return "", ()
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """What is wrong with the reference for a walker, by key."""
+        """Mistakes in the reference for a walker: keys with a message for each."""
         yield from ()
 
     def _curve(self, phase: str, span: tuple[float, float]) -> Curve:
@@ -418,7 +419,7 @@ def _argument_faults(
 
     Parameters
     ----------
-    joints : those that the reference states, below ``key``.
+    joints : the joints that the reference states, below ``key``.
     """
     phase, angles, span = reference.phase_variable, (*walker.shape, *walker.phases), getattr(reference, "span", None)
     has_source = isinstance(reference, GaitMotion | FreeMotion)
@@ -471,7 +472,7 @@ class ConstantCurves(Reference):
 
     @property
     def points(self) -> Points:
-        """One per joint."""
+        """One control point per joint."""
         return {name: (point,) for name, point in self.constant.items()}
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
@@ -527,7 +528,7 @@ class BezierCurves(Reference):
 
     @property
     def is_invariant(self) -> bool:
-        """As stated."""
+        """Whether the file states it."""
         return bool(self.invariant)
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
@@ -546,9 +547,9 @@ class BezierCurves(Reference):
                     limit = f"control points are at most {OVERSHOOT * largest:g} in size"
                     yield ("bezier", name, k), f"{beyond[0]:g} is impossible: {limit}, because {words}"
                     return
-            reached = _largest_value([_value(point) for point in points])
-            if reached > largest:
-                yield ("bezier", name), f"reaches {reached:g} rad, which is impossible: {words}"
+            size = _largest_value([_value(point) for point in points])
+            if size > largest:
+                yield ("bezier", name), f"reaches {size:g} rad, which is impossible: {words}"
         if self.invariant and len(_free_bounds(self.bezier)) < 2 * len(self.bezier):
             yield ("invariant",), UNKNOWNS_OF_INVARIANCE
 
@@ -569,7 +570,7 @@ class BezierMotion(BezierCurves):
     beyond_end: Continuation = None
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Faults of curves and phase, and a duration or a span that is missing, empty, or of the other kind."""
+        """Faults of curves and phase, and a duration or a span that is missing, empty, or does not apply."""
         yield from super().faults(walker)
         if self.invariant:
             yield ("invariant",), NOT_INVARIANT
@@ -744,7 +745,7 @@ class GaitCurves(Reference):
         return (self.gait, ("gait",)) if self._known is None else ("", ())
 
     def followed(self, walker: WalkerType) -> Mapping[str, str]:
-        """As ``joints`` says; by default each joint its own angle."""
+        """The angles that ``joints`` states; by default each joint follows its own angle."""
         return self.joints or super().followed(walker)
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
@@ -829,7 +830,7 @@ class FreeCurves(Reference):
 
     @property
     def is_invariant(self) -> bool:
-        """As ``curve.invariant`` says."""
+        """Whether ``curve.invariant`` states it."""
         return bool(self.curve.invariant)
 
     @property
@@ -838,11 +839,11 @@ class FreeCurves(Reference):
         return (self.curve.start or "", ("curve", "start")) if self._known is None else ("", ())
 
     def followed(self, walker: WalkerType) -> Mapping[str, str]:
-        """As ``joints`` says; by default each joint its own angle."""
+        """The angles that ``joints`` states; by default each joint follows its own angle."""
         return self.joints or super().followed(walker)
 
     def free_points(self, walker: WalkerType) -> Points:
-        """Unknowns within their bound, from zero."""
+        """Control points that are unknowns within their bound, with guesses of zero."""
         zeros = (0.0,) * (self.curve.degree + 1)
         return self._unknown(dict.fromkeys(self.followers(walker), zeros))
 
@@ -856,7 +857,7 @@ class FreeCurves(Reference):
         return {"curve.points": clipped}
 
     def faults(self, walker: WalkerType) -> Iterator[Fault]:
-        """Control points that are not degree + 1 for each joint, within the bound."""
+        """Joints without degree + 1 control points, and points outside of the bound."""
         for name, values in (self.curve.points or {}).items():
             if len(values) != self.curve.degree + 1:
                 number = f"a curve of degree {self.curve.degree} has {self.curve.degree + 1}"
@@ -878,7 +879,7 @@ class FreeCurves(Reference):
 
     @property
     def given(self) -> Reference:
-        """Bezier curves whose points are the unknowns, where no start is needed; otherwise the same."""
+        """Bezier curves whose points are the unknowns, if no start is needed; otherwise this reference."""
         return (
             BezierCurves.model_validate(
                 {"bezier": self._unknown(self.curve.points or {}), "invariant": self.curve.invariant}
@@ -889,7 +890,7 @@ class FreeCurves(Reference):
 
     @property
     def _is_given(self) -> bool:
-        """Whether points are given in place of a start, and are right."""
+        """Whether correct points are given instead of a start."""
         curve, points = self.curve, self.curve.points or {}
         right = (len(row) == curve.degree + 1 and max(map(abs, row)) <= curve.within for row in points.values())
         return curve.start is None and self.joints is None and bool(points) and all(right)
@@ -909,13 +910,16 @@ class FreeMotion(FreeCurves):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Over the clock all tracked joints follow a start, unless ``joints`` names some."""
+        """The angles that have a curve, as far as they are stated.
+
+        In time, all tracked joints follow a start unless ``joints`` names some.
+        """
         by_points = self.phase_variable or self.curve.start is None
         return super().names if by_points else tuple(self.joints or ())
 
     @property
     def given(self) -> Reference:
-        """Bezier curves whose points are unknown, if a duration or a span is given too; otherwise the same."""
+        """Bezier curves whose points are unknown, if a duration or a span is given too; otherwise this reference."""
         duration, over_phase = self.curve.duration, bool(self.phase_variable)
         if not self._is_given or (self.span if over_phase else duration) is None:
             return self
@@ -965,7 +969,7 @@ PHASE_FORMS: Mapping[str, tuple[type[Reference], str]] = {
 
 
 def _reader(forms: Mapping[str, tuple[type[Reference], str]]) -> WrapValidator:
-    """A validator that reads the reference that a file describes, by its keys; a curve itself is taken as it is."""
+    """A validator that reads a reference by its keys; a ``Curve`` becomes a reference with this curve."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler) -> Reference:
         if isinstance(value, Reference):
@@ -989,6 +993,6 @@ def _reader(forms: Mapping[str, tuple[type[Reference], str]]) -> WrapValidator:
 
 
 Followed = Annotated[GaitMotion | FreeMotion | ConstantMotion | BezierMotion | TableMotion, _reader(FORMS)]
-"""Type of the key ``reference``: what a file may say; a ``Curve`` is a reference too."""
+"""Type of the key ``reference``; besides the forms of a file it accepts a ``Curve``."""
 OverPhase = Annotated[BezierCurves | ConstantCurves | TableCurves | GaitCurves | FreeCurves, _reader(PHASE_FORMS)]
 """Type of the key ``reference`` of curves of a phase variable."""

@@ -1,12 +1,12 @@
 """Robots in URDF: a file as the class of a planar walker, with the links of the file.
 
-All joints that move turn about one horizontal direction n. The robot walks in the plane across it: forward is n x up,
-from the rotation about n that takes up to forward. The pose of the file, with all joints at zero, gives the plane's
-geometry; links that are fixed to each other are one body. The angle of a link counts from that pose, forward, and its
-name is a coordinate. A link of a leg that points up in the file's pose counts from where it hangs instead, as that of
-RABBIT, whose hip has the angle pi when it stands.
+All joints that move turn about one horizontal direction n. The robot walks in the plane perpendicular to n: forward is
+n x up, so that a rotation about n takes up to forward. The pose of the file, with all joints at zero, determines the
+plane's geometry; links that are fixed to each other are one body. The angle of a link is measured forward from that
+pose, and its name is a coordinate. If a link of a leg points up in the file's pose, its angle is measured from the
+direction down instead, as for RABBIT, whose hip has the angle pi when it stands.
 
-The text of a file is untrusted: it has no entities and no document type, and is bounded in size, depth and numbers.
+The text of a file is untrusted: entities and document types are refused, and size, depth and numbers are bounded.
 """
 
 import math
@@ -33,28 +33,28 @@ from gaitopt.model.units import Inertia, Positive, Slope, parse_number
 from gaitopt.model.walker import Walker
 
 MAX_BYTES = 1024 * 1024
-"""Larger than any robot without its meshes, which are files of their own."""
+"""Largest size of a file: more than any robot has without its meshes, which are files of their own."""
 MAX_DEPTH, MAX_ELEMENTS, MAX_MOVING = 20, 5000, 16
-"""Depth and number of elements, and number of links that move against each other: more takes minutes to compile."""
+"""Largest depth and number of elements, and largest number of moving links: more would take minutes to compile."""
 LARGEST = 1e4
 """Largest length [m], mass [kg], inertia [kg m^2] and angle [rad] of a robot that walks."""
 PARALLEL = 1e-4
-"""Angle between axes that count as parallel [rad]: files write 1.5708 for a right angle."""
+"""Largest angle between parallel axes [rad]: files write 1.5708 for a right angle."""
 SEMIDEFINITE = 1e-9
-"""Relative size of a negative principal moment of inertia that is rounding."""
+"""Largest relative size of a negative principal moment of inertia that is rounding."""
 SPREAD, BEND = 0.25, 0.3
 """Lean of a leg, and bend of its joints, in the posture near which the closure of the legs is solved [rad]."""
 STANCE_LEG = "stance_leg"
-"""Phase variable of a robot none of whose links and motors has this name, as the leg of a compass may."""
+"""Phase variable of a robot, unless one of its links or motors has this name."""
 GROUND = ("floating", "planar", "prismatic")
 """Joints by which a file may tie the robot to a massless root, the ground."""
 
 
 @dataclass(slots=True)
 class Element:
-    """An element of an XML text; attributes and children as in the file, and the line of its start.
+    """An element of an XML text with its attributes and children, and the line of its start.
 
-    ``owner`` is the link or joint that it belongs to, with its tag and name; empty outside of these.
+    ``owner`` is the tag and name of the link or joint to which it belongs; empty outside of these.
     """
 
     tag: str
@@ -70,9 +70,10 @@ class Element:
 
 @dataclass(slots=True, eq=False)
 class Body:
-    """Links that are fixed to each other, in the plane, in the pose of the file.
+    """Links that are fixed to each other, in the plane and in the pose of the file.
 
-    ``joint`` carries it; ``origin`` is there. ``moment`` is the mass times the position of the centre of mass.
+    ``joint`` connects the body to its parent, and ``origin`` is the position of this joint. ``moment`` is the mass
+    times the position of the centre of mass.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Body:
 
 
 class UrdfWalker(Walker):
-    """Base of the classes of robots from files; its parameters are those that a file does not have."""
+    """Base of the classes of robots from files; its parameters are those that a URDF file does not state."""
 
     gravity: Annotated[Positive, Field(description="acceleration of gravity [m/s^2]")] = 9.81
     slope: Annotated[Slope, Field(description="slope, downhill along x [rad]")] = 0.0
@@ -129,9 +130,9 @@ def parse_xml(text: str, file: str) -> Element:
     Raises
     ------
     ProblemError
-        If it is no such text, or exceeds a bound; with file and line.
+        If the text is not XML or exceeds a bound; the message has file and line.
     """
-    parser = expat.ParserCreate("utf-8")  # whatever the text declares: it was decoded already
+    parser = expat.ParserCreate("utf-8")  # the text was decoded already, whatever encoding it declares
     root = Element("", {}, 0)
     open_elements, count = [root], 0
 
@@ -201,10 +202,10 @@ class _Reader:
         self._joints = self._named("joint")
 
     def refuse(self, element: Element, message: str) -> NoReturn:
-        """Raise the error about an element, with the line and, of a link or a joint, its name."""
+        """Raise the error about an element, with its line and the name of its link or joint."""
         what = element.owner or f"<{element.tag}>"
-        part = "" if element.tag in ("link", "joint") or not element.owner else f"<{element.tag}> "
-        raise ProblemError(f"{self.file}:{element.line}: {what}: {part}{message}")
+        tag = "" if element.tag in ("link", "joint") or not element.owner else f"<{element.tag}> "
+        raise ProblemError(f"{self.file}:{element.line}: {what}: {tag}{message}")
 
     def _named(self, tag: str) -> dict[str, Element]:
         """Links or joints by name."""
@@ -318,7 +319,7 @@ class _Reader:
         return poses
 
     def _normal(self, poses: Mapping[str, tuple[Array, Array]]) -> Array:
-        """The common direction of all axes, so that forward is x, or y if the robot walks along y."""
+        """The common direction of all axes, with the sign for which forward is x, or y if the robot walks along y."""
         normal, first = np.zeros(3), ""
         for name, axis, joint in self._axes(poses):
             if not first:
@@ -407,11 +408,11 @@ class _Reader:
             for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         )
         tensor = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
-        least = float(np.linalg.eigvalsh(tensor)[0])
+        smallest = float(np.linalg.eigvalsh(tensor)[0])
         turn, shift = self._origin(element)
         axis = (pose[0] @ turn).T @ normal
         about = float(axis @ tensor @ axis)
-        if about < 0 or (least < -SEMIDEFINITE * np.abs(tensor).max(initial=0.0) and about <= 0):
+        if about < 0 or (smallest < -SEMIDEFINITE * np.abs(tensor).max(initial=0.0) and about <= 0):
             self.refuse(
                 link, f"has the moment of inertia {about:.4g} kg m^2 about the axes, which must not be negative"
             )
@@ -466,7 +467,7 @@ class _Reader:
         flips: Mapping[Body, float],
         radii: Mapping[Body, float],
     ) -> None:
-        """Refuse legs that differ: in the plane, from the foot up to the hip, each link from its upper joint."""
+        """Refuse legs that differ in the plane: links are compared from the foot up, each from its upper joint."""
         for one, other in zip(*legs, strict=True):
             stated = [
                 {
@@ -489,7 +490,7 @@ class _Reader:
     def _check_joints_alike(self, way: list[Link]) -> None:
         """Refuse legs whose joints differ: torques and limits would change when the feet swap roles.
 
-        A motor in one leg only is not refused: it always drives the leg that stands, or always the one that swings.
+        A motor in only one leg is not refused: it always drives the stance leg, or always the swing leg.
 
         Parameters
         ----------
@@ -508,7 +509,7 @@ class _Reader:
     def _link(self, body: Body, flips: Mapping[Body, float], end: Array | None, foot: bool, radius: float) -> Link:
         """A body as a link, whose frame is the pose of the file, or that pose upside down."""
         flip, joint, com = flips[body], body.joint, body.moment / body.mass
-        if end is None:  # of a torso or an arm only the masses are known
+        if end is None:  # the end of a torso or an arm is not known: it is drawn beyond its centre of mass
             end = 2 * com - body.origin
         stated: dict[str, Any] = {}
         if joint is not None and body.parent is not None:
@@ -550,7 +551,7 @@ class _Reader:
     def _foot(
         self, name: str, bodies: Mapping[str, Body], poses: Mapping[str, tuple[Array, Array]], normal: Array
     ) -> tuple[Body, Array, float]:
-        """The body of a foot, its point (the centre of a round one) in the plane, and its radius."""
+        """The body of a foot, the position of the foot (the centre of a round one) in the plane, and its radius."""
         if name not in bodies:
             import difflib
 
@@ -611,7 +612,7 @@ class _Reader:
 
 
 def _posture(leg: list[Body], links: Mapping[str, Link], lean: float) -> dict[str, float]:
-    """Angles of the links of a leg that leans, with joints bent as their ranges allow; forward if they allow both."""
+    """Angles of the links of a leg that leans, with joints bent within their ranges, forward if possible."""
     names = [body.name for body in leg[::-1]]
     angles = [0.0]
     for above, name in pairwise(names):
@@ -622,14 +623,14 @@ def _posture(leg: list[Body], links: Mapping[str, Link], lean: float) -> dict[st
 
 
 def _turn(above: Link, below: Link) -> tuple[Link, tuple[float, float]]:
-    """The link with the joint of two neighbours, and the range of the lower one's angle from the upper one's."""
+    """The link with the joint of two neighbours, and the range of the lower one's angle relative to the upper one."""
     link, side = (below, 1) if below.parent == above.name else (above, -1)
     lower, upper = sorted(side * link.sign * (end - link.zero) for end in link.range or (-np.inf, np.inf))
     return link, (lower, upper)
 
 
 def _carriers(body: Body) -> list[Body]:
-    """A body and those that carry it, up to the root."""
+    """A body and the bodies that carry it, up to the root."""
     chain = [body]
     while chain[-1].parent is not None:
         chain.append(chain[-1].parent)
@@ -637,7 +638,7 @@ def _carriers(body: Body) -> list[Body]:
 
 
 def _plane(normal: Array) -> Array:
-    """Rows forward and up."""
+    """The directions forward and up, as rows."""
     return np.array([np.cross(normal, [0.0, 0.0, 1.0]), [0.0, 0.0, 1.0]])
 
 

@@ -2,15 +2,15 @@
 
     y = h(q) - h_d(s),    s = (phi(q) - s0) / (s1 - s0)
 
-with the angles h of some joints or motors, a phase variable phi that is monotone along a step, and Bezier curves h_d;
-or constants, or polynomials that fit a table or a gait. Outside of the span from s0 to s1 the curves continue as
-polynomials. With a width w of ``clamp`` they are held there, because h_d then has the argument
+h are the angles of some joints or motors, and phi is a phase variable that is monotone along a step. h_d are Bezier
+curves, constants, or polynomials that fit a table or a gait. Outside of the span from s0 to s1 the curves continue as
+polynomials. With a width w of ``clamp`` they are constant there, because h_d then has the argument
 
     c(s) = (1 + sqrt(s^2 + w^2) - sqrt((s - 1)^2 + w^2)) / 2,
 
-which is smooth: at most about w / 2 from s inside of the span, at its ends, and from 0 or 1 outside. A clamp with kinks
-would make the torques jump where the phase passes an end, an event at a state that no mode sequence has. With
-shape accelerations ddq = drift + response u, for a foot that is held or in the actual mode, and J = dy/dq, the law is
+which is smooth. It differs by at most about w / 2 from s inside of the span, and from 0 or 1 outside. If a clamp had
+kinks, the torques would jump when the phase passes an end, which is not an event of any mode sequence. With the shape
+accelerations ddq = drift + response u, for a foot that is held or in the actual mode, and J = dy/dq, the law is
 
     linearising    u = (J response)^-1 (-J drift - dJ/dt dq - kp y - kd dy),    so that ddy + kd dy + kp y = 0
     pd             u = -kp y - kd dy
@@ -45,7 +45,7 @@ GAINS = {
 }
 LARGEST_GAIN = 1e9
 SMALLEST_CLAMP = 1e-3
-"""Least width of a clamp: a narrower one is stiff, the integration resolves it by tiny steps."""
+"""Smallest width of a clamp. A narrower one would be so stiff that the integration needs tiny steps."""
 Gain = Annotated[NonNegative, Field(le=LARGEST_GAIN)]
 Name = Annotated[str, Field(min_length=1, max_length=100)]
 
@@ -137,7 +137,7 @@ class VirtualConstraints(Control):
         return self.reference.is_invariant
 
     def unit(self, key: str) -> str:
-        """From the description; the units of the gains depend on ``law``."""
+        """Unit of a parameter by its key. The units of the gains depend on ``law``, the others are in descriptions."""
         units = ("1/s^2", "1/s") if self.law is Law.LINEARISING else ("N m/rad", "N m s/rad")
         return dict(zip(("gains.kp", "gains.kd"), units, strict=True)).get(key) or super().unit(key)
 
@@ -167,7 +167,7 @@ class VirtualConstraints(Control):
         return np.array([*clamp, *curve.data(segment)])
 
     def driven_by(self, walker: WalkerType) -> tuple[str, ...]:
-        """The motor for each output; empty if ``motors`` has to say it."""
+        """The motor for each output; empty if ``motors`` must state it."""
         if self.motors is not None:
             return self.motors
         tracked = dict(zip(walker.tracked, walker.actuators, strict=False))

@@ -52,7 +52,7 @@ class Bounder(Walker):
 
     @classmethod
     def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> Mechanism:
-        """Sections: ``apex``, where the centre of mass begins to fall; ``level``, where the nose falls past level."""
+        """The mechanism, with the sections ``apex`` (a fall begins) and ``level`` (the nose falls past level)."""
         hips, legs = cls._hips(q, p), cls._legs(q)
         angles, natural_speed = {"front": p.front_angle, "back": p.back_angle}, sqrt(p.gravity * p.leg_length)
         contacts = {}

@@ -15,8 +15,8 @@ from gaitopt.model.mechanism import Body, Contact, Damper, Mechanism, inclined, 
 from gaitopt.model.units import Damping, Positive, Slope, Stiffness, shorter
 from gaitopt.model.walker import Walker
 
-PAST = 0.1
-"""Angle of the stance leg beyond which the swing foot can land; before, it would scuff [rad]."""
+SMALLEST_LANDING_ANGLE = 0.1
+"""The swing foot can land only if the angle of the stance leg is larger [rad]; earlier it would scuff."""
 
 
 class FlatFoot(Walker):
@@ -49,7 +49,7 @@ class FlatFoot(Walker):
         ankle, hip, other = cls._joints(q, p)
         inertia, middle = p.foot_mass * (p.heel + p.toe) ** 2 / 12, (p.toe - p.heel) / 2
         bends = (q.foot1 - q.theta1, q.foot2 + q.theta2)
-        past = q.theta1 - PAST
+        past = q.theta1 - SMALLEST_LANDING_ANGLE
         return Mechanism(
             bodies=(
                 Body(mass=p.leg_mass, position=ankle + polar(p.leg_com, q.theta1)),

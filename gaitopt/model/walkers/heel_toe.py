@@ -15,8 +15,8 @@ from gaitopt.model.mechanism import Body, Contact, Mechanism, inclined, polar
 from gaitopt.model.units import Positive, Slope, shorter
 from gaitopt.model.walker import Walker
 
-PAST = 0.05
-"""Angle of the stance leg beyond which the swing foot can land; before, it would scuff [rad]."""
+SMALLEST_LANDING_ANGLE = 0.05
+"""The swing foot can land only if the angle of the stance leg is larger [rad]; earlier it would scuff."""
 
 
 class HeelToe(Walker):
@@ -45,7 +45,7 @@ class HeelToe(Walker):
         """Three point masses and two soles."""
         ankle, hip, other = cls._joints(q, p)
         (heel, toe), (swing_heel, swing_toe) = cls._sole(ankle, q.theta1, p), cls._sole(other, -q.theta2, p)
-        past = q.theta1 - PAST
+        past = q.theta1 - SMALLEST_LANDING_ANGLE
         return Mechanism(
             bodies=(
                 Body(mass=p.leg_mass, position=ankle + polar(p.leg_com, q.theta1)),

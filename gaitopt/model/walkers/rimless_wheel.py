@@ -60,5 +60,5 @@ class RimlessWheel(Walker):
 
     @classmethod
     def outline(cls, q: SimpleNamespace, p: SimpleNamespace) -> tuple[tuple[Any, ...], ...]:
-        """None: figures draw all spokes, whose number is no symbol."""
+        """No lines: figures draw all spokes, whose number is not a symbol."""
         return ()
