@@ -22,14 +22,17 @@ from gaitopt.model.curve import BeyondEnd, Curve, Piece, bezier_curve, continued
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.open_loop import OpenLoop
 from gaitopt.model.reference import FreeCurves, GaitCurves, GaitMotion, Reference
+from gaitopt.model.step_feedback import Resolved
 from gaitopt.model.system import HybridSystem
 from gaitopt.model.virtual_constraints import VirtualConstraints
 from gaitopt.problem.faults import raise_faults
 from gaitopt.problem.plausibility import torque_faults
 from gaitopt.problem.problem import Problem
 from gaitopt.requests import DEFAULT_LIMITS, Method, SearchLimits
+from gaitopt.solver.feedback_gains import designed_gains
 from gaitopt.solver.interval import integrate_to
 from gaitopt.solver.program import NonlinearProgram, feasibility
+from gaitopt.solver.return_map import return_map_derivatives
 from gaitopt.solver.rollout import guessed_motion
 from gaitopt.solver.solve import OTHER_METHODS, free_parameters, solve_gait
 
@@ -59,8 +62,9 @@ def build_system(problem: Problem, *, should_stop: Stop = None) -> HybridSystem:
     SolveError
         If the reference of a control law is not a gait.
     """
-    control, source = problem.control.structure, _source(problem)
-    tracked = () if source is None else (source.digest, type(source.walker))
+    control, source, nominal = problem.control.structure, _source(problem), problem.nominal
+    tracked: tuple[object, ...] = () if source is None else (source.digest, type(source.walker))
+    tracked += () if nominal is None else (nominal.digest,)
     key = (type(problem.walker), problem.impact_law, problem.friction_law, problem.cycle_end, *control, *tracked)
     return _shared_system(_Structure(key=key, problem=problem, should_stop=should_stop))
 
@@ -225,14 +229,57 @@ def _shared_system(structure: _Structure) -> HybridSystem:
 
 def _control(problem: Problem, should_stop: Stop) -> Control:
     """The control law of a problem; the gait that it tracks is solved first."""
-    source = _source(problem)
+    source, law = _source(problem), problem.control
     if source is None:
-        return problem.control
+        return _with_feedback(problem, law, should_stop)
     gait = solve_sequence(source, should_stop=should_stop)
     if not gait.converged:
         raise SolveError(f"{problem.name}: its reference {source.name} is {gait.status}: {gait.message}")
-    bound = {name: _bound(reference, gait, problem) for name, reference in problem.control.targets.items()}
-    return problem.control.model_copy(update=bound)
+    bound = {name: _bound(reference, gait, problem) for name, reference in law.targets.items()}
+    return _with_feedback(problem, law.model_copy(update=bound), should_stop)
+
+
+def _with_feedback(problem: Problem, law: Control, should_stop: Stop) -> Control:
+    """A law whose feedback from step to step has its numbers, which follow from the nominal gait.
+
+    Raises
+    ------
+    SolveError
+        If there is no nominal gait, or no gains as they are designed.
+    ProblemError
+        If a coordinate is not one of the section, or the nominal value of a parameter lies outside of its limits.
+    """
+    feedback, nominal = law.step_feedback, problem.nominal
+    if feedback is None or nominal is None:
+        return law
+    gait = solve_sequence(nominal, should_stop=should_stop)
+    if gait.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    if not gait.converged:
+        words = "the gait without the feedback, to which it leads back,"
+        raise SolveError(f"{problem.name}: control.step_feedback: {words} is {gait.status}: {gait.message}")
+    section, stated = gait.system.section(gait.cycle), feedback.stated
+    for key, name in stated:
+        if name not in section.names:
+            words = f"{name} is no coordinate of the section, which has {', '.join(section.names)}"
+            raise ProblemError(f"{problem.name}: control.step_feedback.gains.{key}: {words}")
+    if feedback.design is None:
+        keys = tuple(dict.fromkeys(key for key, _ in stated))
+        gains = np.array([[stated.get((key, name), 0.0) for name in section.names] for key in keys])
+    else:
+        every = (f"control.{key}" for key in law.parameters if not key.startswith("limits."))
+        keys = feedback.corrects or tuple(every)
+        units = gait.dynamics.state_units[section.indices]
+        gains = designed_gains(problem.name, return_map_derivatives(gait, keys), units, feedback.design)
+    for key, (low, high) in (feedback.limits or {}).items():
+        if key in keys and not low <= gait.dynamics.parameter(key) <= high:
+            words = f"[{low:g}, {high:g}] must contain the nominal value {gait.dynamics.parameter(key):g}"
+            raise ProblemError(f"{problem.name}: control.step_feedback.limits.{key}: {words}")
+    known = Resolved(
+        keys=keys, names=section.names, gains=gains.reshape(len(keys), len(section.names)),
+        state=gait.state[section.indices], every=len(gait.steps),
+    )  # fmt: skip
+    return law.model_copy(update={"step_feedback": feedback.resolved(known)})
 
 
 def _bound(reference: Reference, gait: Gait, problem: Problem) -> Reference:

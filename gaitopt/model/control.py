@@ -24,6 +24,7 @@ from gaitopt.arrays import Array
 from gaitopt.model.declaration import actuator_units
 from gaitopt.model.instant import Instant
 from gaitopt.model.reference import Path, Reference
+from gaitopt.model.step_feedback import StepFeedback
 from gaitopt.model.units import MOTOR_WORDS, Finite, Positive, Within, symmetric, words_and_unit
 from gaitopt.model.walker import PluginClass, WalkerType
 
@@ -116,6 +117,9 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
                 )
         for name, reference in self.targets.items():
             yield from (((name, *path), message) for path, message in reference.faults(walker))
+        if self.step_feedback is not None:
+            faults = self.step_feedback.faults(self.parameters)
+            yield from ((("step_feedback", *path), message) for path, message in faults)
 
     @classmethod
     def section(cls, walker: WalkerType) -> SectionType:
@@ -137,6 +141,11 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
             elif is_parameter(type(self).model_fields.get(name)):
                 values |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, Mapping) else {name: value}
         return values
+
+    @property
+    def feedback_parameters(self) -> dict[str, float]:
+        """Values of the gains of ``step_feedback`` and of its nominal state, by their key below ``control``."""
+        return {} if self.step_feedback is None else self.step_feedback.parameters
 
     def unit(self, key: str) -> str:
         """Unit of a parameter by its key below ``control``, for motors that act on angles; from its description."""
@@ -176,7 +185,8 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
     def unknowns(self, walker: WalkerType) -> dict[str, tuple[float, float]]:
         """Bounds of the parameters that a design determines rather than the problem file."""
         references = self.targets.items()
-        return {f"{name}.{key}": span for name, each in references for key, span in each.unknowns(walker).items()}
+        spans = {f"{name}.{key}": span for name, each in references for key, span in each.unknowns(walker).items()}
+        return spans | ({} if self.step_feedback is None else self.step_feedback.unknowns)
 
     def guesses(self, values: Mapping[str, float], walker: WalkerType) -> dict[str, object]:
         """Dotted keys and values of a problem whose guess of the law's unknowns are the known parameters ``values``."""
@@ -185,6 +195,10 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
             above = f"control.{name}."
             known = {key.removeprefix(above): value for key, value in values.items() if key.startswith(above)}
             changes |= {f"{above}{key}": value for key, value in reference.guesses(known, walker).items()}
+        if self.step_feedback is not None:
+            for key, span in self.step_feedback.unknowns.items():
+                if (full := f"control.{key}") in values:
+                    changes[full] = {"free": list(span), "guess": float(np.clip(values[full], *span))}
         return changes
 
     limits: Annotated[
@@ -192,6 +206,10 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         Field(description="largest torque or force L of each motor [N m, or N]; it applies L tanh(u / L) instead of u"),
         Within(unit="torque", possible=(0, 1000)),
     ] = {}
+    step_feedback: Annotated[
+        StepFeedback | None,
+        Field(description="feedback from step to step: parameters of the law are corrected once per cycle"),
+    ] = None
 
 
 def is_parameter(info: FieldInfo | None) -> bool:
@@ -255,6 +273,8 @@ def _torques(walker: WalkerType) -> SectionType:
         for name, unit in actuator_units(walker).items()
     }
     fields["limits"] = (limits.annotation, limits)
+    feedback = Control.model_fields["step_feedback"]
+    fields["step_feedback"] = (feedback.annotation, feedback)
     config = ConfigDict(frozen=True, extra="forbid")
     return create_model("Torques", __config__=config, __doc__=ConstantTorque.__doc__, **fields)
 
@@ -295,4 +315,4 @@ class ConstantTorque(Control):
 
     def torques(self, now: Instant) -> Mapping[str, SX]:
         """The parameters."""
-        return {name: value for name, value in vars(now.p).items() if name != "limits"}
+        return {name: value for name, value in vars(now.p).items() if name not in Control.model_fields}

@@ -58,7 +58,8 @@ class Expressions:
         coefficients = SX.sym("c", len(friction.parameters))
         self._scalars = SX.sym("k", len(control.parameters))
         self.t, self.z, self.r = SX.sym("t"), self.eom.z, SX.sym("r", control.data(0).size)
-        self.p = vertcat(self.eom.p, coefficients, self._scalars, self.eom.ground)
+        feedback = SX.sym("f", len(control.feedback_parameters))  # which acts between the steps, not in expressions
+        self.p = vertcat(self.eom.p, coefficients, self._scalars, self.eom.ground, feedback)
         self._motions: dict[Mode, Motion] = {}
         self._impacts: dict[tuple[Mode, tuple[str, ...], tuple[str, ...]], Impact] = {}
         self._pushes: dict[tuple[tuple[str, ...], Mode], tuple[Mapping[str, SX], SX, SX]] = {}

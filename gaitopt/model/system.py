@@ -31,6 +31,7 @@ from gaitopt.model.lagrangian import ground_names
 from gaitopt.model.links import state_tree
 from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
 from gaitopt.model.section import TOUCHDOWN, Section, section_of, stated_state
+from gaitopt.model.step_feedback import Correction
 from gaitopt.model.walker import Walker
 from gaitopt.threads import cached_property
 
@@ -105,6 +106,7 @@ class HybridSystem:
             *friction.parameters,
             *(f"control.{name}" for name in control.parameters),
             *(f"{FLOOR}.{name}" for name in ground_names(walker) if uneven),
+            *(f"control.{name}" for name in control.feedback_parameters),
         )
         self.state_names = walker.state_names()
         self.n_z = len(self.state_names)
@@ -452,7 +454,8 @@ class HybridSystem:
 
     def values(self, parameters: Mapping[str, float]) -> Array:
         """The vector ``p``, shape (n_p,), from values by dotted key; the control law's own values are the default."""
-        values = {**{f"control.{name}": value for name, value in self.control.parameters.items()}, **parameters}
+        of_law = self.control.parameters | self.control.feedback_parameters
+        values = {**{f"control.{name}": value for name, value in of_law.items()}, **parameters}
         return np.array([float(values[name]) for name in self.parameters])
 
     @cached_property
@@ -481,6 +484,12 @@ class HybridSystem:
         if len(of_walker) == 1 and isinstance(p, np.ndarray) and np.array_equal(p, other):
             return (p,)
         return p, other
+
+    @cached_property
+    def correction(self) -> Correction | None:
+        """The feedback from step to step; None if the law has none."""
+        feedback = self.control.step_feedback
+        return None if feedback is None else Correction(feedback, self.parameters, self.state_names)
 
     def data(self, segment: int) -> Array:
         """Segment data of the control, shape (n_r,); read-only by convention."""

@@ -58,6 +58,8 @@ FOLLOWED_FROM = "followed_from"
 """Key of a resolved problem: the file's values of the parameters that were changed."""
 GUESSED = "gait.guess.state."
 """What precedes the name of a coordinate of the guess in a dotted key."""
+OF_FEEDBACK = "control.step_feedback"
+"""What precedes the keys of feedback from step to step."""
 _NONE = Known(walkers={}, controls={})
 _PASSED = ContextVar("passed", default=_NONE)
 """Classes with which records are restored besides the registered ones, see ``passing``."""
@@ -128,6 +130,19 @@ class Problem(ProblemStatement):
         continuous = [key for key in changed if type(before.get(key)) is type(after.get(key)) is float]
         return self.file if changed and len(continuous) == len(changed) else None
 
+    @property
+    def nominal(self) -> "Problem | None":
+        """The problem whose gait feedback from step to step leads back to; None without such feedback.
+
+        It has no feedback, and the values and the mode sequence at which the feedback was stated.
+        """
+        feedback = self.control.step_feedback
+        if feedback is None or not self.has_gait:
+            return None
+        law = self.control.model_copy(update={"step_feedback": None})
+        plain = replace(self, control=law, free={}, objective={}, constraints={}, origin=None, file=None)
+        return plain.replace(feedback.at) if feedback.at else plain
+
     def from_guess(self) -> "Problem":
         """The same problem, to be solved from its guess: ``solve`` then does not follow the gait of the file."""
         return replace(self, file=None)
@@ -154,6 +169,7 @@ class Problem(ProblemStatement):
             raise ProblemError(f"replace takes one mapping of values by dotted key: replace({{{example}}})")
         faults: list[Fault] = []
         data = problem_data(self)
+        overrides = {**overrides, **self._nominal_values(data, overrides)}
         place = override(data, overrides, faults, label)
         raise_faults(faults, place)
         known = {} if self.reference is None else {self.control.source[0]: self.reference}
@@ -164,6 +180,20 @@ class Problem(ProblemStatement):
             getattr(changed, entry.name) == getattr(file, entry.name) for entry in fields(ProblemStatement)
         )
         return replace(changed, place=ChangedPlace.of(self.place, place), file=None if same else file)
+
+    def _nominal_values(self, data: Mapping[str, Any], overrides: Mapping[str, object]) -> dict[str, object]:
+        """The override that keeps the values which others change for the nominal gait of feedback from step to step."""
+        feedback = self.control.step_feedback
+        if feedback is None or "control" in overrides or any(key.startswith(OF_FEEDBACK) for key in overrides):
+            return {}
+        kept = dict(feedback.at or {})
+        for key in overrides:
+            of_gait = key == "gait" or key.startswith("gait.")
+            if of_gait and "gait" in data:
+                kept.setdefault("gait", deepcopy(data["gait"]))
+            elif key in self.parameters:
+                kept.setdefault(key, self.parameters[key])
+        return {f"{OF_FEEDBACK}.at": kept} if kept else {}
 
     def with_guess(
         self, gait: "Recorded | Mapping[str, Any]", parameters: Mapping[str, float] | None = None

@@ -220,7 +220,8 @@ class ProblemStatement(Tabulated):
     def parameters(self) -> dict[str, float]:
         """Every scalar parameter by dotted key, in a fixed order: walker, friction, control."""
         walker = {f"walker.{key}": value for key, value in self.walker if type(value) in (int, float)}
-        control = {f"control.{key}": value for key, value in self.control.parameters.items()}
+        of_law = self.control.parameters | self.control.feedback_parameters
+        control = {f"control.{key}": value for key, value in of_law.items()}
         return {**walker, **_flat("friction", self.friction_data), **control}
 
     @property

@@ -1,0 +1,301 @@
+"""Feedback from step to step: parameters of a control law that are corrected once per cycle.
+
+    u_n = u* + K (xi_n - xi*),      lower <= u_n <= upper
+
+xi_n are the section coordinates just after the impact with which cycle n begins, xi* those of the nominal gait, and u*
+the parameters of the law. K is given, or a design from the linearised return map of the nominal gait,
+
+    xi_(n+1) - xi* = A (xi_n - xi*) + B (u_n - u*),      so that the multipliers are the eigenvalues of A + B K
+
+The nominal gait is that of the problem without the feedback, at the problem's own values: K and xi* keep their values
+where a parameter is continued or changed.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Self
+
+import numpy as np
+from casadi import MX, SX, fmax, fmin
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr, WithJsonSchema, model_validator
+
+from gaitopt.arrays import Array
+
+LARGEST_GAIN = 1e9
+Gain = Annotated[float, Field(ge=-LARGEST_GAIN, le=LARGEST_GAIN, allow_inf_nan=False)]
+Weight = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Numbers = Mapping[tuple[str, str], float]
+"""Gains by key of the parameter and name of the section coordinate."""
+PREFIX = "step_feedback."
+"""What precedes the keys of its parameters below ``control``."""
+
+
+class Lqr(BaseModel):
+    """The gains that minimise the sum of xi' Q xi + u' R u over all steps; Q and R are diagonal."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    Q: Annotated[dict[str, Weight], Field(description="weights of the section coordinates by name, 1 by default")] = {}
+    R: Annotated[dict[str, Weight], Field(description="weights of the parameters by dotted key, 1 by default")] = {}
+
+
+class Deadbeat(BaseModel):
+    """Gains with which a deviation vanishes after as many steps as there are section coordinates, or fewer."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class MinimumRadius(BaseModel):
+    """Gains within a bound that make the spectral radius small: the best of some local searches."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    max_gain: Annotated[float, Field(gt=0, le=LARGEST_GAIN, description="largest size of an entry of K")] = 100.0
+
+
+class FeedbackDesign(BaseModel):
+    """How the gains are designed: one of three methods."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    lqr: Annotated[Lqr | None, Field(description="discrete linear-quadratic regulator")] = None
+    deadbeat: Annotated[Deadbeat | None, Field(description="(A + B K)^n = 0 with n section coordinates")] = None
+    minimum_radius: Annotated[MinimumRadius | None, Field(description="least spectral radius with bounded gains")] = (
+        None
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, data: Any) -> Any:
+        """A method without keys may be given by its name."""
+        return {data: {}} if isinstance(data, str) else data
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if sum(value is not None for _, value in self) != 1:
+            raise ValueError("give one of lqr, deadbeat, minimum_radius")
+        return self
+
+
+def _nested(value: Any) -> Any:
+    """Gains as nested mappings without dots in their keys, so that a dotted key names an entry."""
+    if not isinstance(value, Mapping):
+        return value
+    nested: dict[str, Any] = {}
+    for key, below in value.items():
+        level, (*above, last) = nested, str(key).split(".")
+        for part in above:
+            level = level.setdefault(part, {})
+        entry = below if _is_free(below) else _nested(below)
+        level[last] = (
+            {**level[last], **entry} if isinstance(level.get(last), dict) and isinstance(entry, dict) else entry
+        )
+    return nested
+
+
+def _is_free(value: Any) -> bool:
+    return isinstance(value, Mapping) and "free" in value
+
+
+def _entries(nested: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, str], Any]]:
+    """Key of the parameter, name of the coordinate and what is given, for every entry of nested gains."""
+    for key, value in nested.items():
+        if isinstance(value, Mapping) and not _is_free(value):
+            yield from _entries(value, (*path, key))
+        else:
+            yield (".".join(path), key), value
+
+
+def _checked(nested: Any) -> Any:
+    """Check that every entry is a finite number, or an unknown with bounds and a guess."""
+    if not isinstance(nested, Mapping):
+        raise ValueError("give the gains of each parameter by coordinate: {control.hip: {theta1: 0.1}}")
+    for (key, name), value in _entries(nested):
+        words = f"{key}.{name}" if key else name
+        if not key:
+            raise ValueError(f"{words}: give the gains of a parameter by coordinate: {{control.hip: {{theta1: 0.1}}}}")
+        numbers = (*value.get("free", ()), value.get("guess")) if _is_free(value) else (value,)
+        right = all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) <= LARGEST_GAIN for n in numbers)
+        if _is_free(value) and right:
+            right = {*value} == {"free", "guess"} and len(numbers) == 3 and numbers[0] <= numbers[2] <= numbers[1]
+            right = right and numbers[0] < numbers[1]
+        if not right:
+            raise ValueError(f"{words} is {value}, but must be a number or {{free: [lo, hi], guess: value}} within")
+    return nested
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resolved:
+    """The numbers of the feedback.
+
+    Attributes
+    ----------
+    keys, names : dotted keys of the m parameters, and names of the n section coordinates.
+    gains : ndarray, shape (m, n) - K.
+    state : ndarray, shape (n,) - xi*.
+    every : number of steps of a cycle.
+    """
+
+    keys: tuple[str, ...]
+    names: tuple[str, ...]
+    gains: Array
+    state: Array
+    every: int
+
+
+class StepFeedback(BaseModel):
+    """Parameters of the law are corrected once per cycle, in proportion to the deviation just after the impact."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    gains: Annotated[
+        dict[str, Any] | None,
+        BeforeValidator(lambda value: None if value is None else _checked(_nested(value))),
+        WithJsonSchema({"type": "object"}),
+        Field(
+            description="entries of K: {control.hip: {theta1: 0.1}}; what is left out is zero, and an entry may be an "
+            "unknown of a design, {free: [-1, 1], guess: 0}"
+        ),
+    ] = None
+    design: Annotated[
+        FeedbackDesign | None, Field(description="how K is designed: lqr, deadbeat or minimum_radius")
+    ] = None
+    corrects: Annotated[
+        tuple[str, ...] | None,
+        Field(description="dotted keys of the parameters that a design corrects; by default all of the law"),
+    ] = None
+    limits: Annotated[
+        dict[str, tuple[float, float]] | None,
+        Field(description="lower and upper bound of the corrected parameters by dotted key"),
+    ] = None
+    at: Annotated[
+        dict[str, Any] | None,
+        Field(description="values by dotted key at which the nominal gait is taken; those of the problem by default"),
+    ] = None
+    _known: Resolved | None = PrivateAttr(default=None)
+
+    @property
+    def known(self) -> Resolved:
+        """Its numbers.
+
+        Raises
+        ------
+        ValueError
+            If the nominal gait is not known yet.
+        """
+        if self._known is None:
+            raise ValueError("the gains and the state of step_feedback follow from the nominal gait")
+        return self._known
+
+    def resolved(self, known: Resolved) -> Self:
+        """The same with its numbers."""
+        made = self.model_copy()
+        made._known = known
+        return made
+
+    @property
+    def stated(self) -> Numbers:
+        """The gains that the file gives; of unknowns their guesses."""
+        return {at: float(v["guess"] if _is_free(v) else v) for at, v in _entries(self.gains or {})}
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of the gains and of xi* by their key below ``control``; until they are known those that are stated."""
+        if self._known is None:
+            return {_gain_key(*at): value for at, value in self.stated.items()}
+        known = self._known
+        gains = zip(((key, name) for key in known.keys for name in known.names), known.gains.ravel(), strict=True)
+        rows = {_gain_key(*at): float(value) for at, value in gains}
+        return rows | {f"{PREFIX}state.{n}": float(v) for n, v in zip(known.names, known.state, strict=True)}
+
+    @property
+    def unknowns(self) -> dict[str, tuple[float, float]]:
+        """Bounds of the gains that a design finds, by key below ``control``."""
+        free = ((at, value["free"]) for at, value in _entries(self.gains or {}) if _is_free(value))
+        return {_gain_key(*at): (float(low), float(high)) for at, (low, high) in free}
+
+    def faults(self, parameters: Mapping[str, float]) -> Iterator[tuple[tuple[str, ...], str]]:
+        """What is wrong with it for a law with these parameters, by their key below ``control``."""
+        if (self.gains is None) == (self.design is None):
+            yield (), "give either gains: {control.hip: {theta1: 0.1}} or a design: lqr, deadbeat or minimum_radius"
+        if self.corrects is not None and self.design is None:
+            yield ("corrects",), "names the parameters of a design; with gains leave it out"
+        used: dict[str, tuple[str, ...]] = {key: ("gains",) for key, _ in self.stated}
+        used |= dict.fromkeys(self.corrects or (), ("corrects",)) | dict.fromkeys(self.limits or {}, ("limits",))
+        if self.design is not None and self.design.lqr is not None:
+            used |= dict.fromkeys(self.design.lqr.R, ("design", "lqr", "R"))
+        for key, path in used.items():
+            if not key.startswith("control.") or key.removeprefix("control.") not in parameters:
+                known = ", ".join(f"control.{name}" for name in parameters) or "none"
+                yield path, f"{key} is no parameter of the law; it has {known}"
+        for key, (low, high) in (self.limits or {}).items():
+            if not low < high:
+                yield ("limits", key), f"[{low:g}, {high:g}] is empty: the lower limit comes first"
+
+
+def _gain_key(key: str, name: str) -> str:
+    return f"{PREFIX}gains.{key}.{name}"
+
+
+class Correction:
+    """u = u* + K (xi - xi*) within limits, for the parameter vector of a system.
+
+    Parameters
+    ----------
+    feedback : with its numbers.
+    parameters : names of the entries of p.
+    states : names of the entries of z.
+
+    Attributes
+    ----------
+    keys : dotted keys of the corrected parameters.
+    every : number of steps of a cycle.
+    """
+
+    def __init__(self, feedback: StepFeedback, parameters: tuple[str, ...], states: tuple[str, ...]) -> None:
+        known, place = feedback.known, {name: k for k, name in enumerate(parameters)}
+        self.keys, self.every = known.keys, known.every
+        self._size = len(parameters)
+        self.of_u = [place[key] for key in known.keys]
+        self.of_K = np.array([[place[f"control.{_gain_key(key, name)}"] for name in known.names] for key in known.keys])
+        self.of_K = self.of_K.reshape(len(known.keys), len(known.names))
+        self._of_xi = [place[f"control.{PREFIX}state.{name}"] for name in known.names]
+        self.indices = [states.index(name) for name in known.names]
+        limits = feedback.limits or {}
+        self._lower = np.array([limits.get(key, (-np.inf, np.inf))[0] for key in known.keys])
+        self._upper = np.array([limits.get(key, (-np.inf, np.inf))[1] for key in known.keys])
+
+    def __call__(self, p: Array, z: Array) -> Array:
+        """The parameters during the cycle that begins with the state z, numbers: p (..., n_p) and z (..., n_z)."""
+        deviation = z[..., self.indices] - p[..., self._of_xi]
+        change = np.einsum("...ij,...j->...i", p[..., self.of_K], deviation)
+        full = p.copy()
+        full[..., self.of_u] = np.clip(p[..., self.of_u] + change, self._lower, self._upper)
+        return full
+
+    def symbolic(self, p: Any, z: Any) -> Any:
+        """The same for CasADi columns."""
+        full = (MX if isinstance(p, MX) else SX)(p)
+        deviation = z[self.indices] - p[self._of_xi]
+        for k, (entry, row) in enumerate(zip(self.of_u, self.of_K.tolist(), strict=True)):
+            u = p[entry]
+            for j, place in enumerate(row):
+                u = u + p[place] * deviation[j]
+            u = u if self._lower[k] == -np.inf else fmax(u, self._lower[k])
+            full[entry] = u if self._upper[k] == np.inf else fmin(u, self._upper[k])
+        return full
+
+    def slopes(self, p: Array, z: Array) -> tuple[Array, Array]:
+        """Derivatives of the corrected parameters by the state, (m, n_z), and by p, (m, n_p); zero at a limit."""
+        deviation = z[self.indices] - p[self._of_xi]
+        K = p[self.of_K]
+        u = p[self.of_u] + K @ deviation
+        free = (u > self._lower) & (u < self._upper)
+        by_state, by_p = np.zeros((len(self.of_u), z.size)), np.zeros((len(self.of_u), self._size))
+        by_state[:, self.indices] = K
+        rows = np.arange(len(self.of_u))
+        by_p[rows, self.of_u] = 1.0
+        by_p[:, self._of_xi] = -K
+        by_p[rows[:, None], self.of_K] = deviation
+        by_state[~free], by_p[~free] = 0.0, 0.0
+        return by_state, by_p

@@ -1,0 +1,152 @@
+"""Gains of feedback from step to step for a linearised return map, x+ = A x + B u with u = K x.
+
+    lqr               K = -(R + B' P B)^-1 B' P A     with the solution P of the discrete Riccati equation
+    deadbeat          (A + B K)^n = 0                 by the subspaces from which zero is reached in k steps
+    minimum_radius    min max |eig(A + B K)|          subject to |K_ij| <= max_gain; by seeded local searches
+
+For deadbeat control let S_0 = {0} and S_(k+1) the states from which some input leads into S_k. If these subspaces end
+short of all states, a multiplier that is not zero cannot be moved. Otherwise A + B K maps every S_(k+1) into S_k.
+"""
+
+from contextlib import suppress
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.errors import SolveError
+from gaitopt.model.step_feedback import FeedbackDesign, Lqr, MinimumRadius
+from gaitopt.solver.return_map import ReturnMapDerivatives
+
+NEGLIGIBLE = 1e-9
+"""Singular value, relative to the largest one, below which a direction does not belong to a subspace."""
+NILPOTENT = 1e-6
+"""Largest entry of (A + B K)^n, relative to that of A, that rounding leaves."""
+STARTS, SEED = 24, 1
+"""Number of starts of the search for the least radius, and its random seed."""
+
+
+def designed_gains(name: str, map_: ReturnMapDerivatives, units: Array, design: FeedbackDesign) -> Array:
+    """The gains K of a design, shape (m, n), in SI.
+
+    Parameters
+    ----------
+    name : of the problem, for messages.
+    units : ndarray, shape (n,) - natural units of the section coordinates.
+
+    Raises
+    ------
+    SolveError
+        If the parameters do not stabilise the gait, or there is no deadbeat control.
+    """
+    if design.lqr is not None:
+        return lqr_gains(name, map_, design.lqr)
+    scale = np.diag(units)
+    A, B = np.asarray(np.linalg.solve(scale, map_.A @ scale), dtype=float), map_.B / units[:, None]
+    if design.minimum_radius is not None:
+        return least_radius_gains(map_.A, map_.B, units, design.minimum_radius)
+    return deadbeat_gains(name, A, B) / units
+
+
+def lqr_gains(name: str, map_: ReturnMapDerivatives, weights: Lqr) -> Array:
+    """The gains of the linear-quadratic regulator."""
+    unknown = [key for key in weights.Q if key not in map_.names] + [key for key in weights.R if key not in map_.keys]
+    if unknown:
+        known = f"{', '.join(map_.names)} and {', '.join(map_.keys)}"
+        raise SolveError(f"{name}: step_feedback.design.lqr: no weight of {unknown[0]}; there are those of {known}")
+    Q = np.diag([weights.Q.get(key, 1.0) for key in map_.names])
+    R = np.diag([weights.R.get(key, 1.0) for key in map_.keys])
+    A, B = map_.A, map_.B
+    try:
+        return _regulator(A, B, Q, R)
+    except np.linalg.LinAlgError:
+        fixed = _fixed_multiplier(A, B)
+        words = f"the multiplier {fixed:.4g} cannot be moved by {', '.join(map_.keys)}"
+        raise SolveError(f"{name}: step_feedback.design.lqr finds no stabilising gains: {words}") from None
+
+
+def _regulator(A: Array, B: Array, Q: Array, R: Array) -> Array:
+    from scipy.linalg import solve_discrete_are  # takes a fifth of a second to import
+
+    P = solve_discrete_are(A, B, Q, R)
+    return np.asarray(-np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A), dtype=float)
+
+
+def deadbeat_gains(name: str, A: Array, B: Array) -> Array:
+    """The gains with which every deviation vanishes, of coordinates in natural units."""
+    n, m = B.shape
+    reached, X, U = np.zeros((n, 0)), np.zeros((n, 0)), np.zeros((m, 0))
+    while reached.shape[1] < n:
+        target = _orthonormal(np.hstack([reached, B]))
+        outside = A - target @ (target.T @ A)
+        following = _null_space(outside, float(np.linalg.norm(A, 2)))
+        new = following - reached @ (reached.T @ following)
+        new = _orthonormal(new)
+        if not new.shape[1]:
+            raise SolveError(
+                f"{name}: step_feedback.design.deadbeat: the multiplier {_fixed_multiplier(A, B):.4g} cannot be moved "
+                "by these parameters; name others with corrects"
+            )
+        # inputs that lead from the new states into the subspace reached before
+        off = np.eye(n) - reached @ reached.T
+        inputs = -np.linalg.lstsq(off @ B, off @ A @ new, rcond=NEGLIGIBLE)[0]
+        X, U, reached = np.hstack([X, new]), np.hstack([U, inputs]), np.hstack([reached, new])
+    K = np.asarray(U @ np.linalg.inv(X), dtype=float)
+    left = np.abs(np.linalg.matrix_power(A + B @ K, n)).max()
+    if not left <= NILPOTENT * max(1.0, np.abs(A).max()):
+        raise SolveError(f"{name}: step_feedback.design.deadbeat: (A + B K)^{n} is {left:.2g} instead of zero")
+    return K
+
+
+def least_radius_gains(A: Array, B: Array, units: Array, design: MinimumRadius) -> Array:
+    """Gains with a small spectral radius, |K_ij| <= max_gain: the best of seeded local searches."""
+    from scipy.optimize import minimize
+
+    (n, m), most, random = B.shape, design.max_gain, np.random.default_rng(SEED)
+
+    def radius(entries: Array) -> float:
+        return float(np.abs(np.linalg.eigvals(A + B @ entries.reshape(m, n))).max())
+
+    def clipped(K: Array) -> Array:
+        return np.clip(K, -most, most).ravel()
+
+    starts = [np.zeros(m * n)]
+    for weight in 10.0 ** np.arange(-6.0, 3.0, 2.0):
+        with suppress(np.linalg.LinAlgError):
+            starts.append(clipped(_regulator(A, B, np.eye(n), weight * np.eye(m))))
+    with suppress(SolveError):
+        starts.append(clipped(deadbeat_gains("", np.diag(1 / units) @ A @ np.diag(units), B / units[:, None]) / units))
+    while len(starts) < STARTS:
+        best = min(starts, key=radius)
+        starts.append(clipped(best * random.uniform(0.3, 2.0, m * n) + random.normal(0, 0.05, m * n)))
+    bounds = [(-most, most)] * (m * n)
+    found = []
+    for start in sorted(starts, key=radius)[: STARTS // 4]:
+        end = start
+        for _ in range(3):  # a simplex that has shrunk at a kink starts anew
+            end = minimize(radius, end, method="Nelder-Mead", bounds=bounds, options={"maxfev": 400 * m * n}).x
+        found.append(end)
+    return np.asarray(min(found, key=radius).reshape(m, n), dtype=float)
+
+
+def _fixed_multiplier(A: Array, B: Array) -> complex | float:
+    """The largest multiplier that no input moves: where (A - lambda, B) loses rank."""
+    n, size = len(A), np.linalg.norm(np.hstack([A, B]), 2)
+    values = np.linalg.eigvals(A)
+    lost = [np.linalg.svd(np.hstack([A - v * np.eye(n), B]), compute_uv=False)[-1] for v in values]
+    fixed = values[[each < 1e-6 * size for each in lost]]
+    chosen = max(fixed if fixed.size else values[[int(np.argmin(lost))]], key=abs)
+    return float(chosen.real) if abs(chosen.imag) < 1e-12 else complex(chosen)
+
+
+def _orthonormal(columns: Array) -> Array:
+    """An orthonormal basis of the span of some columns."""
+    if not columns.shape[1]:
+        return columns
+    U, s, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, s > NEGLIGIBLE * max(1.0, s[0])])
+
+
+def _null_space(M: Array, size: float) -> Array:
+    """An orthonormal basis of the vectors that a matrix maps to zero, up to rounding of matrices of a size."""
+    _, s, Vt = np.linalg.svd(M)
+    return np.asarray(Vt[int((s > NEGLIGIBLE * size).sum()) :].T)
