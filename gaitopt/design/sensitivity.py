@@ -153,7 +153,9 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     t, n_z = solution.equations, solution.equations.system.n_z
     mesh_arc, system = t.mesh.arcs[index], t.system
     nodes, durations, _ = t.unpack(solution.w)
-    p, data, free = arc.dynamics.p, system.data(mesh_arc.segment), t.free_in_phases[mesh_arc.phase]
+    p, data, varied = arc.dynamics.p, system.data(mesh_arc.segment), t.varied_in_phases[mesh_arc.phase]
+    of_free, of_first = t.varied_slopes(solution.w, solution.p)
+    d_varied = of_free + of_first @ slopes[:n_z]
 
     # ends of the arc; the times are affine in the durations
     first = n_z * t.n_nodes
@@ -170,17 +172,18 @@ def _arc_curves(solution: Solution, slopes: Array, index: int, arc: Arc) -> ArcC
     times = begin + k * (end - begin) / mesh_arc.intervals
     d_times = starts + np.multiply.outer(k / mesh_arc.intervals, stretch)
     node = t.mesh.arc_nodes[index].start + k
-    by = step_derivatives(system, mesh_arc.mode, free, nodes[:, node], times, arc.times - times, p, data)
+    by = step_derivatives(system, mesh_arc.mode, varied, nodes[:, node], times, arc.times - times, p, data)
     d_nodes = slopes[:first].reshape(t.n_nodes, n_z, -1)[node]
     dz = np.einsum("mij,mjf->mif", by[:, :, :n_z], d_nodes)
     dz += by[:, :, n_z, None] * d_times[:, None, :] + by[:, :, n_z + 1, None] * (dt - d_times)[:, None, :]
-    dz += by[:, :, n_z + 2 :]
+    dz += by[:, :, n_z + 2 :] @ d_varied
 
     # quantities there
-    quantities = buffered_map(_quantities(system.shared, arc.mode, free), arc.times.size)
+    quantities = buffered_map(_quantities(system.shared, arc.mode, varied), arc.times.size)
     rows, jacobians = quantities(arc.times[:, None], arc.states, p, data)
     values, by = rows.T.copy(), jacobians.transpose(2, 0, 1)
-    total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + n_z], dz) + by[:, :, 1 + n_z :]
+    total = by[:, :, :1] * dt + np.einsum("qmz,mzf->qmf", by[:, :, 1 : 1 + n_z], dz)
+    total += by[:, :, 1 + n_z :] @ d_varied
     every = iter(
         [
             DifferentiatedCurve(values=value, slopes=slope, duration=arc.duration, stretch=stretch)

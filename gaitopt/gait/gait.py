@@ -283,10 +283,14 @@ class Gait(WalkerMotion):
     def __post_init__(self) -> None:
         ReadOnlyArrays.__post_init__(self)
         # ``replace(gait, dynamics=...)`` replaces the dynamics of all arcs too
-        if self.steps and self.steps[0].arcs[0].dynamics is not self.dynamics:
+        if not self.steps:
+            return
+        first = self.steps[0].arcs[0]
+        corrected = self.system.correction is not None and first.dynamics.system is self.system
+        if first.dynamics is not self.dynamics and not corrected:
             steps = (
                 replace(step, arcs=tuple(replace(arc, dynamics=of_step) for arc in step.arcs))
-                for step, of_step in zip(self.steps, cycle(self.dynamics.steps), strict=False)
+                for step, of_step in zip(self.steps, cycle(self.dynamics.acting(first.states[0]).steps), strict=False)
             )
             object.__setattr__(self, "steps", tuple(steps))
 

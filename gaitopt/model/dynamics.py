@@ -67,6 +67,11 @@ class Dynamics(ReadOnlyArrays):
         _, *others = self.system.step_parameters(self.p)
         return (self, *(Dynamics(self.system, p) for p in others))
 
+    def acting(self, z: Array) -> "Dynamics":
+        """The dynamics in the cycle that begins with a state: feedback from step to step corrects some parameters."""
+        correction = self.system.correction
+        return self if correction is None else Dynamics(self.system, correction(self.p, z))
+
     @cached_property
     def static_friction(self) -> float:
         """Coefficient that bounds |f_t| / f_n of a sticking foot; for several contacts the largest one."""

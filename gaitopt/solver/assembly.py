@@ -95,9 +95,8 @@ def assemble_gait(
 def assemble_steps(at: Solution, counts: tuple[int, ...] = curves.COUNTS) -> tuple[Step, ...]:
     """The steps of a solution; each arc has the first number of Chebyshev points in ``counts`` that resolves it."""
     at, equations = _forward_in_time(at), at.equations
-    nodes, _, freed = equations.unpack(at.w)
-    cycle, table = equations.mesh.cycle, equations.system.transitions
-    per_phase, arcs = cycle.per_phase(equations.dynamics(at.p, freed).steps), [list[Arc]() for _ in cycle.steps]
+    nodes, cycle, table = equations.unpack(at.w).nodes, equations.mesh.cycle, equations.system.transitions
+    per_phase, arcs = cycle.per_phase(equations.acting(at.w, at.p).steps), [list[Arc]() for _ in cycle.steps]
     for index, arc in enumerate(equations.mesh.arcs):
         dynamics = per_phase[arc.phase]
         for count in counts:

@@ -149,8 +149,8 @@ def largest_residual(at: Solution) -> Cause:
 def _separate_stops(at: Solution) -> Cause | None:
     """A contact that still slips, or slips again, when its slip should end together with that of another contact."""
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
-    nodes, durations, freed = equations.unpack(at.w)
-    per_phase = cycle.per_phase(equations.dynamics(at.p, freed).steps)
+    nodes, durations, _ = equations.unpack(at.w)
+    per_phase = cycle.per_phase(equations.acting(at.w, at.p).steps)
     for phase, node in enumerate(equations.mesh.last_nodes):
         mode, names = cycle.phases[phase], cycle.stop_together(phase)
         if not names:
@@ -176,7 +176,7 @@ def _impossible_motion(at: Solution) -> Cause | None:
     negative until it rises for the first time: scuffing in mid-swing is ignored.
     """
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
-    per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    per_phase = cycle.per_phase(equations.acting(at.w, at.p).steps)
     period = float(at.durations.sum())
     causes = list[Cause]()
     # phase, times and values on each arc of a swing, by the name of each margin that rises before it falls
@@ -220,7 +220,7 @@ def _lands_from_below(at: Solution) -> Cause | None:
     comes up through the ground in a step backward.
     """
     equations, cycle, table = at.equations, at.equations.mesh.cycle, at.equations.system.transitions
-    per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    per_phase = cycle.per_phase(equations.acting(at.w, at.p).steps)
     last_arcs = {arc.phase: index for index, arc in enumerate(equations.mesh.arcs)}
     for phase, index in last_arcs.items():
         reset = table.ending(cycle, phase).reset
@@ -259,7 +259,7 @@ def _turning_phase(at: Solution) -> Cause | None:
     if not name:
         return None
     cycle, rate = equations.mesh.cycle, buffered_map(equations.system.phase_rate(), SAMPLES)
-    per_phase = cycle.per_phase(equations.dynamics(at.p, equations.unpack(at.w).freed).steps)
+    per_phase = cycle.per_phase(equations.acting(at.w, at.p).steps)
     forward: bool | None = None
     for index, arc in enumerate(equations.mesh.arcs):
         times, states = equations.sample(at.w, at.p, index, SAMPLES)

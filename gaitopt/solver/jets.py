@@ -16,6 +16,7 @@ from casadi import SX, Function, cse, densify, horzcat, jtimes, reshape, substit
 
 from gaitopt.arrays import Array
 from gaitopt.building import built_once
+from gaitopt.errors import ProblemError
 from gaitopt.integration import A, B, C
 from gaitopt.model.buffered import buffered_map
 from gaitopt.solver.shooting import MultipleShooting, conditions
@@ -68,7 +69,10 @@ class Jets:
     """
 
     def __init__(self, equations: MultipleShooting, p: Array, curves: Array) -> None:
-        self._equations, self._p = equations, p
+        self._equations, self._p, self._w = equations, p, curves[0, 0]
+        gains = [key for key in equations.free if ".step_feedback." in key]
+        if gains:
+            raise ProblemError(f"{gains[0]}: the equations are not linear in the gains of feedback from step to step")
         self.order, self.count = curves.shape[0] - 1, curves.shape[1]
         n, mesh = equations.system.n_z * equations.n_nodes, equations.mesh
         # the coefficients of one curve side by side: shape (m, order + 1, ...)
@@ -142,14 +146,16 @@ class Jets:
         return np.swapaxes(ends.reshape(self.count, size, self.order + 1, n_z), 1, 2)
 
     def _parameters(self, phase: int) -> tuple[Array, tuple[int, ...], Array]:
-        """Parameters of a phase, the entries that are free, and the coefficients of these from the first order on.
+        """Parameters of a phase, the entries that vary, and the coefficients of these from the first order on.
 
         Where legs differ, their parameters swap from step to step.
         """
         equations = self._equations
-        p = equations.per_phase(equations.values(self._p, self.freed[0, 0]))[phase]
-        entries = tuple(map(equations.system.parameters.index, equations.free_in_phases[phase]))
-        return p, entries, self.freed[:, 1:].reshape(self.count, -1)
+        p = equations.per_phase(equations.acting_values(self._w, self._p))[phase]
+        entries = tuple(map(equations.system.parameters.index, equations.varied_in_phases[phase]))
+        of_free, of_first = equations.varied_slopes(self._w, self._p)
+        moved = self.freed[:, 1:] @ of_free.T + self.nodes[:, 1:, 0] @ of_first.T
+        return p, entries, moved.reshape(self.count, -1)
 
 
 def second_derivatives(equations: MultipleShooting, w: Array, p: Array, first: Array, second: Array) -> Array:

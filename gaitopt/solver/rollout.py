@@ -254,10 +254,10 @@ def roll_out(
         ends at the nearest breakpoint.
     longest : time after the impact by which phases end at the latest [s]; ``MAX_STEP_TIME`` by default.
     """
-    scales, per_phase, table = dynamics.scales, cycle.per_phase(dynamics.steps), dynamics.system.transitions
+    scales, table = dynamics.scales, dynamics.system.transitions
     longest, first_step = longest or MAX_STEP_TIME * scales.time, FIRST_STEP * scales.time
     starts, breakpoints = np.atleast_2d(state), dynamics.system.control.breakpoints
-    time, z = 0.0, starts[0].copy()
+    time, z, per_phase = 0.0, starts[0].copy(), cycle.per_phase(dynamics.acting(starts[0]).steps)
     known = [None] * len(cycle.phases) if durations is None else durations
     given = [None if length is None else float(length) for length in known]
     near = NEAR_BREAKPOINT * sum(length or 0.0 for length in given)

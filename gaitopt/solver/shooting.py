@@ -128,7 +128,8 @@ class MultipleShooting:
     w, parameters : MX - unknowns and all parameters; the values of free parameters in ``parameters`` are ignored.
     Z, durations, freed : MX - the blocks of ``w``.
     p : MX - all parameters, with the free ones replaced by ``freed``.
-    phase_parameters : tuple of MX - the same in every phase, where parameters of legs that differ swap places.
+    phase_parameters : tuple of MX - the same in every phase, as feedback from step to step has corrected them, and
+        where parameters of legs that differ swap places.
     """
 
     @building
@@ -143,7 +144,9 @@ class MultipleShooting:
         self.p = self.parameters
         if free:
             self.p = substituted(system.parameters, self.parameters, {key: self.freed[i] for i, key in enumerate(free)})
-        self.phase_parameters: tuple[MX, ...] = self.per_phase(self.p)
+        correction = system.correction
+        acting = self.p if correction is None else correction.symbolic(self.p, self.Z[:, 0])
+        self.phase_parameters: tuple[MX, ...] = self.per_phase(acting)
         BUILT.watch(vars(self))
         self._units: tuple[bytes, NaturalUnits] | None = None
         self._flow_derivatives: tuple[tuple[bytes, bytes], Array] = (b"", b""), np.empty(0)
@@ -169,6 +172,17 @@ class MultipleShooting:
     def dynamics(self, p: Array, freed: Array) -> Dynamics:
         """The system at these parameters."""
         return _dynamics(self.system, self.values(p, freed).tobytes())
+
+    def acting(self, w: Array, p: Array) -> Dynamics:
+        """The system at the parameters that act in the cycle: feedback from step to step corrects some of them."""
+        nodes, _, freed = self.unpack(w)
+        return self.dynamics(p, freed).acting(nodes[:, 0])
+
+    def acting_values(self, w: Array, p: Array) -> Array:
+        """All parameters with the free ones put in, as they act in the cycle; shape (n_p,)."""
+        nodes, _, freed = self.unpack(w)
+        values, correction = self.values(p, freed), self.system.correction
+        return values if correction is None else correction(values, nodes[:, 0])
 
     def per_phase(self, p: Any) -> tuple[Any, ...]:
         """The parameters of each phase from those of the first step, as numbers or symbols."""
@@ -432,8 +446,8 @@ class MultipleShooting:
 
     def margin_values(self, w: Array, p: Array) -> Array:
         """Values of the inequalities, without the expressions of those along the arcs, which take longer to build."""
-        nodes, durations, freed = self.unpack(w)
-        per_phase, values = self.per_phase(self.values(p, freed)), list[Array]()
+        nodes, durations, _ = self.unpack(w)
+        per_phase, values = self.per_phase(self.acting_values(w, p)), list[Array]()
         for i, (start, end) in enumerate(self.mesh.arc_times(durations.tolist())):
             arc, at = self.mesh.arcs[i], self.mesh.arc_nodes[i]
             times = start + (end - start) / arc.intervals * np.arange(len(at))
@@ -446,9 +460,9 @@ class MultipleShooting:
     def jumps(self, w: Array, p: Array) -> dict[int, tuple[float, float]]:
         """For every timed phase the margin that ends it, before and after the torques jump, in natural units."""
         cycle, table = self.mesh.cycle, self.system.transitions
-        nodes, _, freed = self.unpack(w)
+        nodes, _, _ = self.unpack(w)
         ends = {arc.phase: (arc, at[-1]) for arc, at in zip(self.mesh.arcs, self.mesh.arc_nodes, strict=True)}
-        per_phase, values = cycle.per_phase(self.dynamics(p, freed).steps), {}
+        per_phase, values = cycle.per_phase(self.acting(w, p).steps), {}
         for phase in cycle.timed:
             (arc, node), dynamics = ends[phase], per_phase[phase]
             following = table.between(arc.mode, cycle.after(phase), table.struck(cycle, phase))
@@ -480,13 +494,13 @@ class MultipleShooting:
 
     def states_at(self, w: Array, p: Array, index: int, fractions: Array) -> Array:
         """States (m, n_z) at fractions of one arc, each by a partial shooting step from the node before it."""
-        nodes, durations, freed = self.unpack(w)
+        nodes, durations, _ = self.unpack(w)
         arc, first = self.mesh.arcs[index], self.mesh.arc_nodes[index].start
         start, end = self.mesh.arc_times(durations.tolist())[index]
         h, places = (end - start) / arc.intervals, fractions * arc.intervals
         k = np.minimum(places.astype(int), arc.intervals - 1)
         step = buffered_map(shooting_step(self.system.shared, arc.mode), fractions.size)
-        values, data = self.per_phase(self.values(p, freed))[arc.phase], self.system.data(arc.segment)
+        values, data = self.per_phase(self.acting_values(w, p))[arc.phase], self.system.data(arc.segment)
         (states,) = step(nodes.T[first + k], (start + k * h)[:, None], ((places - k) * h)[:, None], values, data)
         return states.copy()
 
@@ -522,8 +536,8 @@ class MultipleShooting:
 
     def _step_starts(self, w: Array, p: Array) -> Iterator[tuple[Array, Array, float, Array, Array]]:
         """Inputs of the m steps of every arc: nodes (m, n_z), times (m, 1), length, parameters and segment data."""
-        nodes, durations, freed = self.unpack(w)
-        mesh, per_phase = self.mesh, self.per_phase(self.values(p, freed))
+        nodes, durations, _ = self.unpack(w)
+        mesh, per_phase = self.mesh, self.per_phase(self.acting_values(w, p))
         arc_times = mesh.arc_times(durations.tolist())
         for arc, at, (start, end) in zip(mesh.arcs, mesh.arc_nodes, arc_times, strict=True):
             length = (end - start) / arc.intervals
@@ -547,10 +561,16 @@ class MultipleShooting:
         step = -step  # a defect is the node minus the end of the step
         times_by, lengths_by = self.duration_derivatives
         by_durations = step[:, :, n_z, None] * times_by[:, None, :] + step[:, :, n_z + 1, None] * lengths_by[:, None, :]
-        by_tail = np.concatenate([by_durations, step[:, :, n_z + 2 :]], axis=2)
+        by_free, by_first = step[:, :, n_z + 2 :], np.empty(0)
+        if self.system.correction is not None:
+            of_free, of_first = self.varied_slopes(w, p)
+            by_first, by_free = by_free @ of_first, by_free @ of_free
+            step[0, :, :n_z] += by_first[0]
+            by_first = by_first[1:].ravel()
+        by_tail = np.concatenate([by_durations, by_free], axis=2)
         joined, joined_by = self._joined_derivatives(*self._joints(w), p)
         pattern, order = self._pattern_and_order
-        entries = [np.ones(n * n_z), step[:, :, :n_z].ravel(), by_tail.ravel(), joined_by]
+        entries = [np.ones(n * n_z), step[:, :, :n_z].ravel(), by_tail.ravel(), joined_by, by_first]
         matrix = SparseMatrix(pattern=pattern, data=np.concatenate(entries)[order])
         return np.concatenate([self._defects(w, ends), joined]), matrix
 
@@ -569,8 +589,8 @@ class MultipleShooting:
 
     def _differentiated(self, w: Array, p: Array) -> tuple[Array, Array, Array]:
         """Arguments of ``differentiated_steps``: start, stages with their derivatives, and length of every interval."""
-        n_z, n, n_free = self.system.n_z, self.mesh.intervals, len(self.free)
-        stages = np.empty((N_STAGES, n, n_z, n_z + 2 + n_free))
+        n_z, n = self.system.n_z, self.mesh.intervals
+        stages = np.empty((N_STAGES, n, n_z, n_z + 2 + len(self.varied)))
         starts, lengths = np.empty((n, n_z)), np.empty(n)
         arcs = zip(self.mesh.arc_intervals, self._stages, self._step_starts(w, p), strict=True)
         for at, derivatives, inputs in arcs:
@@ -580,17 +600,35 @@ class MultipleShooting:
         return starts, stages, lengths
 
     @cached_property
-    def free_in_phases(self) -> tuple[tuple[str, ...], ...]:
-        """Names of the free parameters in every phase: they may have other roles in the next step."""
+    def varied(self) -> tuple[str, ...]:
+        """The free parameters, and those that feedback from step to step corrects."""
+        correction = self.system.correction
+        return self.free if correction is None else tuple(dict.fromkeys((*self.free, *correction.keys)))
+
+    def varied_slopes(self, w: Array, p: Array) -> tuple[Array, Array]:
+        """Derivatives of ``varied`` by the free parameters and by the first node; (n_varied, n_free), (n_varied, n_z)."""
+        nodes, _, freed = self.unpack(w)
+        of_free, of_first = np.eye(len(self.varied), len(self.free)), np.zeros((len(self.varied), self.system.n_z))
+        correction, names = self.system.correction, self.system.parameters
+        if correction is not None:
+            by_state, by_p = correction.slopes(self.values(p, freed), nodes[:, 0])
+            rows = [self.varied.index(key) for key in correction.keys]
+            of_first[rows] = by_state
+            of_free[rows] = by_p[:, [names.index(name) for name in self.free]]
+        return of_free, of_first
+
+    @cached_property
+    def varied_in_phases(self) -> tuple[tuple[str, ...], ...]:
+        """Names of ``varied`` in every phase: free parameters may have other roles in the next step."""
         names = self.system.parameters
         roles = [dict(zip(phase.tolist(), names, strict=True)) for phase in self.per_phase(np.array(names))]
-        return tuple(tuple(role[name] for name in self.free) for role in roles)
+        return tuple(tuple(role[name] for name in self.varied) for role in roles)
 
     @cached_property
     def _stages(self) -> list[BufferedMap]:
         """Stage derivatives of all intervals of every arc."""
         functions = (
-            stage_derivatives(self.system.shared, arc.mode, self.free_in_phases[arc.phase]) for arc in self.mesh.arcs
+            stage_derivatives(self.system.shared, arc.mode, self.varied_in_phases[arc.phase]) for arc in self.mesh.arcs
         )
         return [buffered_map(function, arc.intervals) for function, arc in zip(functions, self.mesh.arcs, strict=True)]
 
@@ -627,6 +665,9 @@ class MultipleShooting:
             (np.repeat(row, n_tail), np.tile(tail, n * n_z)),
             (n * n_z + np.array(joined.row(), dtype=int), np.append(joint_nodes.ravel(), tail)[joined.get_col()]),
         ]
+        if self.system.correction is not None:  # the first node corrects parameters of all later intervals
+            first = np.arange(n_z)
+            blocks.append((np.repeat(row[n_z:], n_z), np.tile(first, (n - 1) * n_z)))
         rows, columns = (np.concatenate(indices) for indices in zip(*blocks, strict=True))
         order = np.lexsort((rows, columns))
         pointers = np.searchsorted(columns[order], np.arange(n_w + 1))
@@ -671,6 +712,8 @@ def conditions(system: HybridSystem, cycle: Cycle, segments: tuple[int, ...], fr
     durations, freed = SX.sym("durations", len(cycle.phases)), SX.sym("freed", len(free))
     p = SX.sym("p", len(system.parameters))
     full = substituted(system.parameters, p, {key: freed[i] for i, key in enumerate(free)})
+    if system.correction is not None:  # the last reset leads to the first node
+        full = system.correction.symbolic(full, starts[:, -1])
     per_phase = cycle.per_phase(system.step_parameters(full))
     rows, at_end = [], list[tuple[SX, SX, SX, SX]]()
     for phase, (mode, name, order) in enumerate(endings(system, cycle)):
