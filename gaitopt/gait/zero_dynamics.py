@@ -98,7 +98,9 @@ def constraint_measures(steps: Sequence[Step]) -> ConstraintMeasures | None:
 def has_zero_dynamics(system: HybridSystem) -> bool:
     """Whether a law leaves one degree of freedom while its outputs are zero, which a sticking gait may follow."""
     law = system.control
-    if not isinstance(law, VirtualConstraints) or law.law is not Law.LINEARISING or law.limits:
+    if not isinstance(law, VirtualConstraints) or law.law is not Law.LINEARISING:
+        return False
+    if law.limits or law.step_feedback is not None:
         return False
     return not system.walker.pushes and len(law.outputs) == len(system.walker.shape) - 1
 

@@ -21,6 +21,7 @@
 - ``clocked``: laws with a clock of their own.
 - ``controlled_symmetry``: torques that have the effect of another slope.
 - ``open_loop``: torques as functions of time.
+- ``step_feedback``: parameters of a law that are corrected once per cycle.
 - ``virtual_constraints``: outputs that follow curves over a phase variable.
 - ``contract``: checks of a law's class, and of the torques that it returns.
 - ``lagrangian``: equations of motion.

@@ -170,6 +170,7 @@ class StepFeedback(BaseModel):
     ] = None
     at: Annotated[
         dict[str, Any] | None,
+        WithJsonSchema({"type": "object"}),
         Field(description="values by dotted key at which the nominal gait is taken; those of the problem by default"),
     ] = None
     _known: Resolved | None = PrivateAttr(default=None)

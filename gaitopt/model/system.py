@@ -18,7 +18,7 @@ from types import SimpleNamespace
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
-from casadi import SX, Function, cse, horzcat, jacobian, jtimes, vec, vertcat
+from casadi import SX, Function, cse, densify, horzcat, jacobian, jtimes, vec, vertcat
 
 from gaitopt.arrays import Array
 from gaitopt.building import building, built_once
@@ -175,9 +175,28 @@ class HybridSystem:
 
     @compiled("typr")
     def variational(self, mode: Mode, columns: int) -> dict[str, SX]:
-        """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other)."""
+        """(t, y, p, r) -> dy/dt of y = (z, columns of deviations one after the other).
+
+        Under feedback from step to step the columns of deviations of the corrected parameters, which are constant
+        during a cycle, follow.
+        """
         z, dz, deviations = self._eom.z, self._symbols.rate(mode), SX.sym("deviations", self.n_z, columns)
-        return {"y": vertcat(z, vec(deviations)), "dy": vertcat(dz, vec(jacobian(dz, z) @ deviations))}
+        rates, of_u = jacobian(dz, z) @ deviations, self._corrected
+        changes = SX.sym("changes", of_u.numel(), columns)
+        if changes.numel():
+            rates += jacobian(dz, of_u) @ changes
+        zeros = SX.zeros(changes.numel())
+        return {"y": vertcat(z, vec(deviations), vec(changes)), "dy": vertcat(dz, vec(rates), zeros)}
+
+    @property
+    def _corrected(self) -> SX:
+        """The parameters that feedback from step to step corrects."""
+        return SX(0, 1) if self.correction is None else self._symbols.p[self.correction.of_u]
+
+    @compiled("tzpr")
+    def margins_by_corrected(self, mode: Mode) -> dict[str, SX]:
+        """(t, z, p, r) -> Jacobian of the margins by the parameters that feedback from step to step corrects."""
+        return {"margins_by_corrected": densify(jacobian(self._symbols.margins(mode), self._corrected))}
 
     @compiled("tzpr")
     def observation(self, mode: Mode) -> dict[str, SX]:

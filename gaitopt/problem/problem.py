@@ -141,7 +141,7 @@ class Problem(ProblemStatement):
             return None
         law = self.control.model_copy(update={"step_feedback": None})
         plain = replace(self, control=law, free={}, objective={}, constraints={}, origin=None, file=None)
-        return plain.replace(feedback.at) if feedback.at else plain
+        return plain.replace(feedback.at).from_guess() if feedback.at else plain
 
     def from_guess(self) -> "Problem":
         """The same problem, to be solved from its guess: ``solve`` then does not follow the gait of the file."""

@@ -757,6 +757,8 @@ class _StatementReader:
         durations = () if cycle is None else tuple(f"phases.{k}.duration" for k in range(len(cycle.phases)))
         names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *durations, *self._free)
         along = name == CLEARANCE or name.startswith(ANGLE)
+        if self._control is not None and self._control.step_feedback is not None:
+            names += tuple(f"control.{key}" for key in self._control.step_feedback.unknowns)
         if isinstance(self._control, OpenLoop) and self._control.duration is None:
             if name == "foot_clearance":
                 return "is the largest height of the swing foot; with open-loop torques state clearance: {min: height}"

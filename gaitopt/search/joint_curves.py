@@ -43,6 +43,7 @@ from gaitopt.gait.trajectory import Arc
 from gaitopt.model.buffered import buffered_map
 from gaitopt.model.control import ConstantTorque
 from gaitopt.model.curve import bernstein_matrix
+from gaitopt.model.declaration import joint_limits
 from gaitopt.model.system import HybridSystem
 
 CLOCK = "clock"
@@ -52,6 +53,8 @@ FORCE_MARGIN = 0.02
 is positive because the motion under the law differs a little from that of the gait."""
 SLACK_WEIGHT = 1e4
 """Weight of the violation of the constraints; the objective is of order one."""
+ROOM = 1e-3
+"""Distance of a curve from the end of a joint's range [rad, or m]: it lies closer only where the gait does."""
 ANGLE_WEIGHTS = {"constraints": 1.0, "pd": 1e-2}
 """Weight of the distance between curves and joints. Under PD control it only keeps curves from running away."""
 INVARIANT_POINTS = (0, 1, -2, -1)
@@ -76,6 +79,7 @@ class Joints:
     force, force_response : ndarrays, shape (N, 2), (N, 2, m) - (f_t, f_n) of the gait [N], and their change per torque.
     sticks : boolean ndarray, shape (N,) - whether the foot sticks.
     friction, weight : static coefficient, and a typical normal force [N].
+    ranges : ndarray, shape (2, m) - least and largest angle of each joint; infinite where its links state none.
     """
 
     names: tuple[str, ...]
@@ -92,6 +96,7 @@ class Joints:
     sticks: Array
     friction: float
     weight: float
+    ranges: Array
 
     @classmethod
     def of(cls, gait: Gait, names: Sequence[str], motors: Sequence[str], phase: str) -> "Joints":
@@ -146,11 +151,13 @@ class Joints:
                 )
             )
         t, w, x, h, u, b, a, f, F, sticks = (np.concatenate(columns) for columns in zip(*samples, strict=True))
-        scales = gait.dynamics.scales
+        scales, limits = gait.dynamics.scales, joint_limits(walker)
+        spans = ((limits[name][0] if name in limits else None) or (-np.inf, np.inf) for name in names)
         return cls(
             names=tuple(names), motors=tuple(motors), t=t, weights=w / w.sum(), phase=x, angles=h.transpose(1, 0, 2),
             torques=u, response=b, phase_response=a, force=f, force_response=F, sticks=sticks,
             friction=gait.dynamics.static_friction, weight=scales.energy / scales.length,
+            ranges=np.array([*spans]).T,
         )  # fmt: skip
 
     @property
@@ -240,7 +247,16 @@ def invariant_curves(joints: Joints, degree: int, largest: Mapping[str, float]) 
     inverse = joints.inverse
     du = np.einsum("nij,nk->nijk", inverse, acceleration)
     gait = -np.einsum("nij,nj->ni", inverse, h2)
-    return _fitted(joints, points, [*range(2, degree - 1)], du, gait, values, largest, ANGLE_WEIGHTS["constraints"])
+    return _fitted(
+        joints,
+        points,
+        [*range(2, degree - 1)],
+        du,
+        gait,
+        values,
+        largest,
+        meets_angles=True,
+    )
 
 
 def tracked_curves(
@@ -254,12 +270,12 @@ def tracked_curves(
     du = np.einsum("ij,nk->nijk", np.eye(m), kp * values + kd * first * joints.phase[:, 1:2])
     gait = -(kp * h + kd * h1) - joints.torques
     points = np.zeros((m, degree + 1))
-    return _fitted(joints, points, [*range(degree + 1)], du, gait, values, largest, ANGLE_WEIGHTS["pd"])
+    return _fitted(joints, points, [*range(degree + 1)], du, gait, values, largest, meets_angles=False)
 
 
 def _fitted(
     joints: Joints, points: Array, free: list[int], by_point: Array, constant: Array, values: Array,
-    largest: Mapping[str, float], weight_of_angles: float,
+    largest: Mapping[str, float], *, meets_angles: bool,
 ) -> FittedCurves:  # fmt: skip
     """The control points that solve the program with du = by_point points + constant; only ``free`` ones may change.
 
@@ -268,9 +284,10 @@ def _fitted(
     by_point : ndarray, shape (N, m, m, degree + 1) - du of each motor per control point of each joint.
     constant : ndarray, shape (N, m) - du without control points.
     values : ndarray, shape (N, degree + 1) - value of the curve per control point.
+    meets_angles : whether the joints follow the curves exactly, which then stay within the ranges of the joints.
     """
     N, m = constant.shape
-    w, n_x = joints.weights, m * len(free)
+    w, n_x, weight = joints.weights, m * len(free), ANGLE_WEIGHTS["constraints" if meets_angles else "pd"]
     U = by_point[:, :, :, free].reshape(N, m, n_x)
     u0 = constant + np.einsum("nijk,jk->ni", by_point, points)
     scale = float(np.sqrt(w @ (joints.torques**2).sum(axis=1)))
@@ -278,10 +295,15 @@ def _fitted(
     H = np.einsum("n,nix,niy->xy", w, U, U) / scale**2
     g = np.einsum("n,nix,ni->x", w, U, u0) / scale**2
     away, E = values @ points.T - joints.angles[0], values[:, free]
-    H += weight_of_angles * np.kron(np.eye(m), (E.T * w) @ E)
-    g += weight_of_angles * ((E.T * w) @ away).T.ravel()
+    H += weight * np.kron(np.eye(m), (E.T * w) @ E)
+    g += weight * ((E.T * w) @ away).T.ravel()
     rows, bounds = _constraints(joints, U, u0, largest)
-    H = np.block([[H + 1e-12 * np.eye(n_x), np.zeros((n_x, 1))], [np.zeros((1, n_x)), np.full((1, 1), 1e-9)]])
+    if meets_angles:
+        more, ends = _range_constraints(joints, E, values @ points.T)
+        rows, bounds = np.vstack([rows, more]), np.append(bounds, ends)
+    H = np.block(
+        [[H + 1e-12 * np.eye(n_x), np.zeros((n_x, 1))], [np.zeros((1, n_x)), np.eye(1)]]
+    )  # DAQP measures rows in H^-1/2
     A = np.hstack([rows, np.ones((len(bounds), 1))])
     shapes = {"h": Sparsity.dense(*H.shape), "a": Sparsity.dense(*A.shape)}
     program = building(conic)("curves", "daqp", shapes, {"error_on_fail": False})
@@ -296,6 +318,24 @@ def _fitted(
     return FittedCurves(
         points=points, deviation=float(np.sqrt(w @ (du**2).sum(axis=1)) / scale), violation=max(float(x[-1]), 0.0)
     )
+
+
+def _range_constraints(joints: Joints, E: Array, known: Array) -> tuple[Array, Array]:
+    """Rows A and bounds b of A x >= b: every joint stays within its range, or as close to its end as in the gait.
+
+    Parameters
+    ----------
+    E : ndarray, shape (N, n_free) - value of a curve per free control point.
+    known : ndarray, shape (N, m) - the curves of the given control points.
+    """
+    rows, bounds, m = [np.zeros((0, len(joints.names) * E.shape[1]))], [np.zeros(0)], len(joints.names)
+    for j, (low, high) in enumerate(joints.ranges.T):
+        one = np.kron(np.eye(m)[j], E)
+        for sign, end in ((1, low), (-1, -high)):
+            if np.isfinite(end):
+                rows.append(sign * one)
+                bounds.append(np.minimum(end + ROOM, sign * joints.angles[0, :, j]) - sign * known[:, j])
+    return np.vstack(rows), np.concatenate(bounds)
 
 
 def _constraints(joints: Joints, U: Array, u0: Array, largest: Mapping[str, float]) -> tuple[Array, Array]:

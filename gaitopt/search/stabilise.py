@@ -203,7 +203,7 @@ class _Search:
             given_by_ends = self._law is FeedbackLaw.CONSTRAINTS and self._request.radius <= radius < np.inf
             if self._is_done or failures == MOST_FAILURES or given_by_ends:
                 break
-        if not self._is_done and self._law is FeedbackLaw.CONSTRAINTS and self._nearest is not None:
+        if self._nearest is not None and self._needs_design:
             self._say("a design of the curves with these limits as constraints")
             designed, words = _designed(self._nearest, self._gait, self._request.radius, self._should_stop)
             if designed is None:
@@ -218,6 +218,15 @@ class _Search:
     @property
     def _is_done(self) -> bool:
         return self._best is not None and not self._best.objections
+
+    @property
+    def _needs_design(self) -> bool:
+        """Whether other curves may help: there is no gait, or the spectral radius or a torque is too large."""
+        if self._law is not FeedbackLaw.CONSTRAINTS or self._best is None:
+            return self._law is FeedbackLaw.CONSTRAINTS
+        gait, efforts = self._best.gait, _efforts(type(self._best.gait.problem.walker))
+        excess = any(peak > efforts.get(name, np.inf) for name, peak in peak_torques(gait.arcs).items())
+        return excess or gait.scalar("spectral_radius") >= self._request.radius
 
     def _examine(self, candidate: Candidate, words: str) -> float:
         """Spectral radius of the gait under a law, infinite without one; the gait may become the best one."""

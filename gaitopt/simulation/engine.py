@@ -145,7 +145,9 @@ class Stepper(ABC):
                 break
         return times, states
 
-    def propagate_variations(self, mode: Mode, segment: int, state: Array, deviations: Array, times: Array) -> Array:
+    def propagate_variations(
+        self, mode: Mode, segment: int, state: Array, deviations: Array, times: Array, changes: Array | None = None
+    ) -> Array:
         """Deviations at the end of an arc by the variational equations; shape (n_z, m).
 
         Parameters
@@ -153,15 +155,18 @@ class Stepper(ABC):
         state : ndarray, shape (n_z,) - state at the start of the arc.
         deviations : ndarray, shape (n_z, m) - deviations at the start of the arc, one per column.
         times : ndarray, shape (2,) - start and end of the arc [s].
+        changes : ndarray, shape (n_u, m) - of the parameters that feedback from step to step corrects; zero by default.
         """
-        unit = self._natural.state
+        unit, correction = self._natural.state, self._natural.system.correction
+        n_u, m = 0 if correction is None else len(correction.keys), deviations.shape[1]
+        changes = np.zeros((n_u, m)) if changes is None else changes
         scaled = deviations / unit[:, None]
-        sizes = np.abs(scaled).max(axis=0)  # every column is scaled to size one for the integration
+        sizes = np.abs(np.vstack([scaled, changes])).max(axis=0)  # every column is scaled to size one
         sizes[sizes == 0] = 1.0
-        y = np.concatenate([state / unit, (scaled / sizes).ravel(order="F")])
+        y = np.concatenate([state / unit, (scaled / sizes).ravel(order="F"), (changes / sizes).ravel(order="F")])
         start, end = (times / self._natural.time).tolist()
-        y = self.propagate(mode, segment, y, sizes.size, start, end)
-        return np.asarray(y[unit.size :].reshape((unit.size, -1), order="F") * sizes * unit[:, None])
+        y = self.propagate(mode, segment, y, m, start, end)[unit.size : unit.size * (1 + m)]
+        return np.asarray(y.reshape((unit.size, -1), order="F") * sizes * unit[:, None])
 
     @abstractmethod
     def find_event(self, mode: Mode, segment: int, start: Point, limit: float) -> tuple[str | None, float, Array, str]:

@@ -228,14 +228,14 @@ class Ground:
         ----------
         on_ground : see ``dynamics``; brought up to the end of the step.
         """
-        found, touching = list[Arc](), tuple[str, ...]()
+        found, touching, first = list[Arc](), tuple[str, ...](), arcs[0].states[0]
         for arc in arcs:
-            dynamics = found[-1].dynamics if found else self.dynamics(n, on_ground, arc.states[0])
+            dynamics = found[-1].dynamics if found else self.dynamics(n, on_ground, arc.states[0]).acting(first)
             if found and not self._walker.base_contact() and arc.mode.touching != touching:
                 now = self.within(n, on_ground, arc.mode)
                 on_ground.clear()
                 on_ground.update(now)
-                dynamics = self.dynamics(n, on_ground, arc.states[0])
+                dynamics = self.dynamics(n, on_ground, arc.states[0]).acting(first)
             found.append(replace(arc, dynamics=dynamics))
             touching = arc.mode.touching
         return found

@@ -83,8 +83,12 @@ class BatchSimulator:
         Parameters
         ----------
         p : ndarray, shape (n, n_p) - parameters of every state, of a walker on one foot; those of the system by
-            default. They may differ in the friction, height and slope of the tiles alone.
+            default. They may differ in the friction, height and slope of the tiles alone. Feedback from step to step
+            corrects them, as the states are those in which a cycle begins.
         """
+        correction = self.system.correction
+        if correction is not None:
+            p = correction(np.tile(self.dynamics.p, (len(states), 1)) if p is None else p, states)
         motions = _Motions(states, self.dynamics, p)
         motions.states, modes, endings, landings = self._resolver.start(motions.states)
         motions.choose(np.arange(len(states)), modes, endings)
@@ -433,7 +437,8 @@ class BatchResolver:
         """Static coefficient of a contact in every row, shape (n,); None if it is that of the system in all rows."""
         if p is None:
             return None
-        static, _, _ = self._system.contact_coefficients(p.T)[contact]  # on tiles every contact has its own
+        coefficients = self._system.contact_coefficients(p.T)  # on tiles every contact has its own
+        static, _, _ = coefficients.get(contact) or coefficients[FOOT]
         return np.asarray(static)
 
 

@@ -74,7 +74,8 @@ class NaturalSystem:
     @building
     def variational(self, mode: Mode, columns: int) -> Function:
         """Rate of the state and of ``columns`` deviations, stacked in one vector."""
-        scale = repmat(self._d, 1 + columns, 1)
+        corrected = 0 if self._system.correction is None else len(self._system.correction.keys)
+        scale = vertcat(repmat(self._d, 1 + columns, 1), SX.ones(corrected * columns))
         rates = self._system.variational(mode, columns)
         return self._build(
             f"variational_{mode.key}_{columns}", lambda a: [rates(*a) * (self._time / scale)], scale=scale

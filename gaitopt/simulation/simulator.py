@@ -138,7 +138,12 @@ class Simulator:
         return self._on_tiles[key]
 
     def _over(
-        self, walk: tuple["Simulator", dict[str, int]] | None, n: int, before: Mode, after: Mode | Termination, z: Array
+        self,
+        walk: tuple["Simulator", dict[str, int], Array] | None,
+        n: int,
+        before: Mode,
+        after: Mode | Termination,
+        z: Array,
     ) -> "Simulator":
         """The simulator after an event within step ``n`` of a walk, see ``step``, whose tiles it updates.
 
@@ -148,12 +153,12 @@ class Simulator:
             return self
         if self.system.walker.base_contact():
             return self
-        (whole, tiles), ground = walk, walk[0]._ground
+        (whole, tiles, first), ground = walk, walk[0]._ground
         assert ground is not None
         on_ground = ground.within(n, tiles, after)
         tiles.clear()
         tiles.update(on_ground)
-        return whole.on(ground.dynamics(n, tiles, z))
+        return whole.on(ground.dynamics(n, tiles, z).acting(first))
 
     def _like(self, dynamics: Dynamics) -> "Simulator":
         return Simulator(dynamics, self._make_stepper, max_switches=self._max_switches, longest_step=self._longest_step)
@@ -194,22 +199,27 @@ class Simulator:
         limits = Until(steps=int(steps)) if until is None else until
         ground, tiles = self._ground, dict[str, int]() if self._ground is None else self._ground.start(z)
         most, last, events_left = (inf if n is None else n for n in (limits.steps, limits.time, limits.events))
+        first, correction = z, self.system.correction
         while len(completed) < most and time < last and events < events_left:
             if should_stop is not None and should_stop():
                 message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
             n = len(completed)
-            if ground is None:
+            first = z if correction is None or n % correction.every == 0 else first
+            if ground is not None:
+                simulator = self.on(ground.dynamics(n, tiles, z).acting(first))
+            elif correction is None:
                 simulator = self.per_step[n % len(self.per_step)]
             else:
-                simulator = self.on(ground.dynamics(n, tiles, z))
+                acting = self.dynamics.acting(first).steps
+                simulator = self.on(acting[n % len(acting)])
             outcome = simulator.step(
                 z,
                 dense=dense,
                 number=n + 1,
                 anywhere=anywhere and not completed,
                 rest=None if until is None else (last - time, events_left - events),
-                walk=None if ground is None else (self, tiles),
+                walk=None if ground is None else (self, tiles, first),
             )
             if outcome.step is not None:
                 completed.append(outcome.step)
@@ -235,7 +245,7 @@ class Simulator:
         number: int = 1,
         anywhere: bool = False,
         rest: tuple[float, float] | None = None,
-        walk: tuple["Simulator", dict[str, int]] | None = None,
+        walk: tuple["Simulator", dict[str, int], Array] | None = None,
     ) -> StepOutcome:
         """Simulate one step from a state just after an impact.
 
@@ -244,8 +254,9 @@ class Simulator:
         number : number of the step in messages.
         anywhere : see ``run``.
         rest : time [s] and number of events after which to end within the step; None for a whole step.
-        walk : the simulator of the walk on a floor of which this is a step, and the tiles of the contacts on the
-            ground, which are kept up to date: named contacts that leave the ground may land on another tile.
+        walk : the simulator of the walk on a floor of which this is a step, the tiles of the contacts on the ground,
+            which are kept up to date because named contacts that leave the ground may land on another tile, and the
+            state in which the cycle began.
         """
         table, time, segment = self.system.transitions, 0.0, 0
         z = self._after_impact(state, anywhere=anywhere)

@@ -28,5 +28,6 @@ Other uses of the same equations:
 - ``arclength``: curves of solutions of any equations: predictor, corrector, location of zeros.
 - ``following``: a known gait at other parameter values: ``follow``, ``Family``.
 - ``jets``: directional derivatives of any order of the equations of a gait.
+- ``feedback_gains``: gains of feedback from step to step.
 - ``return_map``: derivatives of the return map of a gait by its state and by parameters.
 """

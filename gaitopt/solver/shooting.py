@@ -606,7 +606,7 @@ class MultipleShooting:
         return self.free if correction is None else tuple(dict.fromkeys((*self.free, *correction.keys)))
 
     def varied_slopes(self, w: Array, p: Array) -> tuple[Array, Array]:
-        """Derivatives of ``varied`` by the free parameters and by the first node; (n_varied, n_free), (n_varied, n_z)."""
+        """Derivatives of ``varied`` by the free parameters, (n, n_free), and by the first node, (n, n_z)."""
         nodes, _, freed = self.unpack(w)
         of_free, of_first = np.eye(len(self.varied), len(self.free)), np.zeros((len(self.varied), self.system.n_z))
         correction, names = self.system.correction, self.system.parameters

@@ -7,6 +7,7 @@ z_plus), which gives every digit of the original gait, but at other nodes than t
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import cycle, groupby, pairwise
 from typing import Any, cast
 
@@ -197,7 +198,8 @@ def integrated_steps(dynamics: Dynamics, record: Mapping[str, Any], points: int 
     record : a record with the keys ``state``, ``phases`` and ``impact``, or ``steps``.
     points : number of Chebyshev points of every phase.
     """
-    pairs = list(zip(cycle(dynamics.steps), record.get("steps", (record,)), strict=False))
+    first = np.array([record["state"][name] for name in dynamics.system.state_names])
+    pairs = list(zip(cycle(dynamics.acting(first).steps), record.get("steps", (record,)), strict=False))
     steps = tuple(_integrated(of_step, step, (points,)) for of_step, step in pairs)
     if closing_error(steps) < LARGEST_CLOSING_ERROR:
         return steps
@@ -280,6 +282,12 @@ def tabulated_steps(
             states=np.array([row[2 : 2 + system.n_z] for row in points], dtype=float),
         )
         arcs.setdefault(step, []).append(arc)
+    correction = system.correction
+    if correction is not None:  # it has corrected parameters at the beginning of every cycle
+        for n in sorted(arcs):
+            if n % correction.every == 0:
+                acting = dynamics.acting(arcs[n][0].states[0]).steps
+            arcs[n] = [replace(arc, dynamics=acting[n % len(acting)]) for arc in arcs[n]]
     if floor is not None:
         ground, tiles = Ground(dynamics, floor), dict[str, int]()
         for n in sorted(arcs):

@@ -158,15 +158,22 @@ class ReturnMap:
         ----------
         simulators : simulators of consecutive steps, repeated in turn; they differ if the legs differ.
         """
-        for step, nominal in zip(steps, cycle(simulators), strict=False):
+        correction, changes = self.simulator.system.correction, None
+        for n, (step, nominal) in enumerate(zip(steps, cycle(simulators), strict=False)):
+            if correction is not None and n % correction.every == 0:
+                changes = correction.slopes(self.simulator.dynamics.p, step.arcs[0].states[0])[0] @ deviations
             for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
                 system, ends = arc.dynamics.system, arc.times[[0, -1]]
-                simulator = nominal if system is nominal.system else nominal.on(arc.dynamics)
+                is_nominal = system is nominal.system and correction is None
+                simulator = nominal if is_nominal else nominal.on(arc.dynamics)
                 deviations = simulator.stepper.propagate_variations(
-                    arc.mode, arc.segment, arc.states[0], deviations, ends
+                    arc.mode, arc.segment, arc.states[0], deviations, ends, changes
                 )
                 if after is None or after.segment == arc.segment or _switches_at_breakpoint(arc, after):
-                    deviations = _event_matrix(arc, after, step.final_impact.mode) @ deviations
+                    across, later = _event_matrices(arc, after, step.final_impact.mode)
+                    deviations = across @ deviations
+                    if changes is not None:
+                        deviations += later @ changes
             last = step.arcs[-1]
             impact = system.reset_jacobian(_swapped(system, step.final_impact.mode), last.mode)
             deviations = _matrix(impact, last.states[-1], simulator.dynamics.p) @ deviations
@@ -389,18 +396,27 @@ def _swapped(system: HybridSystem, impact: Mode) -> Mode:
     return system.walker.swapped(impact) if system.cycle_end == TOUCHDOWN else impact
 
 
-def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
-    """Matrix (n_z, n_z) by which the event at the end of an arc maps deviations; the step ends with ``impact``."""
+def _event_matrices(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Array, Array]:
+    """Matrices by which the event at the end of an arc maps deviations; the step ends with ``impact``.
+
+    The first one, (n_z, n_z), maps deviations of the state. The second one, (n_z, n_u), maps those of the parameters
+    that feedback from step to step corrects: they shift the event.
+    """
     system, p, z = arc.dynamics.system, arc.dynamics.p, arc.states[-1]
+    n_u = 0 if system.correction is None else len(system.correction.keys)
     data, struck = system.data(arc.segment), _swapped(system, impact) if after is None else _struck(system, after)
     transition = system.transitions.between(arc.mode, None if after is None else after.mode, struck)
     if transition.guard == CLOCK:
-        return np.eye(z.size)
+        return np.eye(z.size), np.zeros((z.size, n_u))
     row = system.transitions.margin_names(arc.mode).index(transition.guard)
     flow, gradients, rates = buffered(system.linearized(arc.mode))(arc.end, z, p, data)
     gradient, rate = gradients.reshape(z.size, -1)[:, row], rates[row].item()
+    by_changes = np.zeros((1, n_u))  # how much later the event comes, per change of a corrected parameter
+    if n_u:
+        (margins,) = buffered(system.margins_by_corrected(arc.mode))(arc.end, z, p, data)
+        by_changes = margins.reshape(n_u, -1)[:, row][None] / rate
     if after is None:
-        return projection(flow, gradient, rate)
+        return projection(flow, gradient, rate), -flow.reshape(-1, 1) @ by_changes
     (flow_after,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, data)
     reset = None
     if struck is not None:
@@ -411,7 +427,8 @@ def _event_matrix(arc: Arc, after: Arc | None, impact: Mode) -> Array:
         slides = after.states[0][-1] or not after.mode.touching
         struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
         reset = _matrix(system.reset_jacobian(struck, arc.mode, ends_step=False), z, p).copy()
-    return saltation(flow, flow_after, gradient, rate, reset)
+    jump = flow_after - (flow if reset is None else reset @ flow)
+    return saltation(flow, flow_after, gradient, rate, reset), jump.reshape(-1, 1) @ by_changes
 
 
 def _matrix(function: Function, *values: Array | float) -> Array:

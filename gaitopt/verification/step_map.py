@@ -160,7 +160,11 @@ class StepMap:
             return [BatchSimulator(dynamics).step for dynamics in self.dynamics.steps]
 
         def one_by_one(simulator: Simulator, states: Array) -> StepOutcomes:
-            outcomes = [simulator.step(state) if np.isfinite(state).all() else UNDEFINED_STATE for state in states]
+            outcomes = [
+                simulator.on(simulator.dynamics.acting(state)).step(state) if np.isfinite(state).all()
+                else UNDEFINED_STATE
+                for state in states
+            ]  # fmt: skip
             return stack_outcomes(outcomes, states, simulator.system)
 
         return [partial(one_by_one, each) for each in Simulator(self.dynamics, stepper_class(self.engine)).per_step]

@@ -1,0 +1,175 @@
+"""Feedback from step to step: designs of its gains, closed-loop multipliers by three methods, walks, families."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
+from gaitopt.problem.problem import restore_problem
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.verification.return_map import ReturnMap
+
+NAME = "compass-torque-impact-slip"
+"""Unstable: its spectral radius is 1.157."""
+
+
+def with_feedback(feedback, name=NAME, **changes):
+    return go.load_problem(name).replace({"control.step_feedback": feedback, **changes})
+
+
+@cache
+def closed(design):
+    gait = go.solve(with_feedback({"design": design}), progress=False)
+    assert gait.converged, gait.message
+    return gait
+
+
+@pytest.mark.parametrize(("design", "radius"), [("lqr", 0.786), ("deadbeat", 0.0), ("minimum_radius", 0.3)])
+def test_closed_loop_multipliers_are_those_of_the_linearised_map_and_of_the_saltation_product(design, radius):
+    opened, gait = named(NAME), closed(design)
+    known = gait.system.control.step_feedback.known
+    linear = go.return_map_derivatives(opened, known.keys)
+    by_gains = floquet_multipliers(linear.A + linear.B @ known.gains)
+    section = gait.system.section(gait.cycle)
+    mapped = ReturnMap(Simulator(gait.dynamics), section)
+    by_saltation = floquet_multipliers(mapped.jacobian(mapped(gait.state[section.indices]).steps))
+    tolerance = 1e-9 if design == "lqr" else 1e-5  # a multiple multiplier is the root of its rounding
+    assert multiplier_distance(gait.multipliers, by_gains) < tolerance
+    assert multiplier_distance(gait.multipliers, by_saltation) < tolerance
+    assert opened.spectral_radius == pytest.approx(1.157, abs=1e-3)
+    if design == "lqr":
+        assert gait.spectral_radius == pytest.approx(radius, abs=1e-3)
+    else:
+        assert gait.spectral_radius < max(radius, 1e-5)
+    np.testing.assert_allclose(gait.state, opened.state, atol=1e-11)
+
+
+def test_deadbeat_control_makes_a_power_of_the_map_vanish():
+    known, opened = closed("deadbeat").system.control.step_feedback.known, named(NAME)
+    linear = go.return_map_derivatives(opened, known.keys)
+    A = linear.A + linear.B @ known.gains
+    assert np.abs(np.linalg.matrix_power(A, len(A))).max() < 1e-9 * np.abs(linear.A).max() ** len(A)
+
+
+def test_a_gait_with_feedback_is_verified_and_walks_from_beside_it():
+    gait = closed("lqr")
+    assert go.verify(gait).passed
+    beside = {"theta1": 1.02 * gait.state[0]}
+    for start, returns in ((gait, True), (named(NAME), False)):
+        walk = go.simulate(start, beside, steps=60)
+        near = len(walk.trajectory.steps) == 60
+        near = near and bool(np.abs(walk.trajectory.section_states[-1] - gait.state).max() < 1e-6)
+        assert near is returns
+
+
+def test_limits_bound_the_corrected_parameters():
+    gait = closed("lqr")
+    hip = gait.dynamics.parameter("control.hip")
+    limited = go.solve(
+        with_feedback({"design": "lqr", "limits": {"control.hip": [hip - 0.01, hip + 0.02]}}), progress=False
+    )
+    beside = {"theta1": 1.02 * gait.state[0]}
+    for each, bounded in ((limited, True), (gait, False)):
+        walk = go.simulate(each, beside, steps=5)
+        used = [step.arcs[0].dynamics.parameter("control.hip") for step in walk.trajectory.steps]
+        inside = all(hip - 0.01 - 1e-12 <= value <= hip + 0.02 + 1e-12 for value in used)
+        assert inside is bounded
+    with pytest.raises(go.GaitoptError, match="must contain the nominal value"):
+        go.solve(with_feedback({"design": "lqr", "limits": {"control.hip": [hip + 1, hip + 2]}}), progress=False)
+
+
+@pytest.mark.parametrize("engine", ["scipy", "heyoka"])
+def test_the_correction_of_a_walk_is_the_stated_one(engine):
+    pytest.importorskip(engine)
+    gait = closed("lqr")
+    known, indices = gait.system.control.step_feedback.known, gait.system.section(gait.cycle).indices
+    walk = go.simulate(gait, {"theta1": 1.01 * gait.state[0]}, steps=3, engine=engine)
+    for step in walk.trajectory.steps:
+        deviation = step.arcs[0].states[0][indices] - known.state
+        for key, row in zip(known.keys, known.gains, strict=True):
+            used = step.arcs[0].dynamics.parameter(key)
+            assert used == pytest.approx(gait.dynamics.parameter(key) + row @ deviation, abs=1e-12)
+
+
+def test_many_states_at_once_are_corrected_like_one():
+    pytest.importorskip("heyoka")
+    gait = closed("lqr")
+    xi = gait.state[gait.system.section(gait.cycle).indices]
+    starts = xi + 0.003 * np.random.default_rng(0).normal(size=(20, xi.size)) * np.abs(xi)
+    one, many = (go.return_map(gait, starts, engine=engine) for engine in ("scipy", "heyoka"))
+    assert one.completed.all()
+    assert many.completed.all()
+    np.testing.assert_allclose(one.states, many.states, atol=1e-11)
+
+
+def test_gains_and_state_keep_their_values_along_a_family():
+    gait = closed("lqr")
+    known = gait.system.control.step_feedback.known
+    branch = go.continuation(gait, "friction", to=0.19, progress=False)
+    end = branch.points[-1].gait
+    deviation = end.state[gait.system.section(gait.cycle).indices] - known.state
+    assert np.abs(deviation).max() > 1e-5
+    assert end.arcs[0].dynamics.parameter("control.hip") == pytest.approx(
+        gait.dynamics.parameter("control.hip") + known.gains[known.keys.index("control.hip")] @ deviation, abs=1e-10
+    )
+    assert go.verify(end).passed
+    followed = go.solve(gait.problem.replace({"friction": 0.19}), progress=False)
+    np.testing.assert_allclose(followed.state, end.state, atol=1e-9)
+    assert followed.problem.nominal.digest == gait.problem.nominal.digest
+
+
+def test_a_design_finds_the_least_gain_for_a_spectral_radius():
+    entries, key = {"theta1": {"free": [0, 80], "guess": 20}}, "control.step_feedback.gains.control.hip.theta1"
+    asked = {"objective": {key: 1.0}, "constraints": {"spectral_radius": {"max": 0.9}}}
+    gait = go.solve(with_feedback({"gains": {"control.hip": entries}}, **asked), progress=False)
+    assert gait.converged, gait.message
+    assert gait.spectral_radius == pytest.approx(0.9, abs=1e-8)
+    linear = go.return_map_derivatives(named(NAME), ["control.hip"])
+    gains = np.zeros((1, len(linear.names)))
+    gains[0, 0] = gait.freed[key]
+    assert np.abs(np.linalg.eigvals(linear.A + linear.B @ gains)).max() == pytest.approx(0.9, abs=1e-7)
+
+
+def test_a_problem_with_feedback_is_stored_and_restored(tmp_path):
+    gait = closed("lqr")
+    again = restore_problem(gait.problem.resolved())
+    assert again.digest == gait.problem.digest
+    slippery = restore_problem(gait.problem.replace({"friction": 0.19}).resolved())
+    assert slippery.nominal.digest == gait.problem.nominal.digest
+    gait.save(tmp_path / "run")
+    loaded = go.load_run(tmp_path / "run")
+    assert loaded.spectral_radius == pytest.approx(gait.spectral_radius, abs=1e-12)
+    np.testing.assert_allclose(loaded.state, gait.state, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("feedback", "words"),
+    [
+        ({"gains": {"control.knee": {"theta1": 1}}}, "control.knee is no parameter of the law"),
+        ({"gains": {"control.hip": {"theta3": 1}}}, "theta3 is no coordinate of the section, which has theta1"),
+        ({"gains": {"control.hip": {"theta1": "much"}}}, "must be a number"),
+        ({"design": "lqr", "gains": {"control.hip": {"theta1": 1}}}, "give either gains"),
+        ({"design": "lqr", "limits": {"control.hip": [1, 0]}}, "is empty: the lower limit comes first"),
+        ({"design": {"lqr": {"Q": {"theta3": 1}}}}, "no weight of theta3"),
+        ({"design": {"best": {}}}, "unknown key"),
+        ({"design": "deadbeat", "corrects": ["control.ankle", "control.knee"]}, "control.knee is no parameter"),
+    ],
+)
+def test_bad_feedback_is_refused_in_one_sentence(feedback, words):
+    with pytest.raises(go.GaitoptError, match=words):
+        go.solve(with_feedback(feedback), progress=False)
+
+
+@pytest.mark.slow
+def test_the_robot_takes_feedback_on_the_points_of_its_curves():
+    keys = ["control.reference.swing_hip.3", "control.reference.swing_knee.3"]
+    opened = named("rabbit-hzd")
+    gait = go.solve(with_feedback({"design": "lqr", "corrects": keys}, "rabbit-hzd"), progress=False)
+    linear = go.return_map_derivatives(opened, keys)
+    by_gains = floquet_multipliers(linear.A + linear.B @ gait.system.control.step_feedback.known.gains)
+    assert multiplier_distance(gait.multipliers, by_gains) < 1e-6
+    assert gait.spectral_radius < opened.spectral_radius
+    assert go.verify(gait).passed
