@@ -78,8 +78,8 @@ def test_all_faults_of_a_file_come_at_once_in_the_order_of_their_lines():
         "gait.yaml:10:1 friction: -1 must be at least 0 and at most 1000 (coefficient of friction mu)",
         "gait.yaml:11:1 frction: unknown key; did you mean friction?",
         "gait.yaml:12:1 control.ankle: is missing (torque of the ankle [N m])",
-        "gait.yaml:12:34 control.knee: unknown key; allowed: ankle, hip, limits, step_feedback; a knee is a joint stop: "
-        "kneed_walker has one, and its phases state it, {mode: stick, knee: free}",
+        "gait.yaml:12:34 control.knee: unknown key; allowed: ankle, hip, limits, step_feedback; a knee is a joint "
+        "stop: kneed_walker has one, and its phases state it, {mode: stick, knee: free}",
         "gait.yaml:14:3 gait.phases: phases 1 and 2 are both stick: merge them into one",
         "gait.yaml:17:13 gait.guess.state.theta: unknown key; did you mean theta2 or theta1?",
         "gait.yaml:18:5 gait.guess.durations: 1 given, but the gait needs one duration per phase (stick, stick); "
