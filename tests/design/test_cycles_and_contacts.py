@@ -119,6 +119,19 @@ def test_equal_legs_are_designed_over_two_steps_as_over_one() -> None:
     assert two.scalar("step_length") == pytest.approx(2 * one.scalar("step_length"), abs=1e-12)
 
 
+@pytest.mark.slow
+def test_curves_designed_over_two_steps_are_those_of_one() -> None:
+    """Fourteen control points, slips, and a bound on the multipliers, which are squared."""
+    one = named("compass-pd-designed")
+    step = {"phases": ["slip_forward", "stick"], "impact": "slip_forward"}
+    start = {"theta1": -0.075, "dtheta1": 0.266, "dtheta2": -0.432, "dx": 0.257}
+    gait = {"steps": [step, step], "guess": {"state": start}}
+    bounds = {"constraints.step_length": {"min": 0.622}, "constraints.spectral_radius": {"max": 0.25}}
+    two = go.solve(go.load_problem("compass-pd-designed").replace({"gait": gait} | bounds))
+    assert two.solver["objective"] == pytest.approx(one.solver["objective"], rel=1e-9)
+    assert two.spectral_radius == pytest.approx((one.spectral_radius or 0.0) ** 2, rel=1e-5)
+
+
 @pytest.fixture(scope="module")
 def unequal() -> go.Gait:
     return legs(4.4)
