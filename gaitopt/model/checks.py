@@ -198,12 +198,11 @@ def before_impact(walker: type[Walker], shape: Array, p: Array) -> Array:
 @built_once(maxsize=8)
 def _feet(walker: type[Walker]) -> Function:
     """(shape just after an impact, p) -> position of the swing foot, and the shape just before the impact."""
-    s, p = SX.sym("s", len(walker.shape)), SX.sym("p", len(walker.model_fields))
-    named = SimpleNamespace(**{name: s[k] for k, name in enumerate(walker.shape)}, x=SX(0), y=SX(0))
-    mechanism = state_mechanism(walker, named, parameter_namespace(walker, p))
-    relabel = SX(mechanism.relabel)
+    (q, p, mechanism), n = symbolic_mechanism(walker), len(walker.shape)
+    s, relabel = q[:n], SX(mechanism.relabel)
+    swing_foot = substitute(mechanism.swing_foot, q[n:], SX.zeros(2))
     swap, offset = jacobian(relabel, s), substitute(relabel, s, SX.zeros(s.numel()))
-    return Function("feet", [s, p], [densify(mechanism.swing_foot), densify(solve(swap, s - offset))])
+    return Function("feet", [s, p], [densify(swing_foot), densify(solve(swap, s - offset))])
 
 
 @lru_cache(maxsize=64)

@@ -9,11 +9,10 @@ from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from casadi import SX, Function
+from casadi import SX, Function, substitute, vertcat, vertsplit
 from pydantic import BaseModel
 
 from gaitopt.arrays import Array
@@ -24,8 +23,9 @@ from gaitopt.model.buffered import buffered
 from gaitopt.model.checks import FALLEN, forgotten_inertia
 from gaitopt.model.contract import KINKED, check_hooks, check_period, jumping_operations, law_section
 from gaitopt.model.control import OWN_PACKAGE, ConstantTorque, Control, NoControl
-from gaitopt.model.declaration import actuator_units, parameter_namespace, state_mechanism
+from gaitopt.model.declaration import actuator_units, symbolic_mechanism
 from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.foreign import FOOT_COORDINATES
 from gaitopt.model.friction import COULOMB, shared_friction
 from gaitopt.model.modes import Mode
 from gaitopt.model.reference import TableCurves
@@ -410,8 +410,9 @@ def _system(walker: type[Walker]) -> HybridSystem:
 @built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
     """(posture, p) -> swing foot from the stance foot, upright, gravity; the posture is the shape, and any height y."""
-    names, p = walker.coordinates()[:-1], SX.sym("p", len(walker.model_fields))
-    posture = SX.sym("posture", len(names))
-    q = {"x": SX(0), "y": SX(0)} | {name: posture[k] for k, name in enumerate(names)}
-    m = state_mechanism(walker, SimpleNamespace(**q), parameter_namespace(walker, p))
-    return Function("geometry", [posture, p], [m.swing_foot, m.upright, m.gravity])
+    (q, p, m), names = symbolic_mechanism(walker), walker.coordinates()[:-1]
+    known = dict(zip((*walker.shape, *FOOT_COORDINATES), vertsplit(q), strict=True))
+    origin = vertcat(*(known[name] for name in FOOT_COORDINATES if name not in names))
+    expressions = [m.swing_foot, m.upright, m.gravity]
+    at_origin = substitute(expressions, [origin], [SX.zeros(origin.numel())])
+    return Function("geometry", [vertcat(*(known[name] for name in names)), p], at_origin)
