@@ -43,10 +43,11 @@ class Engine(StrEnum):
 
 
 class FeedbackLaw(StrEnum):
-    """A law that walks a known gait: curves over a phase of the posture, or tracking by PD control."""
+    """A law that walks a known gait: curves over a phase, tracking by PD control, or a correction per step."""
 
     CONSTRAINTS = "virtual_constraints"
     PD = "pd"
+    STEP = "step_feedback"
 
 
 NOUNS: Mapping[type[StrEnum], str] = {Method: "method of solution", Engine: "engine", FeedbackLaw: "feedback law"}

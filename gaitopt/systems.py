@@ -250,7 +250,7 @@ def _with_feedback(problem: Problem, law: Control, should_stop: Stop) -> Control
         If a coordinate is not one of the section, or the nominal value of a parameter lies outside of its limits.
     """
     feedback, nominal = law.step_feedback, problem.nominal
-    if feedback is None or nominal is None:
+    if feedback is None or feedback.is_known or nominal is None:
         return law
     gait = solve_sequence(nominal, should_stop=should_stop)
     if gait.status is Status.INTERRUPTED:

@@ -372,7 +372,7 @@ def stabilise(
     progress: bool | Callable[[str], None] = True,
     should_stop: Stop = None,
 ) -> "Stabilised":
-    """Find a feedback law that walks a gait stably: virtual constraints or PD control.
+    """Find a feedback law that walks a gait stably: virtual constraints, PD control, or a correction once per step.
 
     Virtual constraints: the joints with motors follow Bezier curves over a phase variable. Their end points make them
     invariant under the impact of the gait; the others are those that need the least additional torque, within the
@@ -382,8 +382,9 @@ def stabilise(
     Parameters
     ----------
     start : a gait with one step in a cycle and one contact on the ground, or a problem that is solved for it.
-    law : ``virtual_constraints`` or ``pd``; virtual constraints by default where the walker has one motor less than
-        shape coordinates.
+    law : ``virtual_constraints``, ``pd``, or ``step_feedback``, which keeps the law of the gait and corrects its
+        parameters once per step; virtual constraints by default where the walker has one motor less than shape
+        coordinates, otherwise PD control.
     phase : phase variable of the curves, or ``clock``; by default the first one that is monotone along the gait,
         beginning with those that the walker names; ``clock`` for PD control.
     degree : degree of the curves; by default the least one that fits.

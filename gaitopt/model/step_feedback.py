@@ -188,6 +188,11 @@ class StepFeedback(BaseModel):
             raise ValueError("the gains and the state of step_feedback follow from the nominal gait")
         return self._known
 
+    @property
+    def is_known(self) -> bool:
+        """Whether it has its numbers."""
+        return self._known is not None
+
     def resolved(self, known: Resolved) -> Self:
         """The same with its numbers."""
         made = self.model_copy()

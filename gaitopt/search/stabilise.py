@@ -2,10 +2,11 @@
 
     gait  --  curves of its joints  --  problem with the law  --  gait under the law, verified, and its radius
 
-The law is one of two. Under **virtual constraints** the joints with motors follow curves over a phase of the posture,
+The law is one of three. Under **virtual constraints** the joints with motors follow curves over a phase of the posture,
 which are invariant under the impact: what is left of the motion has one degree of freedom, and its multiplier is
 delta^2 of the zero dynamics. This asks for one motor less than shape coordinates. Under **PD control** the joints track
-curves over the clock or over a phase; the gains are raised until the spectral radius is below its bound.
+curves over the clock or over a phase; the gains are raised until the spectral radius is below its bound. **Feedback
+from step to step** keeps the law of the gait and corrects its parameters once per step.
 
 The curves come from a quadratic program along the motion of the gait, see ``gaitopt.search.joint_curves``. Their degree
 is the least one at which they fit, or the one that is asked for.
@@ -73,8 +74,12 @@ INSIDE = 0.95
 """Part of the bound on the spectral radius that a design keeps, so that the gait under its curves lies inside."""
 COMPARED = 101
 """Fractions of the step at which two motions are compared."""
-Candidate = tuple[dict[str, Any], FittedCurves, Joints, str, Gait]
+Candidate = tuple[dict[str, Any], FittedCurves | None, Joints | None, str, Gait]
 """A law as in a problem file, its curves, the joints along their phase, the phase, and a gait near that of the law."""
+LQR_WEIGHTS = (1.0, 1e-2, 1e-4)
+"""Weights of the corrected parameters, in turn until the spectral radius is below its bound."""
+MOST_GAINS = 40
+"""Largest number of gains for which the least spectral radius is searched."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,9 +91,9 @@ class Stabilised(Tabulated):
     gait : under the law, solved and verified; ``problem`` is its problem.
     given : the gait that the law repeats.
     law : kind of the law.
-    phase : of the curves: ``clock`` or the name of a phase variable.
-    least_rate : least rate of the phase along the given gait, relative to its mean.
-    fitted : the curves, and how closely they repeat the gait.
+    phase : of the curves: ``clock`` or the name of a phase variable; empty under feedback from step to step.
+    least_rate : least rate of the phase along the given gait, relative to its mean; None without a phase.
+    fitted : the curves, and how closely they repeat the gait; None under feedback from step to step.
     distance : largest difference of a shape coordinate between both gaits, at equal fractions of the step [rad, or m].
     invariance : largest output, or rate of one, just after the impact [rad, rad/s]; None under PD control.
     bound : upper bound of the spectral radius that was asked for.
@@ -99,8 +104,8 @@ class Stabilised(Tabulated):
     given: Gait
     law: FeedbackLaw
     phase: str
-    least_rate: float
-    fitted: FittedCurves
+    least_rate: float | None
+    fitted: FittedCurves | None
     distance: float
     invariance: float | None
     bound: float
@@ -109,6 +114,8 @@ class Stabilised(Tabulated):
     @property
     def problem(self) -> Problem:
         """The problem with the law, and with its gait as the guess."""
+        if self.law is FeedbackLaw.STEP:  # its guess is the given gait, to which the feedback leads back
+            return self.gait.problem
         return self.gait.problem.with_guess(self.gait)
 
     @property
@@ -132,8 +139,8 @@ class Stabilised(Tabulated):
                 "law": self.law.value,
                 "phase": self.phase,
                 "least_phase_rate": self.least_rate,
-                "degree": self.fitted.degree,
-                "torque_deviation": self.fitted.deviation,
+                "degree": None if self.fitted is None else self.fitted.degree,
+                "torque_deviation": None if self.fitted is None else self.fitted.deviation,
                 "distance": self.distance,
                 "invariance": self.invariance,
                 "torques": {
@@ -194,8 +201,7 @@ class _Search:
         failures, last = 0, np.inf
         for candidates in _laws(self._gait, self._law, self._request):
             for candidate in candidates:
-                control, fitted, *_ = candidate
-                radius = self._examine(candidate, f"degree {fitted.degree}, {_gains(control)}")
+                radius = self._examine(candidate, _words(candidate))
                 if radius < np.inf:
                     break
             failures = failures + 1 if radius > STALLS * last or radius == np.inf else 0
@@ -243,7 +249,8 @@ class _Search:
             return self._failed(f"{words}: {solved.message}")
         solved = solved.verified(verify(solved).to_record())
         made = Stabilised(
-            gait=solved, given=self._gait, law=self._law, phase=phase, least_rate=joints.least_rate, fitted=fitted,
+            gait=solved, given=self._gait, law=self._law, phase=phase, fitted=fitted,
+            least_rate=None if joints is None else joints.least_rate,
             invariance=_invariance(solved), distance=_distance(self._gait, solved), bound=self._request.radius,
         )  # fmt: skip
         if self._best is None or _rank(made) < _rank(self._best):
@@ -265,6 +272,8 @@ def _designed(candidate: "Candidate", gait: Gait, bound: float, should_stop: Sto
     radius, the efforts and, of a gait that sticks, the friction cone.
     """
     control, fitted, joints, phase, _ = candidate
+    assert fitted is not None, "virtual constraints have curves"
+    assert joints is not None
     efforts = _efforts(type(gait.problem.walker))
     fitted = invariant_curves(joints, min(fitted.degree, DESIGN_DEGREE), efforts)
     rows = fitted.rows(joints.names)
@@ -356,6 +365,9 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
     The lowest degree, or the least gains, come first.
     """
     name, walker, efforts = gait.problem.name, gait.system.walker, _efforts(type(gait.problem.walker))
+    if law is FeedbackLaw.STEP:
+        yield from ([candidate] for candidate in _corrections(gait))
+        return
     if law is FeedbackLaw.CONSTRAINTS:
         motors = _driven(gait)
         if not motors:
@@ -396,6 +408,21 @@ def _laws(gait: Gait, law: FeedbackLaw, request: StabiliseRequest) -> Iterator[I
         yield (_tracking(gait, joints, phase, degree, gains) for degree in tracked)
 
 
+def _corrections(gait: Gait) -> Iterator[Candidate]:
+    """The law of the gait with feedback from step to step: regulators, then gains with a small spectral radius."""
+    problem = gait.problem.with_fixed(gait.freed) if gait.problem.free else gait.problem
+    law = problem.control
+    keys = [f"control.{key}" for key in law.parameters if not key.startswith("limits.")]
+    if not keys or law.unknowns(type(problem.walker)):
+        words = "are unknowns of a design: give their values" if keys else "has none that could be corrected"
+        raise ProblemError(f"{problem.name}: parameters of its control law {words}")
+    designs: list[dict[str, Any]] = [{"lqr": {"R": dict.fromkeys(keys, weight)}} for weight in LQR_WEIGHTS]
+    n = len(gait.system.section(gait.cycle).names)
+    designs += [{"minimum_radius": {}}] if n * len(keys) <= MOST_GAINS else []
+    for design in designs:
+        yield {**law.record, "step_feedback": {"design": design}}, None, None, "", gait
+
+
 def _tracking(gait: Gait, joints: Joints, phase: str, degree: int, gains: tuple[float, float]) -> Candidate:
     """PD control with gains (kp, kd)."""
     fitted, (start, end) = tracked_curves(joints, degree, gains, _efforts(type(gait.problem.walker))), joints.span
@@ -419,9 +446,14 @@ def _problem(gait: Gait, control: Mapping[str, Any], near: Gait) -> Problem:
     )
 
 
-def _gains(control: Mapping[str, Any]) -> str:
+def _words(candidate: Candidate) -> str:
+    control, fitted, *_ = candidate
+    if fitted is None:
+        (design, keys), *_ = control["step_feedback"]["design"].items()
+        weight = next(iter(keys.get("R", {}).values()), None)
+        return design if weight is None else f"{design} with weight {weight:g} of the parameters"
     gains = control.get("gains", control)
-    return f"kp {gains['kp']:.4g}, kd {gains['kd']:.4g}"
+    return f"degree {fitted.degree}, kp {gains['kp']:.4g}, kd {gains['kd']:.4g}"
 
 
 def _rank(made: Stabilised) -> tuple[int, float]:

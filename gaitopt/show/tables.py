@@ -296,14 +296,14 @@ def print_derivatives(console: Console, record: Record) -> None:
 def print_stabilised(console: Console, record: Record, problem: Problem, *, every: bool = True) -> None:
     """Print a gait under a law that was made for it: its distance from the given gait, then the table of the gait."""
     made, given = record["stabilised"], record["stabilised"]["given"]
-    over = "the clock" if made["phase"] == "clock" else f"the phase {made['phase']}"
-    console.print(f"{given['problem']} with {made['law'].replace('_', ' ')} over {over}", style="bold")
-    console.print(
-        f"curves of degree {made['degree']}, {made['torque_deviation']:.1%} additional torque", soft_wrap=True
-    )
+    over = {"": "", "clock": " over the clock"}.get(made["phase"], f" over the phase {made['phase']}")
+    console.print(f"{given['problem']} with {made['law'].replace('_', ' ')}{over}", style="bold")
+    if made["degree"] is not None:
+        words = f"curves of degree {made['degree']}, {made['torque_deviation']:.1%} additional torque"
+        console.print(words, soft_wrap=True)
     if made["invariance"] is not None:
         console.print(f"outputs and their rates are below {made['invariance']:.1e} just after the impact")
-    if made["phase"] != "clock":
+    if made["phase"] not in ("", "clock"):
         console.print(f"the phase advances at {made['least_phase_rate']:.0%} of its mean rate or faster")
     for attempt in made["attempts"]:
         console.print(f"tried: {attempt}", soft_wrap=True)

@@ -199,3 +199,17 @@ def test_the_phase_variable_and_its_rate_are_drawn(walked):
         assert drawn[[0, -1]] == pytest.approx(frame[name].to_numpy()[[0, -1]], abs=1e-9)
     with pytest.raises(ValueError, match="no figure 'phase'"):
         gait("compass-passive-a").plot("phase")
+
+
+def test_feedback_from_step_to_step_keeps_the_law_and_the_motion_of_a_gait():
+    given = gait("compass-torque-impact-slip")
+    made = go.stabilise(given, law="step_feedback", progress=False)
+    assert made.objections == ()
+    assert made.gait.spectral_radius < 1 < given.spectral_radius
+    assert made.distance < 1e-10
+    assert go.solve(made.problem, progress=False).spectral_radius == pytest.approx(made.gait.spectral_radius, abs=1e-9)
+    smaller = go.stabilise(given, law="step_feedback", radius=0.3, progress=False)
+    assert smaller.gait.spectral_radius < 0.3
+    assert "lqr with weight 1 of the parameters: spectral radius 0.7865" in smaller.attempts[0]
+    with pytest.raises(ProblemError, match="passive-a"):
+        go.stabilise(gait("compass-passive-a"), law="step_feedback", progress=False)
