@@ -4,6 +4,7 @@ Results are printed from their records, the JSON objects of the command line.
 """
 
 import math
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from decimal import Decimal
@@ -717,7 +718,7 @@ def _theorem_rows(words: Record) -> list[tuple[str, str]]:
 
 
 def _words(name: str) -> str:
-    return "Neimark-Sacker" if name == "neimark_sacker" else name.replace("_", " ")
+    return re.sub(r"(\d) (\d)", r"\1:\2", name.replace("_", " ").replace("neimark sacker", "Neimark-Sacker"))
 
 
 def printed(result: Any, *, titled: bool = False) -> str:

@@ -10,7 +10,6 @@ from contact_problems import CATALOGUE, NAMES, Runner, contact_gait, contact_pro
 from named import named
 
 from gaitopt.api.verbs import prove
-from gaitopt.errors import ProblemError
 from gaitopt.gait.gait import floquet_multipliers, multiplier_distance
 from gaitopt.model.mechanism import Contact, polar
 from gaitopt.model.walkers.heel_toe import HeelToe
@@ -241,13 +240,9 @@ def test_the_return_map_of_many_states_is_that_of_each(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_what_does_not_cover_several_contacts_says_so(name: str, tmp_path: Path) -> None:
-    problem = contact_problem(name)
-    several = f"the {problem.walker.model}[ ,].*has several contacts"
-    with pytest.raises(ProblemError, match=several):
-        parse_problem(problem.text.replace("gravity: 9.81", "gravity: {free: [9, 10], guess: 9.81}"))
+def test_a_proof_says_that_it_does_not_cover_several_contacts(name: str, tmp_path: Path) -> None:
     proof = prove(contact_gait(name), output=tmp_path / "proof.json")
     assert not proof.proved
     assert [claim["words"] for claim in proof.to_record()["claims"]] == [
-        f"{name}: a {problem.walker.model} has several contacts; proofs do not cover that"
+        f"{name}: a {contact_problem(name).walker.model} has several contacts; proofs do not cover that"
     ]
