@@ -252,6 +252,8 @@ def _with_feedback(problem: Problem, law: Control, should_stop: Stop) -> Control
     feedback, nominal = law.step_feedback, problem.nominal
     if feedback is None or feedback.is_known or nominal is None:
         return law
+    if nominal.is_open:
+        raise ProblemError(f"{problem.name}: control.step_feedback needs a mode sequence; state gait.phases")
     gait = solve_sequence(nominal, should_stop=should_stop)
     if gait.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

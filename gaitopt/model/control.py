@@ -120,6 +120,8 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         if self.step_feedback is not None:
             faults = self.step_feedback.faults(self.parameters)
             yield from ((("step_feedback", *path), message) for path, message in faults)
+            if {*self.unknowns(walker)} - {*self.step_feedback.unknowns}:
+                yield ("step_feedback",), "corrects a law whose numbers are known, but some are unknowns of a design"
 
     @classmethod
     def section(cls, walker: WalkerType) -> SectionType:

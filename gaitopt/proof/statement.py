@@ -184,6 +184,8 @@ def _restore(
     """The statement about one problem; raises the errors of ``restore_statement``."""
     if problem.is_open:
         raise ValueError(f"{problem.name}: the mode sequence is open")
+    if problem.control.step_feedback is not None:
+        raise NotProved("feedback from step to step is not covered; prove the gait of the problem without it")
     exact, designed = ExactValues(source), _designed(problem, record.designed, intervals)
     stated, problem = problem, _with_torques(problem, record, designed)
     control = _completed(problem.control, problem, record, is_fixed=problem is not stated)

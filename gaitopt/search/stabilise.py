@@ -414,8 +414,8 @@ def _corrections(gait: Gait) -> Iterator[Candidate]:
     law = problem.control
     keys = [f"control.{key}" for key in law.parameters if not key.startswith("limits.")]
     if not keys or law.unknowns(type(problem.walker)):
-        words = "are unknowns of a design: give their values" if keys else "has none that could be corrected"
-        raise ProblemError(f"{problem.name}: parameters of its control law {words}")
+        words = "has unknowns of a design: give their values" if keys else "has no parameters that could be corrected"
+        raise ProblemError(f"{problem.name}: its control law {words}")
     designs: list[dict[str, Any]] = [{"lqr": {"R": dict.fromkeys(keys, weight)}} for weight in LQR_WEIGHTS]
     n = len(gait.system.section(gait.cycle).names)
     designs += [{"minimum_radius": {}}] if n * len(keys) <= MOST_GAINS else []

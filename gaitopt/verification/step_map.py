@@ -113,6 +113,12 @@ class StepMap:
     """
 
     def __init__(self, dynamics: Dynamics, engine: Engine, problem: Problem) -> None:
+        correction = dynamics.system.correction
+        if correction is not None and correction.every > 1:
+            raise ProblemError(
+                f"{problem.name}: feedback from step to step acts once per cycle of {correction.every} steps, but a "
+                "map of states takes one step: simulate walks instead"
+            )
         self.dynamics, self.engine = dynamics, engine
         self.names = names = dynamics.system.state_names
         self.indices, self.is_stated = np.arange(len(names)), False

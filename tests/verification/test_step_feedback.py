@@ -163,6 +163,34 @@ def test_bad_feedback_is_refused_in_one_sentence(feedback, words):
         go.solve(with_feedback(feedback), progress=False)
 
 
+def test_what_does_not_know_the_feedback_says_so():
+    curves = {"curve": {"degree": 3, "start": "compass-passive-stick"}, "beyond_end": "hold"}
+    changes = {"control.reference": curves, "control.step_feedback": {"design": "lqr"}}
+    with pytest.raises(go.GaitoptError, match="some are unknowns of a design"):
+        go.load_problem("compass-pd-designed").replace(changes)
+    pytest.importorskip("flint")
+    proof = go.prove(closed("lqr"), progress=False)
+    assert not proof.proved
+    assert "feedback from step to step is not covered" in proof.to_record()["claims"][0]["words"]
+
+
+def test_a_cycle_of_two_steps_is_corrected_once():
+    problem = go.load_problem("compass-torque-stick")
+    state = {name: problem.guess.state[name] for name in ("theta1", "dtheta1", "dtheta2")}
+    steps = {"steps": [{"phases": ["stick"], "impact": "stick"}] * 2, "guess": {"state": state}}
+    opened = go.solve(problem.replace({"gait": steps}), progress=False)
+    gait = go.solve(opened.problem.replace({"control.step_feedback": {"design": "lqr"}}), progress=False)
+    known = gait.system.control.step_feedback.known
+    linear = go.return_map_derivatives(opened, known.keys)
+    assert multiplier_distance(gait.multipliers, floquet_multipliers(linear.A + linear.B @ known.gains)) < 1e-9
+    assert go.verify(gait).passed
+    first, second, third = go.simulate(gait, {"theta1": 1.01 * gait.state[0]}, steps=3).trajectory.steps
+    hips = [step.arcs[0].dynamics.parameter("control.hip") for step in (first, second, third)]
+    assert hips[0] == hips[1] != hips[2]
+    with pytest.raises(go.GaitoptError, match="acts once per cycle of 2 steps"):
+        go.return_map(gait, [gait.state[gait.system.section(gait.cycle).indices]])
+
+
 @pytest.mark.slow
 def test_the_robot_takes_feedback_on_the_points_of_its_curves():
     keys = ["control.reference.swing_hip.3", "control.reference.swing_knee.3"]
