@@ -109,8 +109,7 @@ def curve_start(special: SpecialPoint) -> CurveStart:
 def condition_of(record: ConditionRecord) -> Condition:
     """The condition that holds along a curve, from the record of its start."""
     if "margin" in record:
-        kind, phase, step = record["margin"]
-        return MarginZero(MonitorKey(kind, phase, step))
+        return MarginZero(MonitorKey(**record["margin"]))
     critical = KINDS[record["type"]]
     return Pair(record["kappa"]) if critical is None else Eigenvalue(critical)
 
@@ -125,9 +124,7 @@ def vanishing_monitor(gait: Gait) -> MonitorKey:
     """
     small = {key: abs(m.value) for key, m in monitor_values(gait).items() if abs(m.value) < ACTIVE}
     if not small:
-        raise ProblemError(
-            "no margin of the mode sequence vanishes at this gait, so that it is not on the curve of one"
-        )
+        raise ProblemError("no margin of the mode sequence vanishes at this special point, so that it has no curve")
     return min(small, key=lambda key: (key.kind == "duration", small[key]))
 
 

@@ -418,11 +418,19 @@ class RequestRecord(TypedDict):
     start: NotRequired[Word]
 
 
+class MarginRecord(TypedDict):
+    """The monitor of a mode sequence; ``phase`` is None for the impact that ends a step."""
+
+    kind: Word
+    phase: Count | None
+    step: Count
+
+
 class ConditionRecord(TypedDict):
     """What vanishes along a curve of special points; see ``trace.CurveStart``."""
 
     type: Word
-    margin: NotRequired[tuple[Word, Count | None, Count]]
+    margin: NotRequired[MarginRecord]
     kappa: NotRequired[Number]
 
 

@@ -44,7 +44,7 @@ class CurveStart:
             type=record["type"],
             parameter=parameter,
             gait=gait,
-            margin=None if margin is None else (margin[0], margin[1], margin[2]),
+            margin=None if margin is None else (margin["kind"], margin["phase"], margin["step"]),
             kappa=record.get("kappa", 0.0),
         )
 
@@ -52,7 +52,8 @@ class CurveStart:
         """One JSON object, without the gait."""
         record: ConditionRecord = {"type": self.type}
         if self.margin is not None:
-            record["margin"] = self.margin
+            kind, phase, step = self.margin
+            record["margin"] = {"kind": kind, "phase": phase, "step": step}
         if self.type == "neimark_sacker":
             record["kappa"] = self.kappa
         return record

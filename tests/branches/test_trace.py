@@ -17,12 +17,14 @@ from gaitopt.branches.curve import Curve, Metric
 from gaitopt.branches.monitors import monitor_values
 from gaitopt.branches.normal_forms import local_map
 from gaitopt.branches.trace import follow_curve, traced_start
-from gaitopt.errors import ProblemError, UnknownNameError
+from gaitopt.errors import ProblemError, StorageError, UnknownNameError
 from gaitopt.gait.trace import TracePoint
 from gaitopt.requests import TraceRequest
-from gaitopt.runs.trace import traced_family
+from gaitopt.runs.trace import TRACE_FILE, traced_family
 from gaitopt.solver.assembly import solution_of
 from gaitopt.solver.newton import Solution, polish
+from gaitopt.store.files import lines_text, read_lines
+from gaitopt.store.run import Run
 from gaitopt.store.trace import resumable_trace, stored_traces
 
 SLOPE, ANKLE, HIP = "walker.slope", "control.ankle", "control.hip"
@@ -326,6 +328,17 @@ def test_a_trace_in_a_folder_is_the_same_when_it_is_read_back(tmp_path):
     kept = trace(doubling(), SLOPE, output=tmp_path / "trace", **more)
     assert kept.to_records() == plain.to_records()
     assert load_run(tmp_path / "trace").to_records() == plain.to_records()
+    head, *lines = read_lines(tmp_path / "trace" / TRACE_FILE)
+    spoiled = [
+        ("values: must be those of friction and walker.slope", {"values": {"friction": 0.1, "walker.mass": 1.0}}),
+        ("values.friction", {"values": {"friction": -0.1, SLOPE: 0.1}}),
+        ("condition", {"condition": {"kind": "period_doubling"}}),
+        ("cannot be resumed", {"values": {"friction": 0.1, SLOPE: 0.01}}),
+    ]
+    for words, entries in spoiled:
+        Run(tmp_path / "trace").write({TRACE_FILE: lines_text((head, *lines[:1], {**lines[1], **entries}))})
+        with pytest.raises(StorageError, match=words):
+            trace(doubling(), SLOPE, output=tmp_path / "trace", **more)
 
 
 def test_a_limit_of_points_leaves_the_curve_open():
