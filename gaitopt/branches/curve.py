@@ -35,6 +35,9 @@ from gaitopt.solver.shooting import MultipleShooting
 from gaitopt.solver.solve import free_parameters
 from gaitopt.threads import cached_property
 
+LEAST_GAIN = 4.0
+"""Factor by which a mesh with all intervals halved must reduce the integration error; the order of a step gives 256."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
@@ -242,7 +245,10 @@ class CurvePoint:
     def remeshed(self) -> "CurvePoint | None":
         """The same gait on a finer mesh where its integration error needs one; None if that fails."""
         if self.curve.condition is not None:
-            return self._traced_again() if self.integration_error > LARGEST_ERROR else self
+            error = self.integration_error
+            finer = self._traced_again() if LARGEST_ERROR < error < np.inf else None
+            # where rounding causes the error, as next to a singular gait, a finer mesh does not help
+            return self if finer is None or finer.integration_error > error / LEAST_GAIN else finer
         refined = refine(self.at)
         return self if refined.equations is self.at.equations else self._resampled(refined)
 

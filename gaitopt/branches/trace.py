@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from gaitopt.arrays import overflow_allowed
+from gaitopt.arrays import Array, overflow_allowed
 from gaitopt.branches.change import ACTIVE, DISTANCES, NEARBY, halved_cycle, start_states, successors, transition_at
 from gaitopt.branches.codimension_two import (
     CURVES,
@@ -29,7 +29,7 @@ from gaitopt.branches.codimension_two import (
     others_are_complex,
 )
 from gaitopt.branches.conditions import Condition, Eigenvalue, MarginZero, Pair
-from gaitopt.branches.continuation import FIRST_LENGTH, SMALLEST_LENGTH, VANISHED_STRIDE, VANISHING
+from gaitopt.branches.continuation import FIRST_LENGTH, HALVED, SMALLEST_LENGTH, VANISHED_STRIDE, VANISHING
 from gaitopt.branches.curve import Curve, CurvePoint, Location, Metric, curve_through
 from gaitopt.branches.monitors import MonitorKey, monitor_values, stride
 from gaitopt.branches.normal_forms import KINDS, LocalMap, coefficients
@@ -46,7 +46,10 @@ from gaitopt.model.transitions import Ending, margin
 from gaitopt.requests import TraceRequest
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.solver.arclength import next_length
+from gaitopt.solver.mesh import Mesh
+from gaitopt.solver.newton import Solution
 from gaitopt.solver.rollout import retraced, roll_out
+from gaitopt.solver.shooting import transcribe
 from gaitopt.store.branch import StoredPoint
 from gaitopt.store.trace import StoredTrace
 from gaitopt.verification.verify import confirm
@@ -67,6 +70,8 @@ SILENT = 1e-8
 """A monitor below this vanishes along the whole curve, or at its first point."""
 AT_BOUND = 1e-9
 """Relative distance from a bound below which a point is at it."""
+HALVES_APART = (1e-3, 1e-2)
+"""Arclengths from a period doubling at which the halves of a doubled gait differ enough for Newton's method."""
 MARGINS = ("mode_change", "impact_change", str(Ending.LIFT_OFF), str(Ending.PAINLEVE))
 """Types of special points at which a margin vanishes."""
 
@@ -126,6 +131,55 @@ def vanishing_monitor(gait: Gait) -> MonitorKey:
     if not small:
         raise ProblemError("no margin of the mode sequence vanishes at this special point, so that it has no curve")
     return min(small, key=lambda key: (key.kind == "duration", small[key]))
+
+
+@overflow_allowed()
+def doubled_margin(point: CurvePoint, key: MonitorKey) -> CurveStart | None:
+    """The curve on which a margin vanishes in one half of the doubled gait, from a period doubling on this margin.
+
+    Doubled gaits leave the period doublings along the critical eigenvector v. To first order the margin g of their
+    first half stays zero in the direction v - (dg v / dg t) t, with t the direction of the period doublings.
+
+    Returns
+    -------
+    start : None if Newton's method finds no such gait there.
+    """
+    curve, at, plane = point.curve, point.at, point.point.at.plane
+    equations, margin_zero = at.equations, MarginZero(key)
+    first, second = Eigenvalue(KINDS["period_doubling"] or -1.0).slopes(at, plane)
+    along = second * plane[0] - first * plane[1]
+    cycle, n = Cycle(curve.cycle.steps * 2), equations.n_phases
+    arcs = [replace(arc, phase=arc.phase + k * n) for k in (0, 1) for arc in equations.mesh.arcs]
+    problem = point.problem.with_modes(cycle, dict(zip(point.gait.system.state_names, point.gait.state, strict=True)))
+    twice = transcribe(equations.system, Mesh(cycle=cycle, arcs=tuple(arcs)), equations.free)
+    doubled = replace(curve, problem=problem, equations=twice, condition=margin_zero)
+
+    def lifted(w: Array) -> Array:
+        nodes, durations, freed = equations.unpack(w)
+        return twice.pack(np.hstack([nodes, nodes]), np.tile(durations, 2), freed)
+
+    origin = Solution(twice, lifted(at.w), at.p)
+    vector = np.random.default_rng(0).standard_normal(origin.residual.size) * origin.units.unknowns[:-2]
+    try:
+        for _ in range(2):  # inverse iteration
+            vector = origin.scaled.solve(origin.scaled.solve_transposed(vector))
+            vector /= np.linalg.norm(vector)
+    except RuntimeError:  # singular to the last bit
+        return None
+    apart = np.append(vector, [0.0, 0.0])
+    apart /= np.linalg.norm(doubled.solutions.coordinates(apart))
+    (by_apart,), (by_along,) = margin_zero.slopes(origin, apart[None]), margin_zero.slopes(at, along[None])
+    for distance in (sign * size for size in HALVES_APART for sign in (1.0, -1.0)):
+        shift = -distance * by_apart / by_along
+        predicted = lifted(at.w + shift * along) + distance * apart
+        normal = doubled.solutions.coordinates(predicted - origin.w)
+        found = doubled.with_gait(doubled.solutions.across(predicted, normal / np.linalg.norm(normal)))
+        if found is None or halved_cycle(found.gait) is not None:
+            continue
+        if all(m.value > -SILENT for k, m in found.monitors.items() if k != key):
+            place = (key.kind, key.phase, key.step)
+            return CurveStart(type="margin", parameter=equations.free[0], gait=found.gait, margin=place)
+    return None
 
 
 def _with_cycle(gait: Gait, cycle: Cycle) -> Gait:
@@ -268,6 +322,9 @@ class CurveWalk:
                 if isinstance(record, TraceSpecial) and record.type == "end":
                     return
             if self.should_stop is not None and self.should_stop():
+                return
+            if halved_cycle(self.point.gait) is not None and halved_cycle(self.start.gait) is None:
+                yield self._special("end", self.point, reason=HALVED)
                 return
             if stride(self.point.gait) < VANISHED_STRIDE:
                 yield self._special("end", self.point, reason=VANISHING)
@@ -422,7 +479,11 @@ class CurveWalk:
             if name.endswith("_neimark_sacker") and not others_are_complex(local, self.kind, kappa):
                 continue
             special = self._special(name, location.point, location.status)
-            yield replace(special, next=self._beginning(name, location.point.gait, local, kappa))
+            following = self._beginning(name, location.point.gait, local, kappa)
+            if name == "margin_period_doubling" and self.own is not None:
+                doubled = doubled_margin(location.point, self.own)
+                following += () if doubled is None else (doubled,)
+            yield replace(special, next=following)
             if self.kind == "neimark_sacker" and name in ("resonance_1_1", "resonance_1_2"):
                 words = "the two multipliers meet and become real: beyond lie neutral saddles"
                 yield replace(self._special("end", location.point, reason=words), codimension=2)
@@ -448,7 +509,9 @@ class CurveWalk:
         words = margin(key.kind).lost if key.kind != "duration" else "vanishes"
         words = words if key.phase is None else f"{cycle.phase_words(key.phase)}: {words}"
         other = CurveStart(type="margin", parameter=self.first, gait=point.gait, margin=(key.kind, key.phase, key.step))
-        special = replace(self._special(name, point, event.status, words), next=(other,), before=cycle)
+        doubled = doubled_margin(point, key) if self.kind == "period_doubling" else None
+        following = (other,) if doubled is None else (other, doubled)
+        special = replace(self._special(name, point, event.status, words), next=following, before=cycle)
         transition = transition_at(point.gait.system.transitions, cycle, key)
         if transition is not None and (transition.ending or transition.ends_step):
             yield special

@@ -263,6 +263,23 @@ def test_a_branch_point_of_equal_halves_is_traced_as_the_period_doubling_of_one_
 
 
 @pytest.mark.slow
+def test_the_margin_of_the_doubled_gait_is_tangent_to_the_period_doublings_that_meet_the_margin():
+    """Colombo & Dercole (2010): their distance grows like the square of that between the halves of the gait."""
+    changes = special("compass-passive-a", "mode_change", "friction", 0.174)
+    meeting = trace(changes, SLOPE, 0.0935, verify_every=0, progress=False).special("margin_period_doubling")[0]
+    flips, doubled = meeting.next
+    assert (flips.type, doubled.type, len(doubled.gait.steps)) == ("period_doubling", "margin", 2)
+    curve = trace(doubled, SLOPE, 0.0938, max_points=4, progress=False)
+    ratios = []
+    for point in curve:
+        first, second = (step.arcs[0].states[0] for step in point.gait.steps)
+        beside = trace(flips, SLOPE, point.values[SLOPE], verify_every=0, progress=False).special("end")[0]
+        apart = point.values["friction"] - beside.values["friction"]
+        ratios.append(apart / np.abs(first - second).max() ** 2)
+    assert ratios == pytest.approx([ratios[0]] * len(ratios), rel=0.05)
+
+
+@pytest.mark.slow
 def test_doubled_gaits_grow_as_the_coefficient_of_the_flip_says():
     """x -> mu x + c x^3 with mu = -1 - a has the doubled amplitude x^2 = a / c: extrapolated to the doubling."""
     origin = doubling()
