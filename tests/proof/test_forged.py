@@ -51,7 +51,7 @@ from gaitopt.proof.statement import restore_statement  # noqa: E402
 from gaitopt.solver.solve import solve_gait  # noqa: E402
 
 check_module = import_module("gaitopt.proof.check")
-PAGE = Path(__file__).parents[2] / "docs" / "proof.md"
+PAGE = Path(__file__).parents[2] / "docs" / "developer" / "proof-tests.md"
 
 
 @cache
