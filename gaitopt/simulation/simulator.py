@@ -5,8 +5,9 @@ from the contact forces at the event, or from the impulses at touchdown; see Gam
 ``gaitopt.model.transitions`` states guards, resets and candidates; ``ContactResolver`` chooses among the candidates.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import count
 from math import inf, isfinite
 
 import numpy as np
@@ -193,18 +194,52 @@ class Simulator:
         """
         if steps < 1:
             raise ValueError(f"steps = {steps}: at least one step is needed")
-        start = z = self._after_impact(state, anywhere=anywhere)
+        start = self._after_impact(state, anywhere=anywhere)
         completed: list[Step] = []
         ending, message, time, events = Ending.COMPLETED, "", 0.0, 0
         limits = Until(steps=int(steps)) if until is None else until
-        ground, tiles = self._ground, dict[str, int]() if self._ground is None else self._ground.start(z)
         most, last, events_left = (inf if n is None else n for n in (limits.steps, limits.time, limits.events))
-        first, correction = z, self.system.correction
+
+        def rest() -> tuple[float, float] | None:
+            return None if until is None else (last - time, events_left - events)
+
+        walk = self.each_step(start, dense=dense, anywhere=anywhere, rest=rest)
         while len(completed) < most and time < last and events < events_left:
             if should_stop is not None and should_stop():
                 message = f"{len(completed)} of {steps} steps, then stopped on request"
                 break
-            n = len(completed)
+            outcome = next(walk)
+            if outcome.step is not None:
+                completed.append(outcome.step)
+                time += outcome.step.period
+            if outcome.step is None or outcome.step.impact is None:
+                ending, message = outcome.ending, outcome.message
+                break
+            events += outcome.events
+        if not message:
+            message = f"{steps} of {steps} steps" if until is None else f"{len(completed)} steps, {time:.6g} s"
+        return Trajectory(
+            names=self.system.state_names, start=start, steps=tuple(completed), ending=ending, message=message
+        )
+
+    def each_step(
+        self,
+        state: Array,
+        *,
+        dense: bool = False,
+        anywhere: bool = False,
+        rest: Callable[[], tuple[float, float] | None] = lambda: None,
+    ) -> Iterator[StepOutcome]:
+        """Simulate one step after the other, until one is not completed.
+
+        Parameters
+        ----------
+        rest : called before every step, see ``step``.
+        """
+        z, ground = self._after_impact(state, anywhere=anywhere), self._ground
+        tiles = dict[str, int]() if ground is None else ground.start(z)
+        first, correction = z, self.system.correction
+        for n in count():
             first = z if correction is None or n % correction.every == 0 else first
             if ground is not None:
                 simulator = self.on(ground.dynamics(n, tiles, z).acting(first))
@@ -213,29 +248,14 @@ class Simulator:
             else:
                 acting = self.dynamics.acting(first).steps
                 simulator = self.on(acting[n % len(acting)])
-            outcome = simulator.step(
-                z,
-                dense=dense,
-                number=n + 1,
-                anywhere=anywhere and not completed,
-                rest=None if until is None else (last - time, events_left - events),
-                walk=None if ground is None else (self, tiles, first),
-            )
-            if outcome.step is not None:
-                completed.append(outcome.step)
-                time += outcome.step.period
+            walk = None if ground is None else (self, tiles, first)
+            outcome = simulator.step(z, dense=dense, number=n + 1, anywhere=anywhere and not n, rest=rest(), walk=walk)
+            yield outcome
             if outcome.step is None or outcome.step.impact is None:
-                ending, message = outcome.ending, outcome.message
-                break
-            events += outcome.events
+                return
             z = outcome.step.impact.state
             if ground is not None:
                 tiles = ground.following(n, tiles, outcome.step.impact.mode)
-        if not message:
-            message = f"{steps} of {steps} steps" if until is None else f"{len(completed)} steps, {time:.6g} s"
-        return Trajectory(
-            names=self.system.state_names, start=start, steps=tuple(completed), ending=ending, message=message
-        )
 
     def step(
         self,

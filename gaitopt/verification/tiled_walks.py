@@ -1,0 +1,175 @@
+"""Many walks at once, each on tiles of its own; on heyoka in batches, on scipy one after the other.
+
+A floor of m walks is three arrays with a row per walk and a column per tile, the last of which repeats. Where the rest
+of all floors is nominal, the walks go on with the nominal system, which takes less time.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gaitopt.arrays import Array
+from gaitopt.gait.gait import Gait
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import FOOT, SWING_FOOT
+from gaitopt.problem.floor import QUANTITIES, Floor
+from gaitopt.requests import Engine
+from gaitopt.simulation.ground import OnTiles, Tiles, check_floor
+from gaitopt.simulation.outcomes import StepOutcomes, stack_outcomes
+from gaitopt.simulation.simulator import Simulator, stepper_class
+
+Rows = NDArray[np.intp]
+Floors = Mapping[str, Array]
+"""Friction, height and slope, shape (m, tiles) each, of m walks; what is missing is nominal."""
+
+
+def floor_of(floors: Floors, row: int) -> Floor:
+    """The floor of one walk.
+
+    Raises
+    ------
+    ProblemError
+        If a value is out of its range.
+    """
+    return Floor(**{name: values[row].tolist() for name, values in floors.items()})
+
+
+class TiledWalks:
+    """Walks on tiles from given states, step by step.
+
+    Parameters
+    ----------
+    dynamics : the walker on the nominal floor, in its first step.
+    states : ndarray, shape (m, n_z) - states just after an impact.
+    floors : of the walks; None for the nominal floor.
+    engine : ``scipy`` or ``heyoka``.
+
+    Attributes
+    ----------
+    states : ndarray, shape (m, n_z) - the latest states of the walks.
+    walking : indices of the walks that go on.
+    steps : number of steps that all of these have completed.
+
+    Raises
+    ------
+    ProblemError
+        If the walker cannot walk on these floors.
+    """
+
+    def __init__(self, dynamics: Dynamics, states: Array, floors: Floors | None, engine: Engine) -> None:
+        self.states, self.walking, self.steps = states.copy(), np.arange(len(states)), 0
+        self._dynamics, self._floors, walker = dynamics, floors or {}, dynamics.system.walker
+        self._in_batches = engine is Engine.HEYOKA and walker.stands_on_one()
+        self._one_by_one = list[Iterator[StepOutcomes]]()
+        if self._floors and len(states):
+            check_floor(dynamics.system, floor_of(self._floors, 0))
+        if self._in_batches:
+            self._batches = _Batches(dynamics, self._floors)
+        else:
+            self._one_by_one = [self._walk(state, row, stepper_class(engine)) for row, state in enumerate(states)]
+
+    def step(self) -> tuple[Rows, StepOutcomes]:
+        """One step of the walks that go on; these walks, and how their steps ended."""
+        rows = self.walking
+        if self._in_batches:
+            outcomes = self._batches.step(self.steps, rows, self.states[rows])
+        else:
+            outcomes = _joined([next(self._one_by_one[row]) for row in rows])
+        self.states[rows], self.steps = outcomes.states, self.steps + 1
+        self.walking = rows[outcomes.completed]
+        return rows, outcomes
+
+    def leave(self, rows: Rows) -> None:
+        """End some walks."""
+        self.walking = np.setdiff1d(self.walking, rows)
+
+    def _walk(self, state: Array, row: int, stepper: type) -> Iterator[StepOutcomes]:
+        floor = floor_of(self._floors, row) if self._floors else None
+        simulator = Simulator(self._dynamics, stepper, floor=floor)
+        start = state
+        for outcome in simulator.each_step(state):
+            found = stack_outcomes([outcome], start[None], simulator.system)
+            start = found.states[0]
+            yield found
+
+
+def _joined(parts: list[StepOutcomes]) -> StepOutcomes:
+    names = ("states", "endings", "times", "step_lengths", "phases", "impacts")
+    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+class _Batches:
+    """Steps of a walker on one foot on heyoka."""
+
+    def __init__(self, dynamics: Dynamics, floors: Floors) -> None:
+        from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
+
+        self._nominal = [BatchSimulator(each) for each in dynamics.steps]
+        self._floors = {name: np.asarray(floors[name], float) for name in QUANTITIES if name in floors}
+        self._tiles = max((values.shape[1] for values in self._floors.values()), default=0)
+        uneven = any(self._floors[name].any() for name in ("height", "slope") if name in self._floors)
+        self._on_tiles = OnTiles(dynamics, drops=False, uneven=uneven)
+        level = Dynamics(self._on_tiles.system, self._on_tiles.parameters(0, {}, np.zeros((1, dynamics.system.n_z)))[0])
+        self._tiled = BatchSimulator(level) if self._floors else None
+        self._last = self._last_special(dynamics)
+
+    def step(self, n: int, rows: Rows, states: Array) -> StepOutcomes:
+        if self._tiled is None or n > self._last:
+            return self._nominal[n % len(self._nominal)].step(states)
+        tiles = {FOOT: self._under(n, n, rows), SWING_FOOT: self._under(n + 1, n, rows)}
+        return self._tiled.step(states, self._on_tiles.parameters(n, tiles, states))
+
+    def _under(self, n: int, base: int, rows: Rows) -> Tiles:
+        """Tile ``n`` of some walks, at its height over tile ``base``."""
+        friction, height, slope = (self._floors.get(name) for name in QUANTITIES)
+        of = [
+            None if values is None else values[rows, min(n, values.shape[1] - 1)]
+            for values in (friction, height, slope)
+        ]
+        zero = np.zeros(rows.size)
+        rise = zero if height is None or of[1] is None else of[1] - height[rows, min(base, height.shape[1] - 1)]
+        pair = None if of[0] is None else np.column_stack([of[0], of[0]])
+        return Tiles(friction=pair, height=rise, slope=zero if of[2] is None else of[2])
+
+    def _last_special(self, dynamics: Dynamics) -> float:
+        """The last step that begins or ends on a tile that is not nominal, or after one of another height."""
+        special = np.zeros(self._tiles, dtype=bool)
+        for name, values in self._floors.items():
+            full = np.pad(values, ((0, 0), (0, self._tiles - values.shape[1])), mode="edge")
+            nominal = dynamics.static_friction if name == "friction" else 0.0
+            changed = full != (full[:, -1:] if name == "height" else nominal)
+            special |= changed.any(axis=0)
+        if not special.any():
+            return -1.0
+        return float("inf") if special[-1] else float(np.flatnonzero(special)[-1] + 1)
+
+
+def returning(
+    gait: Gait, states: Array, floors: Floors | None, engine: Engine, *, steps: int, distance: float
+) -> NDArray[np.bool_]:
+    """Whether each walk comes back to a gait: within some steps its section coordinates are those of the gait.
+
+    Parameters
+    ----------
+    states : ndarray, shape (m, n_z) - states just after an impact.
+    floors : see ``TiledWalks``.
+    steps : largest number of steps.
+    distance : largest difference, in natural units.
+    """
+    section, units = gait.system.section(gait.cycle), gait.dynamics.state_units
+    names, at = gait.system.state_names, section.indices
+    known = np.array([step.arcs[0].states[0][at] for step in gait.steps]) / units[at]
+    tiles = 0 if not floors else max(values.shape[1] for values in floors.values())
+    assert len(names) == states.shape[1]
+    walks, back = TiledWalks(gait.dynamics, states, floors, engine), np.zeros(len(states), dtype=bool)
+    while walks.walking.size and walks.steps < steps:
+        walks.step()
+        rows = walks.walking
+        if walks.steps < tiles:  # the floor is not yet behind the walker
+            continue
+        near = np.abs(walks.states[rows][:, None, at] / units[at] - known).max(axis=2).min(axis=1) <= distance
+        back[rows[near]] = True
+        walks.leave(rows[near])
+    return back
