@@ -198,6 +198,35 @@ class HybridSystem:
         """(t, z, p, r) -> Jacobian of the margins by the parameters that feedback from step to step corrects."""
         return {"margins_by_corrected": densify(jacobian(self._symbols.margins(mode), self._corrected))}
 
+    @compiled("typr")
+    def varied(self, mode: Mode, places: tuple[int, ...]) -> dict[str, SX]:
+        """(t, y, p, r) -> dy/dt of y = (z, deviations), in columns by the start state, then by parameters."""
+        z, dz, columns = self._eom.z, self._symbols.rate(mode), self.n_z + len(places)
+        deviations = SX.sym("deviations", self.n_z, columns)
+        forcing = horzcat(SX.zeros(self.n_z, self.n_z), jacobian(dz, self._symbols.p)[:, [*places]])
+        rates = jacobian(dz, z) @ deviations + forcing
+        return {"y": vertcat(z, vec(deviations)), "dy": densify(vertcat(dz, vec(rates)))}
+
+    @compiled("tzpr")
+    def margins_by_parameters(self, mode: Mode, places: tuple[int, ...]) -> dict[str, SX]:
+        """(t, z, p, r) -> Jacobian of the margins in some parameters."""
+        return {"margins_by_p": densify(jacobian(self._symbols.margins(mode), self._symbols.p)[:, [*places]])}
+
+    @compiled("zp")
+    def landing_by_parameters(
+        self, mode: Mode, before: Mode, ends_step: bool, places: tuple[int, ...]
+    ) -> dict[str, SX]:
+        """(z, p) -> Jacobians of ``reset`` in some parameters, and of the step length in the state and in these."""
+        z, p, x = self._symbols.z, self._symbols.p, self.n_shape
+        z_plus = self._symbols.reset(mode, before, ends_step=ends_step)
+        length = self._symbols.after(mode, before, ends_step=ends_step)[x]
+        by_p = jacobian(length, p)[:, [*places]]
+        return {
+            "z_plus_by_p": densify(jacobian(z_plus, p)[:, [*places]]),
+            "length_by_z": densify(jacobian(length, z)),
+            "length_by_p": densify(by_p),
+        }
+
     @compiled("tzpr")
     def observation(self, mode: Mode) -> dict[str, SX]:
         """(t, z, p, r) -> contact forces, torques (n_u), motor power (n_u), swing foot (2), energy, E' dq, loss, slip.
@@ -400,6 +429,12 @@ class HybridSystem:
         """(z, p) -> height of the foot that has just left the ground, if the walker may fall back on it [m]."""
         foot = self._eom.mechanism.trailing_foot
         return {"height": SX(0, 1) if foot is None else foot[1]}
+
+    @property
+    @compiled("zp")
+    def swing_height_gradient(self) -> dict[str, SX]:
+        """(z, p) -> gradient of the height of the swing foot in the state, shape (n_z,)."""
+        return {"gradient": densify(jacobian(self._eom.mechanism.swing_foot[1], self._symbols.z).T)}
 
     @property
     @compiled("zp")

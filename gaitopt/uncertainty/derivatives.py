@@ -1,0 +1,227 @@
+"""Exact derivatives of one step by its start state and by the tiles under its feet.
+
+Along an arc the deviations Z of the state by start state and parameters follow
+
+    dZ/dt = f_z Z + f_p
+
+An event at the margin g = 0 is shifted by the time tau; the state just after it, at the time without the shift, is
+
+    tau = -(g_z Z + g_p) / (dg/dt)           Z -> R_z (Z + f_minus tau) + R_p - f_plus tau
+
+At the impact that ends the step the last term is absent, because states are compared just after the impact, and tau is
+the change of the period. Extrema along the step, such as the clearance, change by their partial derivatives alone, or
+at the end of the step also by their rate times tau.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gaitopt.arrays import Array, ReadOnlyArrays
+from gaitopt.gait import curves
+from gaitopt.gait.measures import observe
+from gaitopt.gait.trajectory import Arc, Step
+from gaitopt.integration import CompiledStep, Integration
+from gaitopt.model.buffered import Buffers, buffered
+from gaitopt.model.dynamics import Dynamics
+from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
+from gaitopt.model.system import HybridSystem
+from gaitopt.model.transitions import CONE, Transition
+from gaitopt.simulation.ground import OnTiles
+
+RTOL, ATOL = 1e-12, 1e-13
+"""Tolerances of the deviations, whose entries are of the order of one in SI."""
+OUTPUTS = ("period", "step_length", "foot_clearance", "cone_distance")
+"""What a tile changes: [s], [m], [m] and min(mu f_n - |f_t|) over sticking [N]."""
+AT_END = 1e-6
+"""An extremum this close to the end of an arc, relative to its duration, is there."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepDerivatives(ReadOnlyArrays):
+    """Derivatives of one step by its start state and by parameters.
+
+    Attributes
+    ----------
+    state_by_state, state_by_tiles : ndarrays, shapes (n_z, n_z) and (n_z, m) - of the state just after the impact.
+    outputs_by_state, outputs_by_tiles : ndarrays, shapes (4, n_z) and (4, m) - of ``OUTPUTS``; NaN where one has no
+        derivative, as the distance to the cone of a step that slips.
+    """
+
+    state_by_state: Array
+    state_by_tiles: Array
+    outputs_by_state: Array
+    outputs_by_tiles: Array
+
+
+def tile_parameters(on_tiles: OnTiles, quantity: str) -> dict[str, tuple[tuple[int, float], ...]]:
+    """Where a quantity of a tile enters the parameters of a step: index and weight.
+
+    ``landed`` is the step that ends on the tile, ``stands`` the next one, which begins on it.
+    """
+    if quantity == "friction":
+        return {
+            step: tuple(dict.fromkeys((on_tiles.place(f"{name}.{kind}"), 1.0) for kind in ("static", "kinetic")))
+            for step, name in (("landed", SWING_FOOT), ("stands", FOOT))
+        }
+    swing = on_tiles.place(f"{SWING_FOOT}.{quantity}")
+    if quantity == "height":  # the next tile is measured from the one under the foot
+        return {"landed": ((swing, 1.0),), "stands": ((swing, -1.0),)}
+    return {"landed": ((swing, 1.0),), "stands": ((on_tiles.place(f"{FOOT}.{quantity}"), 1.0),)}
+
+
+def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> StepDerivatives:
+    """Derivatives of a step of a walker on one foot, which ends with a landing.
+
+    Parameters
+    ----------
+    step : with arcs at Chebyshev points.
+    dynamics : the system on tiles, at parameters at which it takes this step.
+    places : indices of the m parameters.
+
+    Raises
+    ------
+    FloatingPointError
+        If the step grazes an event, where it has no derivative.
+    """
+    system, at = dynamics.system, tuple(places)
+    n, m = system.n_z, len(at)
+    Z = np.hstack([np.eye(n), np.zeros((n, m))])
+    outputs = np.full((len(OUTPUTS), n + m), np.nan)
+    height, cone = _highest(step.arcs), _nearest_to_cone(step, dynamics)
+    sticks = all(mode.sticks for mode, _ in step.phases) and step.final_impact.mode.sticks
+    for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
+        if height is not None and height[0] is arc:
+            at_top = _flowed(dynamics, arc, Z, height[1], at)
+            outputs[2] = _gradient_of_height(dynamics, arc, height[1]) @ at_top
+        first = Z
+        Z = _flowed(dynamics, arc, Z, arc.end, at)
+        row, struck = _event(arc, after, step.final_impact.mode)
+        z, p, data = arc.states[-1], dynamics.p, system.data(arc.segment)
+        f, by_z, rates = (value.copy() for value in buffered(system.linearized(arc.mode))(arc.end, z, p, data))
+        names = system.transitions.margin_names(arc.mode)
+        (by_p,) = (value.copy() for value in buffered(system.margins_by_parameters(arc.mode, at))(arc.end, z, p, data))
+        by_z, by_p = by_z.reshape((len(names), n), order="F"), by_p.reshape((len(names), m), order="F")
+        if row is None:  # a breakpoint of the control has a fixed time
+            continue
+        g = names.index(row.guard)
+        tau = -(by_z[g] @ Z + np.concatenate([np.zeros(n), by_p[g]])) / rates[g]
+        if cone is not None and sticks and cone[0] is arc:
+            outputs[3] = _change_of_cone(dynamics, arc, first, cone, tau, at)
+        Z = Z + np.outer(f, tau)
+        if struck is not None:
+            jacobian = buffered(system.reset_jacobian(struck, arc.mode, ends_step=after is None))(z, p)[0]
+            of_landing = buffered(system.landing_by_parameters(struck, arc.mode, after is None, at))(z, p)
+            R_p, length_z, length_p = (value.copy() for value in of_landing)
+            if after is None:
+                outputs[1] = length_z @ Z
+                outputs[1, n:] += length_p
+            Z = jacobian.reshape((n, n), order="F") @ Z
+            Z[:, n:] += R_p.reshape((n, m), order="F")
+        if after is None:
+            outputs[0] = tau
+            Z[system.n_shape] = 0.0  # x is counted from the new stance foot
+        else:
+            (f_plus,) = buffered(system.flow(after.mode))(after.start, after.states[0], p, system.data(after.segment))
+            Z = Z - np.outer(f_plus, tau)
+    if not (np.isfinite(Z).all() and np.isfinite(outputs[:2]).all()):
+        raise FloatingPointError("the step grazes an event, where it has no derivative")
+    return StepDerivatives(
+        state_by_state=Z[:, :n],
+        state_by_tiles=Z[:, n:],
+        outputs_by_state=outputs[:, :n],
+        outputs_by_tiles=outputs[:, n:],
+    )
+
+
+def _flowed(dynamics: Dynamics, arc: Arc, Z: Array, end: float, places: tuple[int, ...]) -> Array:
+    """Deviations at a time of an arc, from those at its start."""
+    system = dynamics.system
+    if end <= arc.start:
+        return Z
+    function, data = system.varied(arc.mode, places), system.data(arc.segment)
+    step = CompiledStep(function, function, rtol=RTOL, atol=ATOL)
+    step.load(dynamics.p, data)
+    y = np.concatenate([arc.states[0], Z.ravel(order="F")])
+    (f,) = Buffers(function)(arc.start, y, dynamics.p, data)
+    integration = Integration(step, arc.start, y, f.copy(), end, (end - arc.start) / 25)
+    while not integration.finished:
+        integration.advance()
+    return np.asarray(integration.y[system.n_z :].reshape(Z.shape, order="F"))
+
+
+def _event(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Transition | None, Mode | None]:
+    """The row of the event at the end of an arc, and the mode just after its impact, as called before it; if any."""
+    table, walker = arc.dynamics.system.transitions, arc.dynamics.system.walker
+    if after is not None and after.segment != arc.segment:
+        return None, None
+    if after is None:
+        struck = walker.swapped(impact)
+        return table.between(arc.mode, None, struck), struck
+    struck = None if after.struck is None else table.struck_within(after.struck)
+    row = table.between(arc.mode, after.mode, struck)
+    if struck is None and row.reset is not None:  # a stop locks
+        slides = after.states[0][-1] or not after.mode.touching
+        struck = after.mode if slides else after.mode.with_contact(Mode.STICK)
+    return row, struck
+
+
+def _highest(arcs: Sequence[Arc]) -> tuple[Arc, float] | None:
+    """The arc and the time at which the swing foot is highest after mid-swing, see ``measures.foot_clearance``."""
+    found: list[tuple[float, Arc, float]] = []
+    for arc in (arc for arc in arcs if len(arc.times) > 2):
+        foot = observe(arc).swing_foot
+        ahead, start = foot[:, 0] - arc.states[:, arc.states.shape[1] // 2 - 1], -1.0
+        if arc.mode.touching:
+            if ahead[-1] <= 0:
+                continue
+            passing = curves.roots(ahead)
+            start = float(passing[-1]) if passing.size else -1.0
+        s, height = curves.maximum(foot[:, 1], start=start)
+        found.append((height, arc, arc.start + arc.duration * (s + 1) / 2))
+    best = max(found, key=lambda each: each[0], default=None)
+    return None if best is None else best[1:]
+
+
+def _state_at(arc: Arc, time: float) -> Array:
+    s = np.array([2 * (time - arc.start) / arc.duration - 1])
+    return np.asarray(curves.evaluate(curves.coefficients(arc.states), s)[0])
+
+
+def _gradient_of_height(dynamics: Dynamics, arc: Arc, time: float) -> Array:
+    """Gradient of the height of the swing foot over the stance foot's tile."""
+    system: HybridSystem = dynamics.system
+    by_z = buffered(system.swing_height_gradient)(_state_at(arc, time), dynamics.p)[0]
+    return by_z.copy()
+
+
+def _nearest_to_cone(step: Step, dynamics: Dynamics) -> tuple[Arc, float, str] | None:
+    """The arc, the time and the margin at which a sticking foot is nearest to the edge of its cone."""
+    found: list[tuple[float, Arc, float, str]] = []
+    for arc in (arc for arc in step.arcs if arc.mode.sticks and len(arc.times) > 2):
+        names = arc.dynamics.system.transitions.margin_names(arc.mode)
+        margins = arc.dynamics.margins(arc.mode, arc.segment, arc.times, arc.states)
+        for name in CONE.values():
+            s, negative = curves.maximum(-margins[:, names.index(name)])
+            found.append((-negative, arc, arc.start + arc.duration * (s + 1) / 2, name))
+    best = min(found, key=lambda each: each[0], default=None)
+    return None if best is None else best[1:]
+
+
+def _change_of_cone(
+    dynamics: Dynamics, arc: Arc, first: Array, cone: tuple[Arc, float, str], tau: Array, places: tuple[int, ...]
+) -> Array:
+    """Change of the least distance to the cone."""
+    _, time, name = cone
+    system, n = dynamics.system, dynamics.system.n_z
+    at_end = arc.end - time < AT_END * arc.duration
+    z, data = (arc.states[-1] if at_end else _state_at(arc, time)), system.data(arc.segment)
+    Z = _flowed(dynamics, arc, first, arc.end if at_end else time, places)
+    _, by_z, rates = buffered(system.linearized(arc.mode))(time, z, dynamics.p, data)
+    names = system.transitions.margin_names(arc.mode)
+    g = names.index(name)
+    change = by_z.reshape((len(names), n), order="F")[g] @ Z + (rates[g] * tau if at_end else 0.0)
+    (by_p,) = buffered(system.margins_by_parameters(arc.mode, places))(time, z, dynamics.p, data)
+    change[n:] += by_p.reshape((len(names), len(places)), order="F")[g]
+    return np.asarray(change)

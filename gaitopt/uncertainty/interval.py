@@ -1,0 +1,80 @@
+"""The interval of a parameter in which the same control has a stable gait without a break, and what ends it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gaitopt.branches.continuation import follow_family
+from gaitopt.branches.request import Request
+from gaitopt.callbacks import Stop
+from gaitopt.gait.branch import TERMINAL, BranchPoint, SpecialPoint
+from gaitopt.gait.gait import Gait
+from gaitopt.uncertainty.limits import LARGEST_FRICTION
+
+NONE = "none"
+"""What ends an interval that goes on beyond the values that are looked at."""
+SMALLEST = 1e-3
+"""Lowest value, relative to that of the gait, where the problem allows no zero."""
+REACH = 2.0
+"""Distance to which a parameter other than friction is followed, relative to its size."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """An interval of a parameter.
+
+    Attributes
+    ----------
+    low, high : its ends; None where it goes on beyond the values that were looked at.
+    low_end, high_end : type of the special point at each end; ``none`` where there is none.
+    """
+
+    low: float | None
+    high: float | None
+    low_end: str
+    high_end: str
+
+
+def stable_interval(gait: Gait, key: str, *, should_stop: Stop = None) -> Interval:
+    """The stable interval of a parameter around a stable gait, by continuation to both sides.
+
+    Raises
+    ------
+    UnknownNameError
+        If the gait has no such continuous parameter.
+    ProblemError
+        If the parameter cannot be varied.
+    """
+    value = Request(parameter=key, to=(0.5,)).first_gait(gait).dynamics.parameter(key)
+    low, high = (_end(gait, key, _target(gait, key, value, sign), should_stop) for sign in (-1, 1))
+    return Interval(low=low[0], high=high[0], low_end=low[1], high_end=high[1])
+
+
+def _target(gait: Gait, key: str, value: float, sign: int) -> float | None:
+    """The value to which the gait is followed on one side; None if the problem allows none there."""
+    objection: Callable[[str, float], str | None] = gait.problem.objection
+    if key.startswith("friction"):
+        wanted = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
+    else:
+        size = abs(value) or 1.0
+        wanted = tuple(value + sign * part * size for part in (REACH, 1.0, 1 - SMALLEST, 0.5, 0.1))
+    return next((each for each in wanted if each != value and not objection(key, each)), None)
+
+
+def _end(gait: Gait, key: str, target: float | None, should_stop: Stop) -> tuple[float | None, str]:
+    """Where stable gaits end on the way to a target, and the type of that point."""
+    if target is None:
+        return None, NONE
+    last, passed = gait.dynamics.parameter(key) if key in gait.system.parameters else target, list[SpecialPoint]()
+    for record in follow_family(gait, Request(parameter=key, to=(target,), verify_every=0), should_stop=should_stop):
+        if isinstance(record, BranchPoint):
+            if not record.gait.stable:
+                first = passed[0] if passed else None
+                return (record.value, "unstable") if first is None else (first.value, first.type)
+            last, passed = record.value, []
+        elif record.type in TERMINAL:
+            return (None, NONE) if record.bound else (record.value, record.type)
+        else:
+            passed.append(record)
+    if should_stop is not None and should_stop():
+        raise KeyboardInterrupt
+    return last, "end"
