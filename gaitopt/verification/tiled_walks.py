@@ -51,6 +51,7 @@ class TiledWalks:
     states : ndarray, shape (m, n_z) - the latest states of the walks.
     walking : indices of the walks that go on.
     steps : number of steps that all of these have completed.
+    in_batches : whether heyoka advances them together.
 
     Raises
     ------
@@ -61,11 +62,11 @@ class TiledWalks:
     def __init__(self, dynamics: Dynamics, states: Array, floors: Floors | None, engine: Engine) -> None:
         self.states, self.walking, self.steps = states.copy(), np.arange(len(states)), 0
         self._dynamics, self._floors, walker = dynamics, floors or {}, dynamics.system.walker
-        self._in_batches = engine is Engine.HEYOKA and walker.stands_on_one()
+        self.in_batches = engine is Engine.HEYOKA and walker.stands_on_one()
         self._one_by_one = list[Iterator[StepOutcomes]]()
         if self._floors and len(states):
             check_floor(dynamics.system, floor_of(self._floors, 0))
-        if self._in_batches:
+        if self.in_batches:
             self._batches = _Batches(dynamics, self._floors)
         else:
             self._one_by_one = [self._walk(state, row, stepper_class(engine)) for row, state in enumerate(states)]
@@ -73,7 +74,7 @@ class TiledWalks:
     def step(self) -> tuple[Rows, StepOutcomes]:
         """One step of the walks that go on; these walks, and how their steps ended."""
         rows = self.walking
-        if self._in_batches:
+        if self.in_batches:
             outcomes = self._batches.step(self.steps, rows, self.states[rows])
         else:
             outcomes = _joined([next(self._one_by_one[row]) for row in rows])
@@ -84,6 +85,12 @@ class TiledWalks:
     def leave(self, rows: Rows) -> None:
         """End some walks."""
         self.walking = np.setdiff1d(self.walking, rows)
+
+    def restart(self, rows: Rows, sources: Rows) -> None:
+        """Let walks that have ended go on as copies of others, on the tile under their feet; in batches only."""
+        self.states[rows] = self.states[sources]
+        self._batches.copy(self.steps, rows, sources)
+        self.walking = np.union1d(self.walking, rows)
 
     def _walk(self, state: Array, row: int, stepper: type) -> Iterator[StepOutcomes]:
         floor = floor_of(self._floors, row) if self._floors else None
@@ -107,7 +114,7 @@ class _Batches:
         from gaitopt.simulation.heyoka_batch import BatchSimulator  # needs heyoka, which is optional
 
         self._nominal = [BatchSimulator(each) for each in dynamics.steps]
-        self._floors = {name: np.asarray(floors[name], float) for name in QUANTITIES if name in floors}
+        self._floors = {name: np.array(floors[name], dtype=float) for name in QUANTITIES if name in floors}
         self._tiles = max((values.shape[1] for values in self._floors.values()), default=0)
         uneven = any(self._floors[name].any() for name in ("height", "slope") if name in self._floors)
         self._on_tiles = OnTiles(dynamics, drops=False, uneven=uneven)
@@ -120,6 +127,10 @@ class _Batches:
             return self._nominal[n % len(self._nominal)].step(states)
         tiles = {FOOT: self._under(n, n, rows), SWING_FOOT: self._under(n + 1, n, rows)}
         return self._tiled.step(states, self._on_tiles.parameters(n, tiles, states))
+
+    def copy(self, n: int, rows: Rows, sources: Rows) -> None:
+        for values in self._floors.values():
+            values[rows, min(n, values.shape[1] - 1)] = values[sources, min(n, values.shape[1] - 1)]
 
     def _under(self, n: int, base: int, rows: Rows) -> Tiles:
         """Tile ``n`` of some walks, at its height over tile ``base``."""
