@@ -19,6 +19,7 @@ from gaitopt.api.verbs import neighbourhood as neighbourhood
 from gaitopt.api.verbs import nlp as nlp
 from gaitopt.api.verbs import prove as prove
 from gaitopt.api.verbs import replay as replay
+from gaitopt.api.verbs import robustness as robustness
 from gaitopt.api.verbs import run_parallel as run_parallel
 from gaitopt.api.verbs import sensitivity as sensitivity
 from gaitopt.api.verbs import simulate as simulate
@@ -63,6 +64,7 @@ from gaitopt.problem.statement import Until as Until
 from gaitopt.runs.attractors import Attractors as Attractors
 from gaitopt.runs.basin import Basin as Basin
 from gaitopt.runs.front import Front as Front
+from gaitopt.runs.robustness import Robustness as Robustness
 from gaitopt.runs.sweep import Sweep as Sweep
 from gaitopt.search.find import Gaits as Gaits
 from gaitopt.show.robots import robot_description as robot_description

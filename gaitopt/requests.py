@@ -453,6 +453,27 @@ class BasinRequest(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RobustnessRequest(Request):
+    """See ``gaitopt.robustness``."""
+
+    what: Annotated[
+        str | None, About("Figures: some of range,patch,push,sensitivity,falls, with commas. Default: all.")
+    ] = None
+    over: Annotated[str | None, About("Parameter of the range. Default: friction.")] = None
+    random: Annotated[
+        str | None,
+        About(
+            "Random tiles on which falls are counted: friction=0.12:0.2 or 'friction=normal(0.15, 0.02)', also height "
+            "and slope. Default: friction within 20 % of that of the problem."
+        ),
+    ] = None
+    walks: Annotated[int, About("Number of walks on random tiles.", least=2, most=MOST_STARTS)] = 400
+    steps: Annotated[int, About("Maximum number of steps of such a walk.", least=1, most=MOST_STARTS)] = 1000
+    seed: Annotated[int, SEED] = 0
+    engine: Annotated[Engine, ENGINE] = Engine.AUTO
+
+
+@dataclass(frozen=True, kw_only=True)
 class StabiliseRequest(Request):
     """See ``gaitopt.stabilise``."""
 

@@ -80,6 +80,7 @@ if TYPE_CHECKING:
     from gaitopt.runs.front import Front
     from gaitopt.runs.grid import Grid
     from gaitopt.runs.multistart import Optimum
+    from gaitopt.runs.robustness import Robustness
     from gaitopt.runs.sweep import Sweep
     from gaitopt.search.explain import Explanation
     from gaitopt.search.stabilise import Stabilised
@@ -1109,6 +1110,72 @@ def attractors(
         engine=choice(Engine, engine), folder=Run.of(loaded, output).folder,
     )  # fmt: skip
     with shown(progress, job_progress, "values") as show:
+        return plan.complete(processes, progress=show, should_stop=should_stop)
+
+
+def robustness(
+    gait: Gait | Problem | str | Path,
+    *,
+    what: str | None = None,
+    over: str | None = None,
+    random: str | None = None,
+    walks: int = 400,
+    steps: int = 1000,
+    seed: int = 0,
+    engine: str = "auto",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    output: str | Path | None = None,
+    progress: CountProgress = True,
+    should_stop: Stop = None,
+) -> "Robustness":
+    """How robust a stable gait is on a floor that nobody knows exactly, and against pushes.
+
+    A walk *returns* if within 400 steps the state just after the impact is within 1e-6 of the gait's, in natural units.
+
+    - ``range``: the interval of friction, or another parameter, in which the same control has a stable gait without a
+      break, from continuation, and what ends it on either side.
+    - ``patch``: the last friction from which a walk returns where 1, 2 or 4 tiles have less, or more, friction; the
+      highest step of the ground, up and down (1, 2 or 4 equal steps in turn), and the largest slope of 1, 2 or 4 tiles.
+    - ``push``: the largest change of each rate just after the impact in both directions, and the nearest state found
+      that does not return.
+    - ``sensitivity``: the gait sensitivity norm (Hobbelen & Wisse 2007): the root of the sum of the squares of the
+      changes that one tile causes in all steps, from friction, height and slope to period, step length, clearance and
+      least distance to the friction cone.
+    - ``falls``: mean number of steps to a fall on random tiles, its 99 % interval, and the metastable eigenvalue.
+
+    Parameters
+    ----------
+    gait : a stable gait, or its problem, name or path.
+    what : some of these words, with commas between; all by default.
+    over : dotted key of the parameter of the range; friction by default.
+    random : distribution of the tiles on which falls are counted, see ``Floor.random``; by default, friction is uniform
+        within 20 % of that of the problem.
+    walks : number of walks on random tiles.
+    steps : maximum number of steps of such a walk.
+    seed : random seed.
+    engine : ``auto``, ``scipy`` or ``heyoka``.
+    workers, scheduler, output, progress, should_stop : as for ``sweep``. Finished figures are stored; a repeated call
+        resumes.
+
+    Raises
+    ------
+    SolveError
+        If there is no gait, or it is unstable.
+    ArgumentError, ProblemError, UnknownNameError
+        If a word or a distribution is wrong, the walker cannot walk on tiles, or there is no such parameter.
+    StorageError
+        As for ``sweep``.
+    """
+    from gaitopt.runs.robustness import RobustnessPlan
+
+    processes = make_workers(workers, scheduler)
+    solved = gait if isinstance(gait, Gait) else solve(_loaded(gait), progress=False, should_stop=should_stop)
+    plan = RobustnessPlan(
+        problem=solved.problem, gait=solved, what=what, over=over, random=random, walks=walks, steps=steps, seed=seed,
+        engine=choice(Engine, engine), folder=Run.of(solved.problem, output).folder,
+    )  # fmt: skip
+    with shown(progress, job_progress, "figures") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
 

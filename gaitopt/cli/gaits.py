@@ -36,6 +36,7 @@ from gaitopt.requests import (
     Method,
     ProveRequest,
     ReplayRequest,
+    RobustnessRequest,
     SearchLimits,
     SimulateRequest,
     SolveRequest,
@@ -266,6 +267,43 @@ def sensitivity(terminal: Terminal, run: RunArgument, changes: SetOption = None)
     if not gait.converged:
         return report(gait, None, terminal)
     terminal.show(verbs.sensitivity(gait).to_record(), print_derivatives)
+    return 0
+
+
+def robustness(
+    terminal: Terminal,
+    run: RunArgument,
+    what: Annotated[str | None, options.option(RobustnessRequest, "what")] = None,
+    over: Annotated[str | None, options.option(RobustnessRequest, "over", metavar="KEY")] = None,
+    random: Annotated[str | None, options.option(RobustnessRequest, "random", metavar="DISTRIBUTION")] = None,
+    walks: Annotated[int, options.option(RobustnessRequest, "walks")] = 400,
+    steps: Annotated[int, options.option(RobustnessRequest, "steps")] = 1000,
+    seed: options.SeedOption = 0,
+    engine: EngineOption = "auto",
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+) -> int:
+    """How robust a stable gait is on an uncertain floor.
+
+    The range of friction, patches of ice, steps and slopes of the ground, pushes, the gait sensitivity norm, and the
+    mean number of steps to a fall on random tiles. Finished figures are stored; repeat the command to resume.
+    """
+    from gaitopt.api import verbs
+    from gaitopt.show.tables import print_robustness
+
+    RobustnessRequest(what=what, over=over, random=random, walks=walks, steps=steps, seed=seed)
+    gait, _, _ = gait_of(run, changes, None, terminal)
+    if not gait.converged:
+        return report(gait, None, terminal)
+    with terminal.working("figures") as (progress, interrupted):
+        found = verbs.robustness(
+            gait, what=what, over=over, random=random, walks=walks, steps=steps, seed=seed, engine=engine,
+            workers=workers, scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    record = {**found.to_record(), "run": str(found.folder)}
+    terminal.show(record, print_robustness, "run")
     return 0
 
 

@@ -16,7 +16,7 @@ import typer
 
 from gaitopt import __version__
 from gaitopt.cli.families import attractors, basin, continue_, front, sweep, trace
-from gaitopt.cli.gaits import explain, find, prove, replay, sensitivity, simulate, solve, stabilise, verify
+from gaitopt.cli.gaits import explain, find, prove, replay, robustness, sensitivity, simulate, solve, stabilise, verify
 from gaitopt.cli.terminal import (
     BROKEN_PIPE,
     INTERNAL_ERROR,
@@ -123,6 +123,7 @@ for _name, _command, *_shared in (
     ("simulate", simulate, JSON, QUIET),
     ("verify", verify, JSON, QUIET),
     ("sensitivity", sensitivity, JSON, QUIET),
+    ("robustness", robustness, JSON, QUIET),
     ("stabilise", stabilise, JSON, QUIET, ALL),
     ("find", find, JSON, QUIET),
     ("explain", explain, JSON, QUIET),

@@ -540,6 +540,20 @@ class LongRunRecord(TypedDict):
     starts: Annotated[Count, Ge(1)]
 
 
+class RobustnessRecord(TypedDict):
+    """How robust a gait is: the keys of the figures in their order."""
+
+    jobs: Annotated[list[Word], Len(1)]
+
+
+class FigureRecord(TypedDict):
+    """One figure of the robustness of a gait."""
+
+    job: NotRequired[Word]
+    figure: Word
+    value: Any
+
+
 class SettledRecord(TypedDict):
     """The motions that walks settle on at one value of the parameter, and how many other walks have which ending."""
 

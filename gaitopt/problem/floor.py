@@ -277,6 +277,11 @@ class RandomFloor:
             for name, spread in self.spreads.items()
         }
 
+    @property
+    def is_even(self) -> bool:
+        """Whether neither height nor slope is random."""
+        return {*self.spreads} <= {"friction"}
+
     def __str__(self) -> str:
         return ", ".join(f"{name}={spread}" for name, spread in self.spreads.items())
 

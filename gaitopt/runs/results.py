@@ -28,6 +28,7 @@ from gaitopt.runs.attractors import ATTRACTORS_FILE, Attractors, read_attractors
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
+from gaitopt.runs.robustness import ROBUSTNESS_FILE, Robustness, read_robustness
 from gaitopt.runs.sweep import SWEEP_FILE, Sweep, read_sweep
 from gaitopt.runs.trace import TRACE_FILE, restore_trace
 from gaitopt.store.formats import MODE_COLUMN, Table, check_agrees, damaged, validated
@@ -40,7 +41,7 @@ from gaitopt.verification.walk import Walk
 RECOMPUTED = 1e-7
 """Largest relative difference between a stored force or torque and its value at the stored state."""
 
-Result = Gait | Branch | Trace | Walk | Sweep | Basin | Attractors | Front
+Result = Gait | Branch | Trace | Walk | Sweep | Basin | Attractors | Robustness | Front
 
 
 def restore_gait(folder: Path) -> Gait:
@@ -169,12 +170,13 @@ KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
     "sweep": (SWEEP_FILE, read_sweep),
     "basin": (BASIN_FILE, read_basin),
     "attractors": (ATTRACTORS_FILE, read_attractors),
+    "robustness": (ROBUSTNESS_FILE, read_robustness),
 }
 """For each kind of result: the file that identifies it, and its reader. If a folder has several kinds, the first one
 counts."""
 
 
-PARTS = ("sweep", "basin", "attractors")
+PARTS = ("sweep", "basin", "attractors", "robustness")
 """Kinds of results that lie in a subfolder KIND-KEY of a run folder."""
 
 
@@ -240,7 +242,9 @@ def refuse_other_results(folder: Path) -> None:
     if others:
         raise StorageError(f"{folder} holds {' and '.join(others)}, but no gait")
     subfolders = sorted(
-        str(file.parent) for name in (BASIN_FILE, SWEEP_FILE, ATTRACTORS_FILE) for file in folder.glob(f"*/{name}")
+        str(file.parent)
+        for name in (BASIN_FILE, SWEEP_FILE, ATTRACTORS_FILE, ROBUSTNESS_FILE)
+        for file in folder.glob(f"*/{name}")
     )
     if subfolders:
         raise StorageError(

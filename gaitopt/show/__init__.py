@@ -5,6 +5,7 @@
 - ``branches``: figures of branches, and of Floquet multipliers in the complex plane.
 - ``grids``: figures of sweeps, basins and fronts.
 - ``attractors``: the bifurcation diagram, with the attractors of walks over a parameter.
+- ``robustness``: the disturbances that a walk survives, and the table of its limits.
 - ``programs``: the sparsity of a nonlinear program.
 - ``replays``: figures of replays in other physics engines.
 - ``movie``: the moving walker as GIF or MP4, and as a row of postures.

@@ -18,6 +18,7 @@ from gaitopt.runs.basin import Basin, read_basin
 from gaitopt.runs.branch import stored_branch
 from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.results import kind_of, restore_walk
+from gaitopt.runs.robustness import Robustness, read_robustness
 from gaitopt.runs.sweep import Sweep, read_sweep
 from gaitopt.show.attractors import bifurcation_diagram
 from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
@@ -36,6 +37,7 @@ from gaitopt.show.motion import Motion, motion_of, motion_of_walk, simulated
 from gaitopt.show.movie import movie, postures
 from gaitopt.show.pages import animation_page
 from gaitopt.show.programs import jacobian_pattern
+from gaitopt.show.robustness import patches
 from gaitopt.show.style import Parameter, parameter_of
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.walk import Walk
@@ -155,6 +157,11 @@ def _(result: Branch) -> Figures:
     if not result.points:
         raise ValueError("a branch without points has no figures")
     return branch_figures(result.points[0].gait.problem, result.parameter, result.to_records())
+
+
+@figures_of.register
+def _(result: Robustness) -> Figures:
+    return Figures(draw=lambda name: {"patches": patches}[name](result), names=("patches",), usual=("patches",))
 
 
 @figures_of.register
@@ -295,6 +302,8 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
         records = {name: branch for name, (_, _, branch) in branches.items()}
         return [_families_figures(records, parameter_of(problem, key))]
     kind = kind_of(folder)
+    if kind == "robustness":
+        return [figures_of(read_robustness(folder))]
     if kind in ("basin", "sweep"):
         result = read_basin(folder) if kind == "basin" else read_sweep(folder)
         if len(result.grid.axes) > DRAWN_AXES:

@@ -34,9 +34,11 @@ from gaitopt.runs.attractors import Attractors
 from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front
 from gaitopt.runs.multistart import Optimum
+from gaitopt.runs.robustness import Robustness
 from gaitopt.runs.sweep import Sweep
 from gaitopt.search.explain import Explanation
 from gaitopt.search.find import Gaits, counted_gaits
+from gaitopt.show import robustness
 from gaitopt.solver.program import NonlinearProgram
 from gaitopt.verification.verify import OUTCOMES, Verification, recorded_claims
 from gaitopt.verification.walk import Walk
@@ -545,6 +547,11 @@ def print_basin(console: Console, record: Record) -> None:
     section(console, title, ("", "ends on", "states", "share", "modes; impact"), [*gaits, *failed], numbers=(0, 2, 3))
 
 
+def print_robustness(console: Console, record: Record) -> None:
+    """The figures of the robustness of a gait, with how each was found."""
+    section(console, f"{record['problem']}: robustness", robustness.COLUMNS, robustness.rows_of(record))
+
+
 def print_attractors(console: Console, result: Attractors) -> None:
     """Print the attractors of walks; neighbouring values with the same attractors share a row."""
     key, unit = result.axis.key, result.axis.unit or unit_of(result.axis.key, result.problem)
@@ -780,6 +787,7 @@ print_result.register(Gaits, lambda gaits, console: print_gaits(console, gaits.t
 print_result.register(Explanation, lambda why, console: print_explanation(console, why.to_record()))
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
 print_result.register(Attractors, lambda attractors, console: print_attractors(console, attractors))
+print_result.register(Robustness, lambda robust, console: print_robustness(console, robust.to_record()))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep.to_record()))
 
 

@@ -157,8 +157,8 @@ def _event(arc: Arc, after: Arc | None, impact: Mode) -> tuple[Transition | None
     if after is not None and after.segment != arc.segment:
         return None, None
     if after is None:
-        struck = walker.swapped(impact)
-        return table.between(arc.mode, None, struck), struck
+        landed = walker.swapped(impact)
+        return table.between(arc.mode, None, landed), landed
     struck = None if after.struck is None else table.struck_within(after.struck)
     row = table.between(arc.mode, after.mode, struck)
     if struck is None and row.reset is not None:  # a stop locks

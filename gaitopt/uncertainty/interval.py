@@ -53,7 +53,7 @@ def _target(gait: Gait, key: str, value: float, sign: int) -> float | None:
     """The value to which the gait is followed on one side; None if the problem allows none there."""
     objection: Callable[[str, float], str | None] = gait.problem.objection
     if key.startswith("friction"):
-        wanted = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
+        wanted: tuple[float, ...] = (0.0, SMALLEST * value) if sign < 0 else (max(LARGEST_FRICTION, REACH * value),)
     else:
         size = abs(value) or 1.0
         wanted = tuple(value + sign * part * size for part in (REACH, 1.0, 1 - SMALLEST, 0.5, 0.1))

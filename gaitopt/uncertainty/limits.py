@@ -65,7 +65,7 @@ def limit(survives: Survives, start: float, step: float, end: float, *, should_s
     step : signed distance of the values.
     """
     count = int(np.floor(abs(end - start) / abs(step) * (1 + 1e-12)))
-    grid = start + step * np.arange(1, count + 1)
+    grid: Array = start + step * np.arange(1, count + 1, dtype=float)
     tried, found = list[float](), list[bool]()
     for first in range(0, count, BLOCK):
         if should_stop is not None and should_stop():
@@ -130,7 +130,8 @@ def patch_limit(
 
     found = limit(survives, start, step, end, should_stop=should_stop)
     if whole and found.tried and abs(found.tried[-1] - end) > abs(step):
-        rest = start + step * np.arange(len(found.tried) + 1, int(abs(end - start) / abs(step)) + 1)
+        last = int(abs(end - start) / abs(step)) + 1
+        rest: Array = start + step * np.arange(len(found.tried) + 1, last, dtype=float)
         more = survives(rest)
         found = replace(
             found, tried=(*found.tried, *rest.tolist()), survived=(*found.survived, *map(bool, more.tolist()))

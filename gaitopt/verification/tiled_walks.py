@@ -6,6 +6,7 @@ of all floors is nominal, the walks go on with the nominal system, which takes l
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from gaitopt.model.modes import FOOT, SWING_FOOT
 from gaitopt.problem.floor import QUANTITIES, Floor
 from gaitopt.requests import Engine
 from gaitopt.simulation.ground import OnTiles, Tiles, check_floor
-from gaitopt.simulation.outcomes import StepOutcomes, stack_outcomes
+from gaitopt.simulation.outcomes import ARRAYS, StepOutcomes, stack_outcomes
 from gaitopt.simulation.simulator import Simulator, stepper_class
 
 Rows = NDArray[np.intp]
@@ -103,8 +104,8 @@ class TiledWalks:
 
 
 def _joined(parts: list[StepOutcomes]) -> StepOutcomes:
-    names = ("states", "endings", "times", "step_lengths", "phases", "impacts")
-    return replace(parts[0], **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
+    return replace(parts[0], **joined)
 
 
 class _Batches:

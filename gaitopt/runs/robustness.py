@@ -1,0 +1,272 @@
+"""How robust a gait is on a floor that nobody knows exactly, figure by figure, kept in the run folder.
+
+Every figure is one job: an interval, a patch of one kind and length, a push of one rate in one direction, the nearest
+state that fails, the sensitivity norm, falls.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gaitopt.callbacks import Stop
+from gaitopt.display import Plotted
+from gaitopt.errors import ArgumentError, ProblemError, SolveError, StorageError
+from gaitopt.gait.frames import data_frame
+from gaitopt.gait.gait import Gait, require_gait
+from gaitopt.gait.records import FigureRecord, RobustnessRecord
+from gaitopt.problem.floor import Floor, RandomFloor
+from gaitopt.problem.problem import Problem
+from gaitopt.requests import Engine, RobustnessRequest, entries
+from gaitopt.runs.jobs import Plan, ResultFile
+from gaitopt.simulation.engine import choose_engine
+from gaitopt.simulation.ground import check_floor
+from gaitopt.store.formats import json_file, validated
+from gaitopt.store.run import Run
+from gaitopt.threads import cached_property
+from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable_eigenvalue
+from gaitopt.uncertainty.interval import stable_interval
+from gaitopt.uncertainty.limits import KINDS, LENGTHS, Limit, nearest_failure, patch_limit, push_limit, pushed_rates
+from gaitopt.uncertainty.norm import sensitivity_norm
+from gaitopt.workers.jobs import FailedJob, Job, ResumableJobs, key_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ROBUSTNESS_FILE = "robustness.json"
+FIGURES = ResultFile(name="figures.jsonl", key="job", model=FigureRecord)
+WHAT = ("range", "patch", "push", "sensitivity", "falls")
+"""Groups of figures, the words of ``what``."""
+SPREAD = 0.2
+"""Half the range of the random friction by default, relative to the nominal one."""
+MANY_STEPS = 1_000_000
+"""Steps for which the engine is chosen: some figures take as many."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Robustness(Plotted):
+    """How robust a gait is.
+
+    Attributes
+    ----------
+    problem : that of the gait.
+    figures : values of all figures by their names, such as ``patch.friction_low.1``.
+    folder : folder of its files.
+    """
+
+    problem: Problem
+    figures: Mapping[str, Any]
+    folder: Path | None = None
+
+    def __repr__(self) -> str:
+        return f"<Robustness {self.problem.name}: {', '.join(key for key in self.to_record() if key != 'problem')}>"
+
+    def to_record(self) -> dict[str, Any]:
+        """One JSON object, with the keys of ``gaitopt robustness --json``."""
+        record: dict[str, Any] = {"problem": self.problem.name}
+        for name, value in self.figures.items():
+            group, *keys = name.split("|")
+            if group == "patch":
+                record.setdefault("patch", {}).setdefault(keys[0], {})[keys[1]] = shown_limit(keys[0], value)
+            elif group == "push":
+                record.setdefault("push", {}).setdefault(keys[0], [None, None])[int(keys[1])] = value["value"]
+            elif group == "range":
+                record["range"] = {keys[0]: value}
+            else:
+                record[group] = value
+        return record
+
+    def to_frame(self) -> "DataFrame":
+        """One row per number: its keys, joined by dots, and the value."""
+        rows = list[tuple[str, Any]]()
+
+        def collect(prefix: str, value: Any) -> None:
+            if isinstance(value, Mapping):
+                for key, inner in value.items():
+                    collect(f"{prefix}.{key}" if prefix else str(key), inner)
+            elif isinstance(value, list):
+                for key, inner in zip(("low", "high"), value, strict=False):
+                    collect(f"{prefix}.{key}", inner)
+            else:
+                rows.append((prefix, value))
+
+        collect("", {key: value for key, value in self.to_record().items() if key != "problem"})
+        return data_frame(("figure", "value"), rows, {"figure": "", "value": ""}, problem=self.problem.name)
+
+    @property
+    def strips(self) -> dict[str, dict[int, Limit]]:
+        """The values of patches that were tried, by kind and length."""
+        found = dict[str, dict[int, Limit]]()
+        for name, value in self.figures.items():
+            group, *keys = name.split("|")
+            if group == "patch":
+                tried, survived = tuple(value["tried"]), tuple(map(bool, value["survived"]))
+                found.setdefault(keys[0], {})[int(keys[1])] = Limit(
+                    value=value["value"], tried=tried, survived=survived
+                )
+        return found
+
+
+def shown_limit(kind: str, value: Mapping[str, Any]) -> float | None:
+    """The limit of a patch: friction, or the size of a step or a slope."""
+    limit = value["value"]
+    return None if limit is None else float(limit) if kind.startswith("friction") else abs(float(limit))
+
+
+def read_robustness(place: Path) -> Robustness:
+    """The result in a folder, which is a part of the run of its problem."""
+    run = Run.at(place)
+    stated = validated(RobustnessRecord, run.read_object(ROBUSTNESS_FILE), place / ROBUSTNESS_FILE)
+    lines = {line["job"]: line for line in run.lines(FIGURES.name)}
+    for number, line in enumerate(lines.values(), start=1):
+        validated(FigureRecord, line, run.path(FIGURES.name), number)
+    missing = [key for key in stated["jobs"] if key not in lines]
+    if missing:
+        raise StorageError(f"{run.path(FIGURES.name)} lacks the figure with the key {missing[0]}; it was not changed")
+    figures = {lines[key]["figure"]: lines[key]["value"] for key in stated["jobs"]}
+    return Robustness(problem=run.problem(), figures=figures, folder=place)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustnessPlan(Plan[Robustness], RobustnessRequest):
+    """Figures to be computed.
+
+    Attributes
+    ----------
+    gait : whose robustness it is.
+    """
+
+    results = FIGURES
+    gait: Gait
+
+    @cached_property
+    def run(self) -> Run:
+        """The part of the run with its files."""
+        return Run(self.folder, f"robustness-{key_of([job.key for job in self.jobs])[:8]}")
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of figures that are asked for.
+
+        Raises
+        ------
+        ArgumentError
+            If one is unknown.
+        """
+        asked = WHAT if self.what is None else tuple(word.strip() for word in self.what.split(",") if word.strip())
+        unknown = [word for word in asked if word not in WHAT]
+        if unknown or not asked:
+            raise ArgumentError("what", f"is {self.what!r}, but must be some of {', '.join(WHAT)}, with commas between")
+        return tuple(word for word in WHAT if word in asked)
+
+    @property
+    def key(self) -> str:
+        """The parameter of the interval."""
+        return self.over or self.problem.friction_law.parameters[0]
+
+    @property
+    def floor(self) -> RandomFloor:
+        """The distribution of the tiles on which falls are counted."""
+        nominal = self.gait.dynamics.static_friction
+        default = f"friction={(1 - SPREAD) * nominal:.12g}:{(1 + SPREAD) * nominal:.12g}"
+        return RandomFloor.parse(self.random or default, self.seed)
+
+    def check(self) -> None:
+        """Refuse gaits that are not stable, and floors on which the walker cannot walk."""
+        require_gait(self.gait, "robustness")
+        if not self.gait.converged:
+            raise SolveError(f"{self.problem.name} is {self.gait.status}: {self.gait.message}")
+        if not self.gait.stable:
+            radius = self.gait.scalar("spectral_radius")
+            words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
+            raise SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
+        if {"patch", "falls"} & {*self.groups}:
+            check_floor(self.gait.system, Floor(friction=1.0))
+        if "falls" in self.groups and not self.floor.is_even:
+            check_floor(self.gait.system, self.floor.draw(2))
+        _ = self.jobs
+
+    def result(self, jobs: ResumableJobs) -> Robustness:
+        """All figures."""
+        records = jobs.complete(figure_job, self.jobs, len(self.jobs))
+        failed = next((record for record in records if isinstance(record, FailedJob)), None)
+        if failed is not None:
+            raise StorageError(f"one figure failed: {failed.reason}; the others are stored")
+        self.run.write({ROBUSTNESS_FILE: json_file({"jobs": [job.key for job in self.jobs]})})
+        figures = {record["figure"]: record["value"] for record in records}
+        return Robustness(problem=self.problem, figures=figures, folder=self.run.place)
+
+    @cached_property
+    def jobs(self) -> list[Job]:
+        """One job per figure."""
+        engine = choose_engine(self.engine, steps=MANY_STEPS)
+        names, asked = list[str](), {name: getattr(self, name) for name in entries(RobustnessRequest)}
+        fitting = [kind for kind in KINDS if kind.startswith("friction") or self._may_be_uneven(kind)]
+        of_group: dict[str, list[str]] = {
+            "range": [f"range|{self.key}"],
+            "patch": [f"patch|{kind}|{length}" for kind in fitting for length in LENGTHS],
+            "push": [f"push|{rate}|{side}" for rate in pushed_rates(self.gait) for side in (0, 1)] + ["nearest"],
+            "sensitivity": ["sensitivity"],
+            "falls": ["falls"],
+        }
+        names = [name for group in self.groups for name in of_group[group]]
+        request = RobustnessRequest(**{**asked, "engine": engine})
+        state = [f"{value:.9g}" for value in self.gait.state]  # a stored gait has other last digits
+        jobs = list[Job]()
+        for name in names:
+            random = [str(self.floor), self.seed, self.walks, self.steps] if name == "falls" else []
+            seeded = [self.seed] if name == "nearest" else []
+            identity = [self.problem.digest, state, name, *random, *seeded, engine]
+            jobs.append(Job(key=key_of(identity), argument=(self.gait, name, self.floor, request)))
+        return jobs
+
+    def _may_be_uneven(self, kind: str) -> bool:
+        quantity = {"slope": 0.01} if kind.startswith("slope") else {"height": 0.01}
+        try:
+            check_floor(self.gait.system, Floor(**quantity))
+        except ProblemError:
+            return False
+        return True
+
+
+def figure_job(
+    argument: tuple[Gait, str, RandomFloor, RobustnessRequest], _: None = None, should_stop: Stop = None
+) -> dict[str, Any]:
+    """The job of one figure, in any process; returns its record."""
+    gait, name, floor, request = argument
+    group, *keys = name.split("|")
+    engine = Engine(request.engine)
+    value: Any
+    if group == "range":
+        value = asdict(stable_interval(gait, keys[0], should_stop=should_stop))
+    elif group == "patch":
+        whole = keys[0] == "friction_low"
+        value = _limit_record(patch_limit(gait, keys[0], int(keys[1]), engine, whole=whole, should_stop=should_stop))
+    elif group == "push":
+        value = _limit_record(push_limit(gait, keys[0], (-1, 1)[int(keys[1])], engine, should_stop=should_stop))
+    elif group == "nearest":
+        nearest = nearest_failure(gait, engine, seed=request.seed, should_stop=should_stop)
+        distance, state = (None, None) if nearest is None else nearest
+        value = {"distance": distance, "state": None if state is None else dict(state)}
+    elif group == "sensitivity":
+        value = sensitivity_norm(gait)
+    else:
+        completed, endings = count_falls(
+            gait, floor, walks=request.walks, steps=request.steps, engine=engine, should_stop=should_stop
+        )
+        mean, interval = mean_steps(completed)
+        value = {
+            "mean_steps": mean,
+            "interval": list(interval),
+            "eigenvalue": metastable_eigenvalue(gait, floor, engine, should_stop=should_stop),
+            "floor": str(floor),
+            "seed": floor.seed,
+            "walks": request.walks,
+            "steps": int(abs(completed).sum()),
+            "endings": endings,
+        }
+    return {"figure": name, "value": value}
+
+
+def _limit_record(limit: Limit) -> dict[str, Any]:
+    return {"value": limit.value, "tried": list(limit.tried), "survived": [int(each) for each in limit.survived]}
