@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gaitopt.branches.request import Request
 from gaitopt.callbacks import Stop
 from gaitopt.display import Plotted
 from gaitopt.errors import ArgumentError, ProblemError, SolveError, StorageError
@@ -39,6 +40,8 @@ WHAT = ("range", "patch", "push", "sensitivity", "falls")
 """Groups of figures, the words of ``what``."""
 SPREAD = 0.2
 """Half the range of the random friction by default, relative to the nominal one."""
+UNLIKELY = 0.5 * 2**0.5
+"""A target of a continuation that no problem has for its value, with which a parameter is checked."""
 MANY_STEPS = 1_000_000
 """Steps for which the engine is chosen: some figures take as many."""
 
@@ -50,7 +53,7 @@ class Robustness(Plotted):
     Attributes
     ----------
     problem : that of the gait.
-    figures : values of all figures by their names, such as ``patch.friction_low.1``.
+    figures : values of all figures by their names, such as ``patch:friction_low:1``.
     folder : folder of its files.
     """
 
@@ -65,7 +68,7 @@ class Robustness(Plotted):
         """One JSON object, with the keys of ``gaitopt robustness --json``."""
         record: dict[str, Any] = {"problem": self.problem.name}
         for name, value in self.figures.items():
-            group, *keys = name.split("|")
+            group, *keys = name.split(":")
             if group == "patch":
                 record.setdefault("patch", {}).setdefault(keys[0], {})[keys[1]] = shown_limit(keys[0], value)
             elif group == "push":
@@ -98,7 +101,7 @@ class Robustness(Plotted):
         """The values of patches that were tried, by kind and length."""
         found = dict[str, dict[int, Limit]]()
         for name, value in self.figures.items():
-            group, *keys = name.split("|")
+            group, *keys = name.split(":")
             if group == "patch":
                 tried, survived = tuple(value["tried"]), tuple(map(bool, value["survived"]))
                 found.setdefault(keys[0], {})[int(keys[1])] = Limit(
@@ -180,6 +183,8 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
             radius = self.gait.scalar("spectral_radius")
             words = "so that no walk returns to it; `gaitopt stabilise` finds a law that walks it stably"
             raise SolveError(f"{self.problem.name} is unstable, its spectral radius is {radius:.6g}, {words}")
+        if "range" in self.groups:
+            Request(parameter=self.key, to=(UNLIKELY,)).first_gait(self.gait)
         if {"patch", "falls"} & {*self.groups}:
             check_floor(self.gait.system, Floor(friction=1.0))
         if "falls" in self.groups and not self.floor.is_even:
@@ -203,9 +208,9 @@ class RobustnessPlan(Plan[Robustness], RobustnessRequest):
         names, asked = list[str](), {name: getattr(self, name) for name in entries(RobustnessRequest)}
         fitting = [kind for kind in KINDS if kind.startswith("friction") or self._may_be_uneven(kind)]
         of_group: dict[str, list[str]] = {
-            "range": [f"range|{self.key}"],
-            "patch": [f"patch|{kind}|{length}" for kind in fitting for length in LENGTHS],
-            "push": [f"push|{rate}|{side}" for rate in pushed_rates(self.gait) for side in (0, 1)] + ["nearest"],
+            "range": [f"range:{self.key}"],
+            "patch": [f"patch:{kind}:{length}" for kind in fitting for length in LENGTHS],
+            "push": [f"push:{rate}:{side}" for rate in pushed_rates(self.gait) for side in (0, 1)] + ["nearest"],
             "sensitivity": ["sensitivity"],
             "falls": ["falls"],
         }
@@ -234,7 +239,7 @@ def figure_job(
 ) -> dict[str, Any]:
     """The job of one figure, in any process; returns its record."""
     gait, name, floor, request = argument
-    group, *keys = name.split("|")
+    group, *keys = name.split(":")
     engine = Engine(request.engine)
     value: Any
     if group == "range":

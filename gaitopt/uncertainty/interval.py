@@ -37,14 +37,11 @@ class Interval:
 def stable_interval(gait: Gait, key: str, *, should_stop: Stop = None) -> Interval:
     """The stable interval of a parameter around a stable gait, by continuation to both sides.
 
-    Raises
-    ------
-    UnknownNameError
-        If the gait has no such continuous parameter.
-    ProblemError
-        If the parameter cannot be varied.
+    Parameters
+    ----------
+    key : of a continuous parameter of the gait.
     """
-    value = Request(parameter=key, to=(0.5,)).first_gait(gait).dynamics.parameter(key)
+    value = gait.dynamics.parameter(key)
     low, high = (_end(gait, key, _target(gait, key, value, sign), should_stop) for sign in (-1, 1))
     return Interval(low=low[0], high=high[0], low_end=low[1], high_end=high[1])
 

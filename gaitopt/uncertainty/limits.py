@@ -186,9 +186,10 @@ def nearest_failure(
     section, units = gait.system.section(gait.cycle), gait.dynamics.state_units
     at, unit = gait.state[section.indices], units[section.indices]
     random, n = np.random.default_rng(seed), len(section.names)
-    directions: Array = np.vstack([np.eye(n), -np.eye(n), random.standard_normal((DIRECTIONS, n))])
+    rays = DIRECTIONS if n > 1 else 0
+    directions: Array = np.vstack([np.eye(n), -np.eye(n), random.standard_normal((rays, n))])
     best: tuple[float, Array] | None = None
-    for k in range(SHRINKS + 1):
+    for k in range(SHRINKS + 1 if rays else 1):
         if should_stop is not None and should_stop():
             raise KeyboardInterrupt
         if k and best is not None:

@@ -1,0 +1,245 @@
+"""Every figure of the robustness of a gait is what plain simulation, or a closed form, says."""
+
+import json
+from math import asin, cos, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from named import named
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+import gaitopt as go
+from gaitopt import Floor, load_problem, load_run, robustness, simulate, solve, verify
+from gaitopt.cli.main import app
+from gaitopt.errors import GaitoptError
+from gaitopt.gait.measures import measure
+from gaitopt.problem.floor import RandomFloor
+from gaitopt.simulation.engine import choose_engine, is_installed
+from gaitopt.simulation.simulator import Simulator
+from gaitopt.uncertainty.derivatives import OUTPUTS
+from gaitopt.uncertainty.falls import count_falls, mean_steps, metastable_eigenvalue
+from gaitopt.uncertainty.interval import stable_interval
+from gaitopt.uncertainty.limits import LENGTHS, limit, nearest_failure, patch_limit, push_limit
+from gaitopt.uncertainty.norm import sensitivity_norm
+from gaitopt.verification.tiled_walks import TiledWalks
+
+needs_heyoka = pytest.mark.skipif(not is_installed(), reason="many walks need heyoka")
+ENGINE = choose_engine("auto", steps=1_000_000)
+
+
+def comes_back(gait, floor=None, state=None, steps=400):
+    """Whether a plain simulation returns to the gait."""
+    walk = simulate(gait, state, steps=steps, floor=floor, dense=False)
+    at = gait.system.section(gait.cycle).indices
+    distance = np.abs(walk.trajectory.section_states - gait.state)[:, at] / gait.dynamics.state_units[at]
+    return bool((distance[8:].max(axis=1) < 1e-6).any())
+
+
+def patch(nominal, length, value):
+    return Floor(friction=[nominal, *[value] * length, nominal])
+
+
+@pytest.mark.parametrize("value", [0.1234, 0.9934])
+def test_a_limit_is_the_last_value_before_the_first_failure(value):
+    found = limit(lambda values: values < value, 0.0, 0.01, 1.0)
+    assert 0 <= value - found.value < 1e-9
+    assert limit(lambda values: np.abs(values - value) > 1e-4, 0.0, 0.01, 1.0).value is None
+
+
+@pytest.mark.parametrize(
+    ("length", "about"), [(1, 0.1328), pytest.param(4, 0.1366, marks=pytest.mark.slow)]
+)
+@needs_heyoka
+def test_a_patch_of_ice_survives_at_its_limit_and_fails_below(length, about):
+    gait, nominal = named("compass-passive-stick"), 0.2
+    found = patch_limit(gait, "friction_low", length, ENGINE).value
+    assert found == pytest.approx(about, abs=5e-5)
+    assert comes_back(gait, patch(nominal, length, found), steps=150)
+    assert not comes_back(gait, patch(nominal, length, found - 1e-6), steps=150)
+
+
+def wheel():
+    """A wheel on ground that it cannot slip on, its half angle, inertia about the foot and 2 g / (r ratio)."""
+    gait = solve(load_problem("rimless-wheel-stick").replace({"friction": 3.0, "walker.slope": 0.1}))
+    p = gait.problem.walker
+    ratio = 1 + p.inertia_ratio
+    return gait, p, pi / p.spokes, ratio, 2 * p.gravity / (p.radius * ratio)
+
+
+def test_a_wheel_is_pushed_back_as_far_as_it_still_passes_the_top():
+    gait, p, a, _, pull = wheel()
+    least = sqrt(pull * (1 - cos(a - p.slope)))
+    found = push_limit(gait, "dtheta", -1, ENGINE).value
+    assert found == pytest.approx(least - gait.state[2], abs=2e-9)
+
+
+def test_a_wheel_climbs_the_step_after_which_it_still_passes_the_top():
+    gait, p, a, ratio, pull = wheel()
+
+    def excess(rise):
+        landing = a - asin(rise / (2 * p.radius * sin(a)))
+        square = gait.state[2] ** 2 + pull * (cos(a - p.slope) - cos(landing + p.slope))
+        after = square * ((cos(2 * a) + p.inertia_ratio) / ratio) ** 2
+        return after - pull * (1 - cos(landing - 2 * a + p.slope))
+
+    highest = brentq(excess, 0.0, 0.2, xtol=1e-14)
+    assert patch_limit(gait, "step_up", 1, ENGINE).value == pytest.approx(highest, abs=2e-9)
+
+
+@needs_heyoka
+@pytest.mark.slow
+def test_the_nearest_state_does_not_return_and_one_a_little_nearer_does():
+    gait = named("compass-passive-a")
+    distance, state = nearest_failure(gait, ENGINE)
+    section = gait.system.section(gait.cycle)
+    at = {name: gait.state[k] for name, k in zip(section.names, section.indices, strict=True)}
+    nearer = {name: at[name] + (value - at[name]) * (1 - 1e-6) for name, value in state.items()}
+    units = gait.dynamics.state_units[section.indices]
+    assert np.linalg.norm([state[name] - at[name] for name in at] / units) == pytest.approx(distance)
+    assert not comes_back(gait, state=state)
+    assert comes_back(gait, state=nearer)
+
+
+@pytest.mark.parametrize("name", ["compass-passive-a", "compass-passive-stick", "compass-unequal"])
+@pytest.mark.parametrize("quantity", ["friction", "height", "slope"])
+def test_the_sensitivity_norm_is_that_of_differences_of_walks(name, quantity):
+    """Of a tile under each step of the cycle; sums of 60 steps, after which nothing is left."""
+    gait, h = named(name), {"friction": 1e-6, "height": 2e-8, "slope": 1e-6}[quantity]
+    n, squares = len(gait.steps), list[np.ndarray]()
+    known = [k for k, key in enumerate(OUTPUTS) if key != "cone_distance"]
+
+    def outputs(change, tile):
+        nominal = gait.dynamics.static_friction if quantity == "friction" else 0.0
+        values = [nominal] * tile + [nominal + change, nominal]
+        steps = Simulator(gait.dynamics, floor=Floor(**{quantity: values})).run(gait.state, steps=60, dense=True).steps
+        return np.array([[measure([step])[OUTPUTS[k]] for k in known] for step in steps])
+
+    for tile in range(n, 2 * n):
+        changes = (outputs(h, tile) - outputs(-h, tile)) / (2 * h)
+        squares.append((changes**2).sum(axis=0))
+    norms = [sensitivity_norm(gait)[quantity][OUTPUTS[k]] for k in known]
+    assert norms == pytest.approx(np.sqrt(np.mean(squares, axis=0)), rel=1e-3, abs=1e-5)
+
+
+def test_the_distance_to_the_cone_of_a_wheel_has_its_closed_form():
+    """It is least just after the impact, where neither the force nor the state depends on the friction of a tile."""
+    gait = named("rimless-wheel-stick")
+    arc = gait.steps[0].arcs[0]
+    distance = gait.dynamics.margins(arc.mode, 0, arc.times, arc.states)
+    names = gait.system.transitions.margin_names(arc.mode)
+    forces = distance[:, names.index("normal_force")]
+    least = int(np.argmin(np.minimum(*(distance[:, names.index(k)] for k in ("cone_forward", "cone_backward")))))
+    assert sensitivity_norm(gait)["friction"]["cone_distance"] == pytest.approx(forces[least], rel=1e-6)
+    assert sensitivity_norm(gait)["friction"]["period"] == 0
+
+
+@needs_heyoka
+@pytest.mark.slow
+@pytest.mark.parametrize(("quantity", "size"), [("friction", 2e-5), ("height", 1e-7), ("slope", 2e-5)])
+def test_small_random_floors_change_period_and_step_length_by_the_norm(quantity, size):
+    """A million steps; the state of a walk forgets its floor within some tens of steps."""
+    gait, walks, steps = named("compass-passive-a"), 1000, 1050
+    center = gait.dynamics.static_friction if quantity == "friction" else 0.0
+    noise = np.random.default_rng(1).standard_normal((walks, steps + 1)) * size + center
+    walking = TiledWalks(gait.dynamics, np.tile(gait.state, (walks, 1)), {quantity: noise}, ENGINE)
+    seen = []
+    while walking.steps < steps:
+        _, outcomes = walking.step()
+        seen.append([outcomes.times, outcomes.step_lengths])
+    spread = np.array(seen[50:]).transpose(1, 0, 2).reshape(2, -1).std(axis=1) / size
+    norms = sensitivity_norm(gait)[quantity]
+    assert spread == pytest.approx([norms["period"], norms["step_length"]], rel=0.02)
+
+
+def test_the_mean_of_walks_that_do_not_all_fall_is_that_of_a_constant_chance():
+    random = np.random.default_rng(3)
+    true = random.geometric(1 / 200, 4000) - 1.0
+    completed = np.where(true < 300, true, -300.0)
+    mean, (low, high) = mean_steps(completed)
+    assert low < 199 < high
+    assert mean == pytest.approx(199, rel=0.05)
+    assert mean_steps(np.full(10, -50.0))[0] is None
+    assert mean_steps(np.full(10, -50.0))[1][1] is None
+
+
+@needs_heyoka
+@pytest.mark.slow
+def test_falls_of_two_seeds_and_the_metastable_eigenvalue_agree(tmp_path):
+    gait, intervals = named("compass-passive-a"), []
+    record = robustness(gait, what="falls", walks=20, workers=1, output=tmp_path, progress=False).to_record()["falls"]
+    assert {*record} >= {"mean_steps", "interval", "eigenvalue", "floor", "seed"}
+    assert record["floor"] == "friction=0.112:0.168"
+    for seed in (1, 2):
+        floor = RandomFloor.parse("friction=0.136:0.144", seed)
+        completed, _ = count_falls(gait, floor, walks=400, steps=1000, engine=ENGINE)
+        intervals.append(mean_steps(completed)[1])
+        eigenvalue = metastable_eigenvalue(gait, floor, ENGINE)
+        assert intervals[-1][0] < 1 / (1 - eigenvalue) < intervals[-1][1]
+    assert intervals[0][0] < intervals[1][1]
+    assert intervals[1][0] < intervals[0][1]
+
+
+@pytest.mark.slow
+def test_the_range_has_a_stable_gait_everywhere_inside_and_none_just_outside():
+    problem = load_problem("compass-passive-a")
+    found = stable_interval(named("compass-passive-a"), "friction")
+    assert (found.high, found.high_end, found.low_end) == (None, "none", "neimark_sacker")
+    for friction in np.linspace(found.low + 1e-6, 0.3, 50):
+        gait = solve(problem.replace({"friction": float(friction)}))
+        assert gait.converged
+        assert gait.stable
+        assert verify(gait).passed
+    outside = solve(problem.replace({"friction": found.low - 1e-6}))
+    assert not (outside.converged and outside.stable)
+
+
+@needs_heyoka
+@pytest.mark.slow
+def test_patches_have_limits_of_all_lengths_and_a_picture(tmp_path):
+    found = robustness(named("compass-passive-stick"), what="patch", workers=1, output=tmp_path, progress=False)
+    kinds = {"friction_low", "friction_high", "step_up", "step_down", "slope_up", "slope_down"}
+    assert {*found.to_record()["patch"]} == kinds
+    for kind, limits in found.to_record()["patch"].items():
+        assert {*limits} == {str(length) for length in LENGTHS}
+        assert (kind == "friction_high") is (None in limits.values())
+    assert load_run(found.folder).to_record() == found.to_record()
+    assert len(found.plot().figure.axes) == len(kinds)
+
+
+@needs_heyoka
+def test_the_command_prints_the_stated_keys_and_resumes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["robustness", "rimless-wheel-stick", "--what", "push,sensitivity", "--random",
+                 "friction=0.3:2", "--walks", "20", "--steps", "50", "--workers", "1", "--json", "--quiet"]  # fmt: skip
+    first = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "run")])
+    assert first.exit_code == 0, first.stderr
+    record = json.loads(first.stdout)
+    assert {"problem", "push", "nearest", "sensitivity", "run"} == {*record}
+    assert {*record["push"]} == {"dtheta"}
+    assert {*record["sensitivity"]["height"]} == {*OUTPUTS}
+    again = CliRunner().invoke(app, [*arguments, "-o", str(tmp_path / "run")])
+    assert again.exit_code == 0, again.stderr
+    assert json.loads(again.stdout) == record
+    result = load_run(record["run"])
+    assert result.to_record() == {key: value for key, value in record.items() if key != "run"}
+    assert len(result.to_frame()) > 15
+
+
+@pytest.mark.parametrize(
+    ("make", "words", "code"),
+    [
+        (lambda: robustness(named("compass-torque-impact-slip"), progress=False), "is unstable", 4),
+        (lambda: robustness(named("compass-passive-a"), what="ice", progress=False), "what is 'ice'", 2),
+        (lambda: robustness(named("compass-passive-a"), random="friction=1", progress=False), "no distribution", 3),
+        (lambda: robustness(named("compass-passive-a"), walks=1, progress=False), "walks is 1", 2),
+        (lambda: robustness(named("compass-passive-a"), over="ice", what="range", progress=False), "ice", 2),
+    ],
+)
+def test_wrong_questions_are_refused(make, words, code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(GaitoptError) as error:
+        make()
+    assert words in str(error.value)
+    assert error.value.exit_code == code
+    assert go.Robustness
