@@ -9,6 +9,7 @@ and ``KeyboardInterrupt`` when ``should_stop`` returns True.
 - ``grid``: axes and grids, and whether they fit on the machine
 - ``sweep``, ``front``, ``multistart``: plans of problems on grids, in chains and from random starts
 - ``basin``: plan of states walked until they settle
+- ``robustness``: plan of the figures that say what a gait survives
 - ``attractors``: plan of long walks at many values of a parameter
 - ``lines``: ``LinesPlan``, the common form of work that grows line by line, to the last bit
 - ``branch``, ``trace``: a continuation in one parameter, a special point in two

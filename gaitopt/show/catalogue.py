@@ -161,7 +161,10 @@ def _(result: Branch) -> Figures:
 
 @figures_of.register
 def _(result: Robustness) -> Figures:
-    return Figures(draw=lambda name: {"patches": patches}[name](result), names=("patches",), usual=("patches",))
+    kinds = tuple(result.strips)
+    if not kinds:
+        raise ValueError("the robustness without patches has no figures: compute them with --what patch")
+    return Figures(draw=lambda name: patches(result, name), names=kinds, usual=kinds)
 
 
 @figures_of.register

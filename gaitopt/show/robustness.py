@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 
 from gaitopt.runs.robustness import Robustness
 from gaitopt.show.style import COLOURS, NEUTRAL, entry, legend_below, panels
-from gaitopt.uncertainty.limits import LENGTHS, Limit
+from gaitopt.uncertainty.limits import Limit
 
 RETURNS, FAILS = COLOURS[2], COLOURS[1]
 """Colours of walks that return, and of those that do not."""
+LEGEND = (("returns to the gait", RETURNS), ("does not return", FAILS))
 ROW = 0.42
 """Height of a strip [inch]."""
 LABELS = {
@@ -31,27 +32,21 @@ UNITS = {"period": "s", "step_length": "m", "foot_clearance": "m", "cone_distanc
 TILE_UNITS = {"friction": "", "height": "/m", "slope": "/rad"}
 
 
-def patches(result: Robustness) -> Figure:
-    """Strips of the values at which walks over 1, 2 and 4 tiles return, a panel for each kind of disturbance."""
-    strips = result.strips
-    if not strips:
-        raise ValueError("no patches were computed: give --what patch")
-    kinds = [kind for kind in LABELS if kind in strips]
-    figure, rows = panels(len(kinds), height=0.6 + len(kinds) * (0.5 + ROW * len(LENGTHS)))
-    for kind, axes in zip(kinds, rows, strict=True):
-        _draw_strips(axes, strips[kind])
-        axes.set_xlabel(LABELS[kind])
-        axes.tick_params(axis="x", labelbottom=True)
-        axes.set_yticks(range(len(strips[kind])), [f"{n} tile{'s' * (n > 1)}" for n in sorted(strips[kind])])
-        axes.set_ylim(len(strips[kind]) - 0.5, -0.5)
-    legend_below(figure, [entry("returns to the gait", color=RETURNS, linewidth=6),
-                          entry("does not return", color=FAILS, linewidth=6)])  # fmt: skip
+def patches(result: Robustness, kind: str) -> Figure:
+    """Strips of the values at which walks over 1, 2 and 4 tiles of a kind return, each with its limit."""
+    limits = result.strips[kind]
+    figure, (axes,) = panels(height=1.1 + ROW * len(limits))
+    _draw_strips(axes, limits)
+    axes.set_xlabel(LABELS[kind])
+    axes.set_yticks(range(len(limits)), [f"{n} tile{'s' * (n > 1)}" for n in sorted(limits)])
+    axes.set_ylim(len(limits) - 0.5, -0.5)
+    returns, fails = (entry(words, color=colour, linewidth=6) for words, colour in LEGEND)
+    legend_below(figure, [returns, fails])
     return figure
 
 
 def _draw_strips(axes: Axes, limits: Mapping[int, Limit]) -> None:
     """A strip for each length, with its limit."""
-    axes.get_shared_x_axes()
     for row, (_, found) in enumerate(sorted(limits.items())):
         tried, survived = np.abs(found.tried), np.array(found.survived)
         half = abs(tried[1] - tried[0]) / 2 if len(tried) > 1 else 0.0005
