@@ -20,7 +20,10 @@ def main() -> None:
         with go.figure_style():
             figure, axes = plt.subplots(3, 2, figsize=(8, 5.5), layout="constrained")
             for kind, panel in zip(result.to_record()["patch"], axes.flat, strict=True):
-                result.plot(kind, ax=panel)
+                legend = result.plot(kind, ax=panel).get_legend()
+                handles, labels = legend.legend_handles, [text.get_text() for text in legend.get_texts()]
+                legend.remove()
+            figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
             figure.savefig(HERE / "floors.png", dpi=110)
 
 

@@ -430,11 +430,12 @@ class HybridSystem:
         foot = self._eom.mechanism.trailing_foot
         return {"height": SX(0, 1) if foot is None else foot[1]}
 
-    @property
     @compiled("zp")
-    def swing_height_gradient(self) -> dict[str, SX]:
-        """(z, p) -> gradient of the height of the swing foot in the state, shape (n_z,)."""
-        return {"gradient": densify(jacobian(self._eom.mechanism.swing_foot[1], self._symbols.z).T)}
+    def swing_height_gradient(self, places: tuple[int, ...]) -> dict[str, SX]:
+        """(z, p) -> gradient of the height of the swing foot in the state and in some parameters, shape (n_z + m,)."""
+        height, symbols = self._eom.mechanism.swing_foot[1], self._symbols
+        by_p = jacobian(height, symbols.p)[:, [*places]]
+        return {"gradient": densify(horzcat(jacobian(height, symbols.z), by_p).T)}
 
     @property
     @compiled("zp")

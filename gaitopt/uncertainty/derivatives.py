@@ -26,7 +26,6 @@ from gaitopt.integration import CompiledStep, Integration
 from gaitopt.model.buffered import Buffers, buffered
 from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import FOOT, SWING_FOOT, Mode
-from gaitopt.model.system import HybridSystem
 from gaitopt.model.transitions import CONE, Transition
 from gaitopt.simulation.ground import OnTiles
 
@@ -94,7 +93,9 @@ def step_derivatives(step: Step, dynamics: Dynamics, places: Sequence[int]) -> S
     for arc, after in zip(step.arcs, (*step.arcs[1:], None), strict=True):
         if height is not None and height[0] is arc:
             at_top = _flowed(dynamics, arc, Z, height[1], at)
-            outputs[2] = _gradient_of_height(dynamics, arc, height[1]) @ at_top
+            gradient = buffered(system.swing_height_gradient(at))(_state_at(arc, height[1]), dynamics.p)[0]
+            outputs[2] = gradient[:n] @ at_top
+            outputs[2, n:] += gradient[n:]
         first = Z
         Z = _flowed(dynamics, arc, Z, arc.end, at)
         row, struck = _event(arc, after, step.final_impact.mode)
@@ -187,13 +188,6 @@ def _highest(arcs: Sequence[Arc]) -> tuple[Arc, float] | None:
 def _state_at(arc: Arc, time: float) -> Array:
     s = np.array([2 * (time - arc.start) / arc.duration - 1])
     return np.asarray(curves.evaluate(curves.coefficients(arc.states), s)[0])
-
-
-def _gradient_of_height(dynamics: Dynamics, arc: Arc, time: float) -> Array:
-    """Gradient of the height of the swing foot over the stance foot's tile."""
-    system: HybridSystem = dynamics.system
-    by_z = buffered(system.swing_height_gradient)(_state_at(arc, time), dynamics.p)[0]
-    return by_z.copy()
 
 
 def _nearest_to_cone(step: Step, dynamics: Dynamics) -> tuple[Arc, float, str] | None:
