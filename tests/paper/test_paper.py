@@ -195,6 +195,16 @@ def test_the_library_writes_what_the_command_writes(tmp_path, monkeypatch):
         gaitopt.reproduce(only=["fig5"])
 
 
+def test_the_table_is_written_as_markdown_and_json(monkeypatch, tmp_path):
+    monkeypatch.setattr(reproduction.table, "record", lambda archive: committed())
+    written = reproduction._table(None, tmp_path / "folder")
+    assert [path.name for path in written] == ["table.md", "table.json"]
+    assert [path.read_text(encoding="utf-8") for path in written] == [
+        (COMMITTED / path.name).read_text(encoding="utf-8") for path in written
+    ]
+    assert not [*(tmp_path / "folder").glob("*.part")]
+
+
 def test_the_page_about_the_reproduction_counts_what_the_table_holds():
     page = (COMMITTED.parents[1] / "docs" / "reproduction.md").read_text(encoding="utf-8")
     numbers = committed()["numbers"]
