@@ -45,7 +45,7 @@ def archive(tmp_path_factory):
 def test_every_number_and_sentence_is_in_the_committed_table():
     numbers = [(entry["where"], entry["quantity"], entry["printed"]) for entry in committed()["numbers"]]
     assert numbers == [(number.where, number.quantity, number.printed) for number in NUMBERS]
-    assert [entry["sentence"] for entry in committed()["sentences"]] == [sentence.words for sentence in SENTENCES]
+    assert [entry["sentence"] for entry in committed()["sentences"]] == [sentence.text for sentence in SENTENCES]
 
 
 def test_a_number_that_differs_has_a_reason_and_every_reason_is_explained():
