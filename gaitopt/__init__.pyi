@@ -6,6 +6,7 @@ from gaitopt.api.pictures import report as report
 from gaitopt.api.pictures import save_figures as save_figures
 from gaitopt.api.stored import load_records as load_records
 from gaitopt.api.stored import load_run as load_run
+from gaitopt.api.verbs import atlas as atlas
 from gaitopt.api.verbs import attractors as attractors
 from gaitopt.api.verbs import basin as basin
 from gaitopt.api.verbs import check_proof as check_proof
@@ -61,6 +62,7 @@ from gaitopt.problem.problem import walker_from_urdf as walker_from_urdf
 from gaitopt.problem.schema import problem_schema as problem_schema
 from gaitopt.problem.source import problem_names as problem_names
 from gaitopt.problem.statement import Until as Until
+from gaitopt.runs.atlas import Atlas as Atlas
 from gaitopt.runs.attractors import Attractors as Attractors
 from gaitopt.runs.basin import Basin as Basin
 from gaitopt.runs.front import Front as Front

@@ -445,6 +445,19 @@ class AttractorsRequest(Request):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AtlasRequest(Request):
+    """See ``gaitopt.atlas``."""
+
+    slices: Annotated[
+        int, About("Number of branches to begin with, at values of the second parameter.", least=3, most=1000)
+    ] = 9
+    refinements: Annotated[
+        int, About("How many times the distance of branches that differ is halved.", least=0, most=20)
+    ] = 5
+    max_points: Annotated[int, About("Maximum number of points of a branch on each side of its start.", least=10)] = 400
+
+
+@dataclass(frozen=True, kw_only=True)
 class BasinRequest(Request):
     """See ``gaitopt.basin``."""
 

@@ -14,6 +14,7 @@ from gaitopt.branches.request import Request
 from gaitopt.cli.main import app
 from gaitopt.errors import ArgumentError, UnknownNameError
 from gaitopt.requests import (
+    AtlasRequest,
     AttractorsRequest,
     BasinRequest,
     ContinueRequest,
@@ -57,6 +58,7 @@ VERBS = {
     "trace": (TraceRequest, "trace"),
     "trace_records": (TraceRequest, "trace"),
     "sweep": (SweepRequest, "sweep"),
+    "atlas": (AtlasRequest, "atlas"),
     "attractors": (AttractorsRequest, "attractors"),
     "robustness": (RobustnessRequest, "robustness"),
     "basin": (BasinRequest, "basin"),

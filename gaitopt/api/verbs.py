@@ -30,6 +30,7 @@ from gaitopt.api.progress import (
 )
 from gaitopt.api.stored import compared, is_element, problem_of_element, save, save_best_point, stored_gait
 from gaitopt.callbacks import Stop, TimeLimit
+from gaitopt.display import counted
 from gaitopt.errors import ArgumentError, GaitoptWarning, ProblemError, SolveError, StorageError, UnknownNameError
 from gaitopt.gait.branch import Branch, BranchPoint, SpecialPoint, collected
 from gaitopt.gait.gait import Attractor, Gait, require_gait
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     from gaitopt.engines.outcome import Simulator
     from gaitopt.engines.replay import Replay
     from gaitopt.proof.check import Proof
+    from gaitopt.runs.atlas import Atlas
     from gaitopt.runs.attractors import Attractors
     from gaitopt.runs.basin import Basin
     from gaitopt.runs.front import Front
@@ -1176,6 +1178,65 @@ def robustness(
         engine=choice(Engine, engine), folder=Run.of(solved.problem, output).folder,
     )  # fmt: skip
     with shown(progress, job_progress, "figures") as show:
+        return plan.complete(processes, progress=show, should_stop=should_stop)
+
+
+def atlas(
+    problem: Problem | str | Path,
+    over: Mapping[str, tuple[float | str, float | str]],
+    *,
+    slices: int = 9,
+    refinements: int = 5,
+    max_points: int = 400,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    output: str | Path | None = None,
+    progress: CountProgress = True,
+    should_stop: Stop = None,
+) -> "Atlas":
+    """Find where the gaits of a family exist, slip and are stable, over two parameters.
+
+    Branches in the first parameter are computed at some values of the second, and their special points are traced over
+    both. Regions have one mode sequence and one number of unstable multipliers; a gait in each is solved and verified.
+    Finished branches and curves are stored in the run folder; repeat an interrupted call to resume.
+
+    Parameters
+    ----------
+    problem : with phases and without free parameters; the family is that of its gait.
+    over : lower and upper end by dotted key, of two parameters; the branches are in the first one. An end may be a text
+        such as ``"2 deg"``.
+    slices : number of branches to begin with.
+    refinements : how many times the distance of two branches is halved if more than one event lies between them, or if
+        no trace locates where curves meet.
+    max_points : maximum number of points of a branch, on each side of its start.
+    workers, scheduler, output, progress, should_stop : as for ``sweep``.
+
+    Returns
+    -------
+    atlas : regions, curves, codimension-two points, and the branches. Where the family folds over itself, every region
+        and curve has the number of its sheet. A place is ``unknown`` where the family could not be followed, and ``no
+        gait`` where a fold or another end of the family lies between it and the gaits.
+
+    Raises
+    ------
+    UnknownNameError, ProblemError, StorageError
+        As for ``sweep``; ProblemError also if there are not two keys, or the problem has no phases or free parameters.
+    """
+    from gaitopt.runs.atlas import AtlasPlan
+    from gaitopt.runs.grid import axis_of
+
+    loaded, processes = _loaded(problem), make_workers(workers, scheduler)
+    if len(over) != 2:
+        raise ArgumentError("over", f"has {counted(len(over), 'key')}, but an atlas needs two parameters")
+    try:
+        first, second = (axis_of(key, *ends, 2) for key, ends in over.items())
+    except ValueError as error:
+        raise ArgumentError("over", str(error)) from error
+    plan = AtlasPlan(
+        problem=loaded, axes=(first, second), slices=slices, refinements=refinements, max_points=max_points,
+        folder=Run.of(loaded, output).folder,
+    )  # fmt: skip
+    with shown(progress, job_progress, "branches and curves") as show:
         return plan.complete(processes, progress=show, should_stop=should_stop)
 
 

@@ -25,17 +25,27 @@ from gaitopt.cli.options import (
     WorkersOption,
     counts,
     grid,
+    intervals,
     number,
     option,
 )
 from gaitopt.cli.runs import gait_of, load, report
 from gaitopt.cli.terminal import NOT_A_GAIT, NOT_VERIFIED, Terminal, interruptible
 from gaitopt.errors import ProblemError, UnknownNameError
-from gaitopt.requests import AttractorsRequest, BasinRequest, ContinueRequest, Engine, SweepRequest, TraceRequest
+from gaitopt.requests import (
+    AtlasRequest,
+    AttractorsRequest,
+    BasinRequest,
+    ContinueRequest,
+    Engine,
+    SweepRequest,
+    TraceRequest,
+)
 
 if TYPE_CHECKING:
     from gaitopt.gait.branch import SpecialPoint
     from gaitopt.gait.gait import Gait
+    from gaitopt.runs.atlas import Atlas
     from gaitopt.runs.basin import Basin
     from gaitopt.runs.sweep import Sweep
 
@@ -284,6 +294,48 @@ def sweep(
     return 0
 
 
+def atlas(
+    terminal: Terminal,
+    problem: ProblemArgument,
+    over: Annotated[
+        list[str],
+        typer.Option(
+            "--over", metavar="KEY=LO:HI", help="Range of a parameter; give it twice, first that of the branches."
+        ),
+    ],
+    slices: Annotated[int, option(AtlasRequest, "slices")] = 9,
+    refinements: Annotated[int, option(AtlasRequest, "refinements")] = 5,
+    max_points: Annotated[int, option(AtlasRequest, "max_points")] = 400,
+    what: Annotated[
+        str | None, typer.Option("--what", metavar="NAME", help="Scalar to draw as contours.", show_default=False)
+    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    changes: SetOption = None,
+    output: OutOption = None,
+) -> int:
+    """Find where gaits exist, slip and are stable over two parameters.
+
+    Branches in the first parameter at some values of the second, and the curves of their special points, bound regions
+    of one mode sequence and stability. A gait in each region is verified. Repeat the command to resume.
+    """
+    from gaitopt.api import verbs
+    from gaitopt.problem.scalars import SCALARS
+    from gaitopt.show.tables import print_atlas
+
+    if what is not None and what not in SCALARS:
+        raise UnknownNameError(f"--what {what}: no scalar of a gait; use {', '.join(SCALARS)}")
+    spans, loaded = intervals(over), load(problem, changes, terminal)
+    with terminal.working("branches and curves") as (progress, interrupted):
+        found = verbs.atlas(
+            loaded, spans, slices=slices, refinements=refinements, max_points=max_points, workers=workers,
+            scheduler=scheduler, output=output, progress=progress, should_stop=interrupted,
+        )  # fmt: skip
+    pictures = [] if what is None else [what]
+    terminal.show({**found.to_record(), "run": str(found.folder), **_drawn(found, pictures)}, print_atlas, "run")
+    return 0
+
+
 def attractors(
     terminal: Terminal,
     problem: ProblemArgument,
@@ -360,11 +412,13 @@ def basin(
     return 0
 
 
-def _drawn(result: "Sweep | Basin", what: Sequence[str]) -> dict[str, list[str]]:
-    """Draw a sweep or a basin over one or two keys into its folder; returns the entry ``figures`` of its record."""
+def _drawn(result: "Sweep | Basin | Atlas", what: Sequence[str]) -> dict[str, list[str]]:
+    """Draw an atlas, or a sweep or basin over few keys, into its folder; returns ``figures`` of its record."""
     from gaitopt.api.pictures import save_figures
+    from gaitopt.runs.atlas import Atlas
     from gaitopt.show.catalogue import DRAWN_AXES
 
-    if result.folder is None or len(result.grid.axes) > DRAWN_AXES:
+    axes = result.axes if isinstance(result, Atlas) else result.grid.axes
+    if result.folder is None or len(axes) > DRAWN_AXES:
         return {}
     return {"figures": [str(path) for path in save_figures(result, result.folder, what)]}

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from gaitopt import __version__
-from gaitopt.cli.families import attractors, basin, continue_, front, sweep, trace
+from gaitopt.cli.families import atlas, attractors, basin, continue_, front, sweep, trace
 from gaitopt.cli.gaits import explain, find, prove, replay, robustness, sensitivity, simulate, solve, stabilise, verify
 from gaitopt.cli.terminal import (
     BROKEN_PIPE,
@@ -130,6 +130,7 @@ for _name, _command, *_shared in (
     ("continue", continue_, JSON_LINES, QUIET),
     ("trace", trace, JSON_LINES, QUIET),
     ("basin", basin, JSON, QUIET),
+    ("atlas", atlas, JSON, QUIET),
     ("attractors", attractors, JSON_LINES, QUIET),
     ("sweep", sweep, JSON, QUIET),
     ("front", front, JSON, QUIET),

@@ -74,6 +74,19 @@ def grid(texts: Iterable[str]) -> "Over":
     return ranges
 
 
+def intervals(texts: Iterable[str]) -> dict[str, tuple[str, str]]:
+    """Ends by key from ``--over KEY=LO:HI`` options."""
+    spans = dict[str, tuple[str, str]]()
+    for text in texts:
+        key, span = key_value(text, "--over")
+        ends = span.split(":")
+        if len(ends) != 2 or key in spans:
+            words = "is given twice" if key in spans else f"write --over {key}=LO:HI"
+            raise typer.BadParameter(f"--over {text}: {words}")
+        spans[key] = (ends[0], ends[1])
+    return spans
+
+
 def ranges(texts: Texts) -> dict[str, tuple[float, float]]:
     """Ranges by name from ``--within`` options."""
     from gaitopt.runs.grid import number_or_angle

@@ -9,6 +9,7 @@
 - ``gait``: ``Gait``: status, cycle of steps, multipliers, scalars, causes of failure
 - ``branch``: ``Branch``: points, special points, cascades of period doublings
 - ``trace``: ``Trace``: a special point in two parameters, its curve and codimension-two points
+- ``regions``: branches at some values of a second parameter, arranged into regions, sheets and curves
 - ``records``: types of all records, and the identities that their numbers satisfy
 - ``frames``: tables as pandas data frames and xarray datasets
 """

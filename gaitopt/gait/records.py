@@ -563,6 +563,59 @@ class SettledRecord(TypedDict):
     endings: dict[Word, Annotated[Count, Ge(1)]]
 
 
+class AtlasPointRecord(GaitRecord):
+    """A gait of a branch of an atlas, with its first parameter."""
+
+    value: Number
+
+
+AtlasSpecialRecord = TypedDict(
+    "AtlasSpecialRecord",
+    {
+        "type": Word,
+        "value": Number,
+        "status": Literal["converged", "guess"],
+        "reason": NotRequired[Text],
+        "contact": NotRequired[Word],
+        "bound": NotRequired[Flag],
+        "open": NotRequired[Flag],
+        "from": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
+        "to": NotRequired[Annotated[CycleRecord, AfterValidator(_of_cycle)]],
+        "multipliers": NotRequired[Annotated[list[MultiplierRecord], Len(max_length=MOST_MULTIPLIERS)]],
+    },
+)
+
+
+class LocatedRecord(TypedDict):
+    """A codimension-two point on a traced curve of an atlas."""
+
+    type: Word
+    values: Annotated[Numbers, Len(2, 2)]
+    coefficients: dict[Word, Number | None]
+
+
+class AtlasJobRecord(TypedDict):
+    """A branch of an atlas: its segments and special points; or a traced curve; or the verified gait of a region."""
+
+    job: NotRequired[Word]
+    value: NotRequired[Number]
+    segments: NotRequired[list[Annotated[list[Annotated[AtlasPointRecord, AfterValidator(_consistent)]], Len(1, 1000)]]]
+    specials: NotRequired[list[AtlasSpecialRecord]]
+    reason: NotRequired[Text]
+    at: NotRequired[dict[Word, Number]]
+    gait: NotRequired[Annotated[GaitRecord, AfterValidator(_consistent)] | None]
+    type: NotRequired[Word]
+    trace: NotRequired[list[Annotated[Numbers, Len(2, 2)]]]
+    located: NotRequired[list[LocatedRecord]]
+
+
+class AtlasRecord(TypedDict):
+    """The two ranges of an atlas, and the keys of its jobs."""
+
+    over: Axes
+    jobs: Annotated[list[Word], Len(1, 1_000_000)]
+
+
 class BasinRecord(TypedDict):
     """The grid and the fixed coordinates of a basin; everything else follows from its tiles."""
 

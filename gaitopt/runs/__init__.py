@@ -13,4 +13,6 @@ and ``KeyboardInterrupt`` when ``should_stop`` returns True.
 - ``attractors``: plan of long walks at many values of a parameter
 - ``lines``: ``LinesPlan``, the common form of work that grows line by line, to the last bit
 - ``branch``, ``trace``: a continuation in one parameter, a special point in two
+- ``atlas``: plan of branches and traced curves over two parameters, arranged into regions
+- ``branch``: a continuation, record by record
 """

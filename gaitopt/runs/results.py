@@ -24,6 +24,7 @@ from gaitopt.model.dynamics import Dynamics
 from gaitopt.model.modes import Mode
 from gaitopt.model.transitions import Ending
 from gaitopt.problem.floor import Floor
+from gaitopt.runs.atlas import ATLAS_FILE, Atlas, read_atlas
 from gaitopt.runs.attractors import ATTRACTORS_FILE, Attractors, read_attractors
 from gaitopt.runs.basin import BASIN_FILE, Basin, read_basin
 from gaitopt.runs.branch import BRANCH_FILE, restore_branch
@@ -41,7 +42,7 @@ from gaitopt.verification.walk import Walk
 RECOMPUTED = 1e-7
 """Largest relative difference between a stored force or torque and its value at the stored state."""
 
-Result = Gait | Branch | Trace | Walk | Sweep | Basin | Attractors | Robustness | Front
+Result = Gait | Branch | Trace | Walk | Sweep | Basin | Attractors | Atlas | Robustness | Front
 
 
 def restore_gait(folder: Path) -> Gait:
@@ -171,12 +172,13 @@ KINDS: Mapping[str, tuple[str, Callable[[Path], Result]]] = {
     "basin": (BASIN_FILE, read_basin),
     "attractors": (ATTRACTORS_FILE, read_attractors),
     "robustness": (ROBUSTNESS_FILE, read_robustness),
+    "atlas": (ATLAS_FILE, read_atlas),
 }
 """For each kind of result: the file that identifies it, and its reader. If a folder has several kinds, the first one
 counts."""
 
 
-PARTS = ("sweep", "basin", "attractors", "robustness")
+PARTS = ("sweep", "basin", "attractors", "robustness", "atlas")
 """Kinds of results that lie in a subfolder KIND-KEY of a run folder."""
 
 

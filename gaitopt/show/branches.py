@@ -206,27 +206,49 @@ def _write_values(axes: Axes, marks: Sequence[tuple[str, float, float]]) -> None
     """Write the parameter beside special points where this covers no marker, value or curve; otherwise leave it out."""
     axes.margins(y=VERTICAL_MARGIN)
     axes.autoscale_view()
+    write_beside(axes, [("" if kind in TERMINAL else f"{value:.4g}", value, height) for kind, value, height in marks])
+
+
+def write_beside(
+    axes: Axes,
+    marks: Sequence[tuple[str, float, float]],
+    away: Sequence[float] = DISTANCES,
+    letter: tuple[float, float] | None = None,
+) -> None:
+    """Write texts beside marks, over no mark, text or curve; not where there is no room. An empty text is none.
+
+    Parameters
+    ----------
+    marks : text and place of every mark.
+    away : distances at which a text is tried, in those of ``MARKER_SIZE``; from a distant one a line leads to the mark.
+    letter : size of a letter with its space, relative to the axes; by default every text has the size of a value.
+    """
     to_axes, back = axes.transData + axes.transAxes.inverted(), axes.transAxes.inverted()
     lines = [(line.get_transform() + back).transform(line.get_xydata()) for line in axes.lines]
-    curves = np.concatenate([_along(line) for line in lines])
+    curves = np.concatenate([np.empty((0, 2)), *(_along(line) for line in lines)])
     taken = [(at - MARKER_SIZE, at + MARKER_SIZE) for at in (to_axes.transform(place) for _, *place in marks)]
-    for kind, value, height in marks:
+    for text, value, height in marks:
         at, options = to_axes.transform((value, height)), list[Any]()
-        sides = product(DISTANCES, (1, -1), (1, -1)) if kind not in TERMINAL else ()
-        for away, side in ((away, np.array(side)) for away, *side in sides):
-            low, high = np.sort([at + away * MARKER_SIZE * side, at + (away * MARKER_SIZE + VALUE_SIZE) * side], axis=0)
+        size = VALUE_SIZE if letter is None else np.array([letter[0] * len(text), letter[1]])
+        sides = product(away, (1, -1), (1, -1)) if text else ()
+        for distance, side in ((distance, np.array(side)) for distance, *side in sides):
+            low, high = np.sort(
+                [at + distance * MARKER_SIZE * side, at + (distance * MARKER_SIZE + size) * side], axis=0
+            )
             if any(np.all((low < top) & (bottom < high)) for bottom, top in taken):
                 continue
             if np.all(low >= VALUE_REGION[0]) and np.all(high <= VALUE_REGION[1]):
                 covered = np.all((low < curves) & (curves < high), axis=1)
                 if not covered.any():
-                    options.append((away, side, low, high))
+                    options.append((distance, side, low, high))
         if options:
-            away, (right, up), low, high = options[0]  # the closest free distance
+            distance, (right, up), low, high = options[0]  # as close to its mark as there is room
             taken.append((low, high))
+            leader = {"arrowstyle": "-", "color": NEUTRAL, "linewidth": 0.6} if distance > DISTANCES[-1] else None
             axes.annotate(
-                f"{value:.4g}", (value, height), xytext=(7 * away * right, 5 * away * up), textcoords="offset points",
+                text, (value, height), xytext=(7 * distance * right, 5 * distance * up), textcoords="offset points",
                 ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small", color=NEUTRAL,
+                arrowprops=leader,
             )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from gaitopt.gait.branch import Branch
 from gaitopt.gait.gait import Gait, require_gait
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS
+from gaitopt.runs.atlas import Atlas, read_atlas
 from gaitopt.runs.attractors import Attractors, read_attractors
 from gaitopt.runs.basin import Basin, read_basin
 from gaitopt.runs.branch import stored_branch
@@ -20,6 +21,7 @@ from gaitopt.runs.front import Front, front_file, read_fronts
 from gaitopt.runs.results import kind_of, restore_walk
 from gaitopt.runs.robustness import Robustness, read_robustness
 from gaitopt.runs.sweep import Sweep, read_sweep
+from gaitopt.show.atlases import atlas_figure, scalar_names, sheet_names
 from gaitopt.show.attractors import bifurcation_diagram
 from gaitopt.show.branches import multiplier_paths, multiplier_plane, over_parameter
 from gaitopt.show.gaits import (
@@ -183,6 +185,14 @@ def _(result: Sweep) -> Figures:
 
 
 @figures_of.register
+def _(result: Atlas) -> Figures:
+    sheets = sheet_names(result)
+    return Figures(
+        draw=lambda name: atlas_figure(result, name), names=(*sheets, *scalar_names(result)), usual=tuple(sheets)
+    )
+
+
+@figures_of.register
 def _(result: Attractors) -> Figures:
     return attractor_figures(result, {})
 
@@ -307,6 +317,8 @@ def folder_figures(*folders: Path, over: Sequence[Path] = ()) -> list[Figures]:
     kind = kind_of(folder)
     if kind == "robustness":
         return [figures_of(read_robustness(folder))]
+    if kind == "atlas":
+        return [figures_of(read_atlas(folder))]
     if kind in ("basin", "sweep"):
         result = read_basin(folder) if kind == "basin" else read_sweep(folder)
         if len(result.grid.axes) > DRAWN_AXES:

@@ -30,6 +30,7 @@ from gaitopt.model.units import words_and_unit
 from gaitopt.problem.problem import Problem
 from gaitopt.problem.scalars import SCALARS, label_of, relevant_scalars, scalar_values, state_unit, unit_of
 from gaitopt.problem.statement import OpenSequence
+from gaitopt.runs.atlas import Atlas
 from gaitopt.runs.attractors import Attractors
 from gaitopt.runs.basin import Basin
 from gaitopt.runs.front import Front
@@ -270,6 +271,40 @@ def _folded_section(
         section(console, title, columns, rows, numbers=numbers)
     else:
         console.print(f"\n{title}: {len(rows)}; {UNFOLD}")
+
+
+def print_atlas(console: Console, record: Record) -> None:
+    """An atlas from its JSON object: regions, curves, codimension-two points."""
+    axes = record["over"]
+    keys = [f"{axis['key']} [deg]" if axis["unit"] else axis["key"] for axis in axes]
+    spans = [
+        f"{name} {number(_in_unit(axis['lower'], axis))} to {number(_in_unit(axis['upper'], axis))}"
+        for name, axis in zip(keys, axes, strict=True)
+    ]
+    counts = f"{record['branches']} branches"
+    console.print(f"{record['problem']} over {' and '.join(spans)}", style="bold")
+    sheets = "" if record["sheets"] == 1 else f", {record['sheets']} sheets"
+    console.print(f"{counts}, {counted(len(record['curves']), 'curve')}{sheets}")
+    rows = []
+    for region in record["regions"]:
+        gait, at = region.get("gait") or {}, region.get("at") or {}
+        stable = "" if region["stable"] is None else STABILITY[region["stable"]]
+        places = [number(_in_unit(at[axis["key"]], axis)) if at else "" for axis in axes]
+        remark = region.get("reason", "verified" if gait else "")
+        figures = number(gait["spectral_radius"]) if gait else ""
+        rows.append((f"{region['area']:.1%}", region["modes"], stable, *places, figures, remark))
+    columns = ("area", MODES, "", *(f"gait at {key}" for key in keys), "radius", "")
+    section(console, "regions", columns, rows, numbers=(0, 3, 4, 5))
+    if record["points"]:
+        located = [
+            (_words(point["type"]), *(f"{_in_unit(point['values'][a['key']], a):.9g}" for a in axes), point["status"])
+            for point in record["points"]
+        ]
+        section(console, "codimension-two points", ("type", *keys, ""), located, numbers=(1, 2))
+
+
+def _in_unit(value: float, axis: Record) -> float:
+    return math.degrees(value) if axis["unit"] else value
 
 
 def print_derivatives(console: Console, record: Record) -> None:
@@ -788,6 +823,7 @@ print_result.register(Explanation, lambda why, console: print_explanation(consol
 print_result.register(Basin, lambda basin, console: print_basin(console, basin.to_record()))
 print_result.register(Attractors, lambda attractors, console: print_attractors(console, attractors))
 print_result.register(Robustness, lambda robust, console: print_robustness(console, robust.to_record()))
+print_result.register(Atlas, lambda atlas, console: print_atlas(console, atlas.to_record()))
 print_result.register(Sweep, lambda sweep, console: print_sweep(console, sweep.to_record()))
 
 

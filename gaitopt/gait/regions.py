@@ -1,0 +1,615 @@
+"""Regions of a family of gaits over two parameters (a, b), from its branches in a at ascending values of b.
+
+Special points cut each branch into segments of one mode sequence and one number of unstable multipliers. Segments of
+neighbouring branches are matched in the order of the branch, the longest common sequence of labels first:
+
+    branch at b_j+1      s0  |  s1  |      s3       |  s4          | special points: curves pass through them
+    branch at b_j        s0  |  s1  |  s2  |   s3   |  s4          X where s2 begins: curves meet there
+
+A *region* is a connected set of matched segments, a *sheet* one of regions that no fold separates, and a *curve* passes
+through the special points between two segments. Curves that were traced have the points of their trace, and meet where
+it has located a codimension-two point. Others are monotone cubics through the special points of the branches, and
+meet between two branches where their tangents do.
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import SequenceMatcher
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from gaitopt.arrays import Array
+from gaitopt.gait.branch import TERMINAL
+from gaitopt.model.cycle import Cycle
+
+Record = Mapping[str, Any]
+Node = tuple[int, int]
+"""A special point: numbers of its branch, and of the point on it."""
+
+SAMPLES = 8
+"""Least points of a curve between two branches."""
+PARALLEL = 1e-6
+"""Determinant of two scaled tangents below which they do not tell where curves meet."""
+ON_CIRCLE = 1.0
+ON_CURVE = 2e-3
+"""Distance from a traced curve, relative to the range, up to which a point is on it: more than that of its chords."""
+NEAR = 0.1
+"""Distance, relative to the range, up to which a located codimension-two point is where curves meet."""
+SAME_PLACE = 1e-5
+"""Distance, relative to the range, below which two codimension-two points are one."""
+EDGE = 0.02
+"""Least distance from a branch, relative to that of two branches, of an event between them."""
+MEETINGS = {
+    frozenset(("fold",)): "cusp",
+    frozenset(("neimark_sacker", "period_doubling")): "resonance_1_2",
+    frozenset(("neimark_sacker", "fold")): "resonance_1_1",
+    frozenset(("fold", "period_doubling")): "fold_flip",
+}
+"""Types of codimension-two points by those of the bifurcations that meet there."""
+FEW = 4
+"""Most special points that one event joins."""
+MARGINS = ("mode_change", "impact_change", "lift_off", "painleve", "vanishing")
+END = "end"
+NO_GAIT, UNKNOWN = "no gait", "unknown"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Segment:
+    """Part of a branch with one mode sequence and stability.
+
+    Attributes
+    ----------
+    words : the mode sequence.
+    unstable : number of multipliers outside the unit circle.
+    points : records of its gaits in the order of the branch, each with ``value``, its first parameter.
+    """
+
+    words: str
+    unstable: int
+    points: Sequence[Record]
+
+    @property
+    def label(self) -> tuple[str, int]:
+        """Mode sequence and number of unstable multipliers."""
+        return self.words, self.unstable
+
+    @property
+    def middle(self) -> Record:
+        """The gait nearest to the middle of its values."""
+        values = [point["value"] for point in self.points]
+        centre = (min(values) + max(values)) / 2
+        return min(self.points, key=lambda point: abs(point["value"] - centre))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slice:
+    """The branch at one value of the second parameter.
+
+    Attributes
+    ----------
+    value : of the second parameter.
+    segments : in the order of the branch; empty if no gait was found.
+    specials : one more than segments; the first and the last one are its ends.
+    reason : why there is no segment.
+    """
+
+    value: float
+    segments: tuple[Segment, ...]
+    specials: tuple[Record, ...]
+    reason: str = ""
+
+    @classmethod
+    def from_record(cls, record: Record) -> "Slice":
+        """The slice from its record, as a job of an atlas has stored it."""
+        segments = tuple(
+            Segment(words=str(Cycle.from_record(points[0])), unstable=unstable_count(points), points=points)
+            for points in record["segments"]
+        )
+        return cls(
+            value=record["value"],
+            segments=segments,
+            specials=tuple(record["specials"]),
+            reason=record.get("reason", ""),
+        )
+
+    @property
+    def labels(self) -> list[tuple[str, int]]:
+        """Labels of the segments."""
+        return [segment.label for segment in self.segments]
+
+    @property
+    def types(self) -> list[str]:
+        """Types of the special points; an end at a bound of the range has its own one."""
+        return [type_of(special) for special in self.specials]
+
+
+def type_of(special: Record) -> str:
+    """Type of a special point; ``bound`` for an end that is a bound of the range."""
+    return "bound" if special.get("bound") else str(special["type"])
+
+
+def unstable_count(points: Sequence[Record]) -> int:
+    """Number of multipliers outside the unit circle of most of some gaits."""
+    counts = [sum(abs(complex(m["re"], m["im"])) > ON_CIRCLE for m in point["multipliers"]) for point in points]
+    return max(set(counts), key=counts.count)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """A curve of special points.
+
+    Attributes
+    ----------
+    type : of its points.
+    points : ndarray, shape (n, 2) - along the curve, in both parameters.
+    located : ndarray, shape (m, 2) - its special points on branches, located to rounding.
+    records : these special points.
+    sheet : number of the sheet that it lies on, or bounds.
+    """
+
+    type: str
+    points: Array
+    located: Array
+    records: tuple[Record, ...]
+    sheet: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Junction:
+    """A point at which curves meet.
+
+    Attributes
+    ----------
+    name : what it is; empty where curves only leave the range.
+    values : both parameters.
+    types : of the curves.
+    within : half the distance of the branches between which it lies; zero if it is located.
+    sheet : number of its sheet.
+    """
+
+    name: str
+    values: tuple[float, float]
+    types: tuple[str, ...]
+    within: float
+    sheet: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """A connected set of gaits with one mode sequence and stability; or one without a gait.
+
+    Attributes
+    ----------
+    words : the mode sequence, ``no gait`` or ``unknown``.
+    unstable : number of multipliers outside the unit circle; None without a gait.
+    sheet : number of its sheet; -1 without a gait.
+    pieces : polygons, one per pair of neighbouring branches; shape (n, 2) each.
+    places : numbers of the branches and segments in it.
+    """
+
+    words: str
+    unstable: int | None
+    sheet: int
+    pieces: tuple[Array, ...]
+    places: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def area(self) -> float:
+        """Area in both parameters."""
+        return sum(abs(_signed_area(piece)) for piece in self.pieces)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arrangement:
+    """Regions, curves, codimension-two points, and all places where curves meet, also at a bound of the range."""
+
+    regions: tuple[Region, ...] = ()
+    curves: tuple[Curve, ...] = ()
+    junctions: tuple[Junction, ...] = ()
+    meetings: tuple[Junction, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Traced:
+    """A traced curve.
+
+    Attributes
+    ----------
+    type : of the special point from which it was traced.
+    points : ndarray, shape (n, 2) - along the curve, in both parameters.
+    specials : codimension-two points that were located on it: ``type`` and ``values``, both parameters.
+    """
+
+    type: str
+    points: Array
+    specials: tuple[Record, ...]
+
+    def covers(self, place: tuple[float, float], sizes: Array) -> bool:
+        """Whether a point lies on it, up to the distance of a chord from its arc."""
+        return any(_distance(place, run, sizes) < ON_CURVE for run in self.runs)
+
+    @property
+    def runs(self) -> list[Array]:
+        """Its parts with a monotone second parameter, ascending."""
+        steps = np.sign(np.diff(self.points[:, 1]))
+        cuts = [0, *(np.flatnonzero(np.diff(steps)) + 1), len(self.points) - 1]
+        parts = [self.points[first : last + 1] for first, last in pairwise(cuts)]
+        return [part if part[0, 1] < part[-1, 1] else part[::-1] for part in parts if len(part) > 1]
+
+
+def _distance(place: tuple[float, float], run: Array, sizes: Array) -> float:
+    """Distance of a point from a curve in the first parameter, relative to its range; infinite beyond its ends."""
+    a, b = place
+    slack = ON_CURVE * sizes[1]
+    if not run[0, 1] - slack <= b <= run[-1, 1] + slack:
+        return np.inf
+    return float(abs(np.interp(b, run[:, 1], run[:, 0]) - a) / sizes[0])
+
+
+def curves_between(slices: Sequence[Slice]) -> list[list[Node]]:
+    """The special points along every curve, upwards; without the bounds of the range."""
+    links, _, _ = _linked(slices)
+    return [chain for chain in _chains(slices, links) if type_of(slices[chain[0][0]].specials[chain[0][1]]) != "bound"]
+
+
+def compound_gaps(slices: Sequence[Slice]) -> list[int]:
+    """Numbers of the slices between which and the next one more than one event changes the segments."""
+    _, meetings, _ = _linked(slices)
+    counts = Counter(meeting.gap for meeting in meetings)
+    large = {meeting.gap for meeting in meetings if len(meeting.below + meeting.above) > FEW}
+    return sorted({gap for gap, count in counts.items() if count > 1} | large)
+
+
+def open_gaps(slices: Sequence[Slice], traces: Sequence[Traced], span: tuple[float, float]) -> list[int]:
+    """Numbers of the slices between which and the next one curves meet at a place that no trace has located."""
+    arrangement = arrange(slices, span, traces)
+    values = [each.value for each in slices]
+    unlocated = (junction.values[1] for junction in arrangement.meetings if junction.within)
+    return sorted({int(np.searchsorted(values, b)) - 1 for b in unlocated})
+
+
+def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence[Traced] = ()) -> Arrangement:
+    """Regions, curves and junctions of a family.
+
+    Parameters
+    ----------
+    slices : ascending in the second parameter.
+    span : range of the first parameter.
+    traces : of its curves.
+    """
+    links, meetings, matched = _linked(slices)
+    regions = _Classes((j, i) for j, each in enumerate(slices) for i in range(len(each.segments)))
+    sheets = _Classes(regions.parent)
+    for j, pairs in enumerate(matched):
+        for s, t in pairs:
+            regions.join((j, s), (j + 1, t))
+            sheets.join((j, s), (j + 1, t))
+    for j, each in enumerate(slices):
+        for i in range(1, len(each.segments)):
+            if each.specials[i]["type"] != "fold":
+                sheets.join((j, i - 1), (j, i))
+    numbers = sheets.numbers()
+
+    def sheet_of(j: int, k: int) -> int:
+        """Sheet of a special point; of a fold, that of the segment before it."""
+        return numbers[(j, min(max(k - 1, 0), len(slices[j].segments) - 1))]
+
+    sizes = np.array([span[1] - span[0], slices[-1].value - slices[0].value])
+    chains = list(_chains(slices, links))
+    places = [_meeting_place(slices, chains, meeting, traces, sizes) for meeting in meetings]
+    curves, paths = list[Curve](), dict[tuple[Node, bool], Array]()
+    for chain in chains:
+        ends = [
+            next(
+                (place.values for meeting, place in zip(meetings, places, strict=True) if node in nodes(meeting)), None
+            )
+            for node, nodes in ((chain[0], _Meeting.leaving), (chain[-1], _Meeting.arriving))
+        ]
+        curve, own = _drawn(slices, chain, ends, traces, sizes)
+        paths |= own
+        if curve.type != "bound":
+            curves.append(replace(curve, sheet=sheet_of(*chain[0])))
+    pieces: dict[Node, list[Array]] = {root: [] for root in regions.roots()}
+    for place, polygon in _polygons(slices, matched, links, paths):
+        pieces[regions.root(place)].append(polygon)
+    found = [
+        Region(
+            words=slices[j].segments[i].words,
+            unstable=slices[j].segments[i].unstable,
+            sheet=numbers[j, i],
+            pieces=tuple(polygons),
+            places=tuple(key for key in regions.parent if regions.root(key) == (j, i)),
+        )
+        for (j, i), polygons in pieces.items()
+    ]
+    at_meetings = [
+        replace(place, sheet=sheet_of(*(meeting.below + meeting.above)[0]))
+        for meeting, place in zip(meetings, places, strict=True)
+    ]
+    junctions = [junction for junction in at_meetings if junction.name]
+    for trace in traces:
+        for special in trace.specials:
+            (a, b), sheet = special["values"], next((c.sheet for c in curves if _alike(c.type, trace.type)), 0)
+            apart = (np.abs((np.array(junction.values) - (a, b)) / sizes).max() for junction in junctions)
+            if min(apart, default=np.inf) > SAME_PLACE:
+                name = str(special["type"])
+                junctions.append(Junction(name=name, values=(a, b), types=(trace.type,), within=0.0, sheet=sheet))
+    return Arrangement(
+        regions=(*sorted(found, key=lambda region: -region.area), *_outside(slices, span)),
+        curves=tuple(curves),
+        junctions=tuple(junctions),
+        meetings=tuple(at_meetings),
+    )
+
+
+def _drawn(
+    slices: Sequence[Slice],
+    chain: Sequence[Node],
+    ends: Sequence[tuple[float, float] | None],
+    traces: Sequence[Traced],
+    sizes: Array,
+) -> tuple[Curve, dict[tuple[Node, bool], Array]]:
+    """A curve, and its parts from each special point upwards and downwards to the next one or to its end."""
+    kind, places = type_of(slices[chain[0][0]].specials[chain[0][1]]), [_place(slices, node) for node in chain]
+    known = [place for place in (ends[0], *places, ends[1]) if place is not None]
+    runs = (run for trace in traces if _alike(kind, trace.type) for run in trace.runs)
+    covering = (run for run in runs if all(_distance(place, run, sizes) < ON_CURVE for place in places))
+    inner = next(covering, np.empty((0, 2)))
+    apart = np.abs(np.subtract.outer(inner[:, 1], [b for _, b in known])).min(axis=1, initial=np.inf)
+    inner = inner[(inner[:, 1] > known[0][1]) & (inner[:, 1] < known[-1][1]) & (apart > SAME_PLACE * sizes[1])]
+    both = np.concatenate([np.array(known), inner])
+    smooth, paths = _Smooth(both[np.argsort(both[:, 1])]), dict[tuple[Node, bool], Array]()
+    for node, place in zip(chain, places, strict=True):
+        index = known.index(place)
+        for upward, other in ((False, index - 1), (True, index + 1)):
+            if 0 <= other < len(known):
+                paths[node, upward] = smooth.between(place[1], known[other][1])
+    records = tuple(slices[j].specials[k] for j, k in chain)
+    return Curve(type=kind, points=smooth.points, located=np.array(places), records=records, sheet=0), paths
+
+
+def _polygons(
+    slices: Sequence[Slice],
+    matched: Sequence[Sequence[tuple[int, int]]],
+    links: Mapping[Node, Node],
+    paths: Mapping[tuple[Node, bool], Array],
+) -> Iterator[tuple[Node, Array]]:
+    """For every segment the polygon between its branch and the next one, and where it begins between them."""
+    nothing = np.empty((0, 2))
+
+    def side(below: Node | None, above: Node | None) -> Array:
+        """Between two branches, from special points of one to the other, or to where they meet others."""
+        up = nothing if below is None else paths.get((below, True), nothing)
+        down = nothing if above is None or links.get(below or (-1, -1)) == above else paths.get((above, False), nothing)
+        return np.concatenate([up, down[::-1]])
+
+    for j, pairs in enumerate(matched):
+        partners, begun = dict(pairs), {t for _, t in pairs}
+        for i in range(len(slices[j].segments)):
+            t = partners.get(i)
+            sides = (side((j, i + k), None if t is None else (j + 1, t + k)) for k in (0, 1))
+            left, right = sides
+            yield (j, i), np.concatenate([left, right[::-1]])
+        for t in range(len(slices[j + 1].segments)):
+            if t not in begun:
+                left, right = (side(None, (j + 1, t + k)) for k in (0, 1))
+                yield (j + 1, t), np.concatenate([left, right[::-1]])
+
+
+def _alike(kind: str, traced: str) -> bool:
+    """Whether a trace of this type may be that of a curve: a margin may change both phases and impact."""
+    return kind == traced or (kind in MARGINS and traced in MARGINS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Meeting:
+    """Special points of two neighbouring branches whose curves meet between them."""
+
+    gap: int
+    below: tuple[Node, ...]
+    above: tuple[Node, ...]
+
+    def arriving(self) -> tuple[Node, ...]:
+        """Special points whose curves arrive from below."""
+        return self.below
+
+    def leaving(self) -> tuple[Node, ...]:
+        """Special points whose curves leave upwards."""
+        return self.above
+
+
+def _linked(slices: Sequence[Slice]) -> tuple[dict[Node, Node], list[_Meeting], list[list[tuple[int, int]]]]:
+    """Special points that one curve passes through, those whose curves meet, and the matched segments of every gap."""
+    links, meetings, matched = dict[Node, Node](), list[_Meeting](), list[list[tuple[int, int]]]()
+    for j, (first, second) in enumerate(pairwise(slices)):
+        blocks = SequenceMatcher(None, first.labels, second.labels, autojunk=False).get_matching_blocks()
+        pairs = [(block.a + k, block.b + k) for block in blocks for k in range(block.size)]
+        matched.append(pairs)
+        if not first.segments or not second.segments:
+            continue
+        all_pairs = [(-1, -1), *pairs, (len(first.segments), len(second.segments))]
+        for (s, t), (s_next, t_next) in pairwise(all_pairs):
+            below = tuple((j, k) for k in range(s + 1, s_next + 1))
+            above = tuple((j + 1, k) for k in range(t + 1, t_next + 1))
+            for lower, upper in _events(first, second, below, above):
+                alone = (lower, upper) == (below, above) and len(lower) == len(upper) == 1
+                if alone and first.types[lower[0][1]] == second.types[upper[0][1]]:
+                    links[lower[0]] = upper[0]
+                    continue
+                meetings.append(_Meeting(gap=j, below=lower, above=upper))
+    return links, meetings, matched
+
+
+def _events(
+    first: Slice, second: Slice, below: tuple[Node, ...], above: tuple[Node, ...]
+) -> Iterator[tuple[tuple[Node, ...], tuple[Node, ...]]]:
+    """Special points that one event joins; what happens at a bound of the range happens elsewhere than the rest."""
+    if len(below) + len(above) > 2:
+        for end, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
+            if below and above and first.types[below[end][1]] == second.types[above[end][1]] == "bound":
+                yield (below[end],), (above[end],)
+                below, above = below[rest], above[rest]
+    if below or above:
+        yield below, above
+
+
+def _chains(slices: Sequence[Slice], links: Mapping[Node, Node]) -> Iterator[list[Node]]:
+    """Special points along every curve, upwards."""
+    reached = set(links.values())
+    for j, each in enumerate(slices):
+        for k in range(len(each.specials)):
+            if (j, k) in reached:
+                continue
+            chain = [(j, k)]
+            while chain[-1] in links:
+                chain.append(links[chain[-1]])
+            yield chain
+
+
+def _place(slices: Sequence[Slice], node: Node) -> tuple[float, float]:
+    j, k = node
+    return float(slices[j].specials[k]["value"]), slices[j].value
+
+
+def _meeting_place(
+    slices: Sequence[Slice],
+    chains: Sequence[list[Node]],
+    meeting: _Meeting,
+    traces: Sequence[Traced],
+    sizes: Array,
+) -> Junction:
+    """Where curves meet: at a located point, else at the point nearest to their tangents between the two branches."""
+    low, high = slices[meeting.gap].value, slices[meeting.gap + 1].value
+    rows, nodes = list[tuple[float, float]](), meeting.below + meeting.above
+    for node in nodes:
+        chain = next(chain for chain in chains if node in chain)
+        a, b = _place(slices, node)
+        slope = 0.0
+        if len(chain) > 1:
+            other = _place(slices, chain[1] if node == chain[0] else chain[-2])
+            slope = (other[0] - a) / (other[1] - b)
+        rows.append((a - slope * b, slope))
+    offsets, slopes = np.array(rows).T
+    different = (high - low) * np.ptp(slopes)
+    b = (low + high) / 2
+    if len(nodes) > 1 and different > PARALLEL * np.ptp(offsets + slopes * b):
+        _, b = np.linalg.lstsq(np.column_stack([np.ones_like(slopes), -slopes]), offsets, rcond=None)[0]
+    edge = EDGE * (high - low)
+    b = float(np.clip(b, low + edge, high - edge))
+    estimate = np.array([np.mean(offsets + slopes * b), b])
+    types = tuple(sorted({type_of(slices[j].specials[k]) for j, k in nodes}))
+    name, located = _name(types, len(nodes)), list[tuple[float, str, tuple[float, float]]]()
+    for trace in (trace for trace in traces if any(_alike(kind, trace.type) for kind in types)):
+        candidates = [(str(special["type"]), special["values"]) for special in trace.specials]
+        if not name:  # a curve that leaves the range, or turns back
+            candidates = [("", tuple(run[k].tolist())) for run in trace.runs for k in (0, -1)]
+        for kind, values in candidates:
+            distance = float(np.abs((np.array(values) - estimate) / sizes).max())
+            if low < values[1] < high and distance < NEAR:
+                located.append((distance, kind, (values[0], values[1])))
+    if located:
+        _, name, place = min(located)
+        return Junction(name=name, values=place, types=types, within=0.0, sheet=0)
+    return Junction(name=name, values=(float(estimate[0]), b), types=types, within=(high - low) / 2, sheet=0)
+
+
+class _Smooth:
+    """A curve a(b) through given points, ascending in b, without overshoot between them."""
+
+    def __init__(self, known: Array) -> None:
+        from scipy.interpolate import PchipInterpolator
+
+        self._known = known
+        self._cubic = PchipInterpolator(known[:, 1], known[:, 0]) if len(known) > 1 else None
+
+    def between(self, first: float, last: float) -> Array:
+        """Points from one value of b to another one; shape (n, 2)."""
+        inside = self._known[:, 1][(self._known[:, 1] - first) * (self._known[:, 1] - last) < 0]
+        b = np.unique(np.concatenate([np.linspace(first, last, SAMPLES), inside]))
+        b = b if first < last else b[::-1]
+        assert self._cubic is not None
+        return np.column_stack([self._cubic(b), b])
+
+    @property
+    def points(self) -> Array:
+        """All of it."""
+        if self._cubic is None:
+            return self._known
+        parts = [self.between(*pair)[:-1] for pair in pairwise(self._known[:, 1])]
+        return np.concatenate([*parts, self._known[-1:]])
+
+
+def _name(types: Sequence[str], count: int) -> str:
+    """The type of the codimension-two point at which curves meet; empty where one turns back, or leaves the range."""
+    kinds = set(types)
+    bifurcations = kinds - set(MARGINS)
+    if kinds & {"bound", END} or not kinds:
+        return ""
+    if not bifurcations:
+        return "margin_crossing" if count > 2 or len(kinds) > 1 else ""
+    if kinds - bifurcations:
+        return f"margin_{min(bifurcations)}"
+    return MEETINGS.get(frozenset(bifurcations), "")
+
+
+def _outside(slices: Sequence[Slice], span: tuple[float, float]) -> Iterator[Region]:
+    """What no gait of the family covers: without a gait beyond an end of the family or a fold, else unknown."""
+    pieces: dict[str, list[Array]] = {NO_GAIT: [], UNKNOWN: []}
+    for first, second in pairwise(slices):
+        if not first.segments or not second.segments:
+            low, high = first.value, second.value
+            box = np.array([(span[0], low), (span[1], low), (span[1], high), (span[0], high)])
+            pieces[UNKNOWN].append(box)
+            continue
+        for side, edge in ((min, span[0]), (max, span[1])):
+            ends = [side(each.specials, key=lambda special: special["value"]) for each in (first, second)]
+            if all(end.get("bound") for end in ends):
+                continue
+            ended = all(end["type"] in ("fold", *TERMINAL) and end["type"] != END for end in ends)
+            (a, b), (c, d) = ((end["value"], each.value) for end, each in zip(ends, (first, second), strict=True))
+            pieces[NO_GAIT if ended else UNKNOWN].append(np.array([(a, b), (c, d), (edge, d), (edge, b)]))
+    for words, polygons in pieces.items():
+        if polygons:
+            yield Region(words=words, unstable=None, sheet=-1, pieces=tuple(polygons))
+
+
+def _signed_area(polygon: Array) -> float:
+    x, y = polygon.T
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
+
+
+@dataclass(slots=True)
+class _Classes:
+    """Classes of equivalent keys."""
+
+    keys: Iterable[tuple[int, int]]
+    parent: dict[tuple[int, int], tuple[int, int]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.parent = {key: key for key in self.keys}
+
+    def root(self, key: tuple[int, int]) -> tuple[int, int]:
+        """The key that stands for a class."""
+        while self.parent[key] != key:
+            key = self.parent[key]
+        return key
+
+    def join(self, first: tuple[int, int], second: tuple[int, int]) -> None:
+        """Make two keys equivalent."""
+        first, second = sorted((self.root(first), self.root(second)))
+        self.parent[second] = first
+
+    def roots(self) -> list[tuple[int, int]]:
+        """One key of every class."""
+        return [key for key, parent in self.parent.items() if key == parent]
+
+    def numbers(self) -> dict[tuple[int, int], int]:
+        """The number of every key's class; large classes first."""
+        members = dict[tuple[int, int], int]()
+        for key in self.parent:
+            members[self.root(key)] = members.get(self.root(key), 0) + 1
+        order = sorted(members, key=lambda root: -members[root])
+        return {key: order.index(self.root(key)) for key in self.parent}

@@ -1,0 +1,81 @@
+"""Atlases of named problems: curves and regions against closed forms and branches, resumption, refusals."""
+
+from math import degrees, radians, tan
+
+import numpy as np
+import pytest
+from named import named
+
+import gaitopt as go
+from gaitopt.errors import ArgumentError, ProblemError, UnknownNameError
+from gaitopt.runs.atlas import ATLAS_JOBS, read_atlas
+
+WHEEL = {"friction": (0.85, 1.0), "walker.slope": ("12.6 deg", "13.4 deg")}
+
+
+def wheel(folder, **options) -> go.Atlas:
+    return go.atlas(
+        "rimless-wheel-stick", WHEEL, slices=3, refinements=0, workers=1, output=folder, progress=False, **options
+    )
+
+
+@pytest.mark.slow
+def test_an_atlas_goes_on_after_an_interruption_and_is_read_back_as_it_was(tmp_path) -> None:
+    whole = wheel(tmp_path / "whole")
+    polls = iter(range(10**6))
+    with pytest.raises(KeyboardInterrupt):
+        wheel(tmp_path / "stopped", should_stop=lambda: next(polls) > 40)
+    resumed = wheel(tmp_path / "stopped")
+    assert resumed.to_record()["curves"] == whole.to_record()["curves"]
+    assert read_atlas(resumed.folder).to_record() == resumed.to_record()
+    (curve,) = whole.arrangement.curves
+    at_13 = np.interp(radians(13), curve.points[:, 1], curve.points[:, 0])
+    assert at_13 == pytest.approx(0.914120783896, abs=1e-6)  # the friction that the wheel needs to stick, closed form
+    assert {region["verification"] is not None for region in (r["gait"] for r in whole.to_record()["regions"])} == {
+        True
+    }
+    assert (resumed.folder / ATLAS_JOBS.name).is_file()
+    assert len(whole.to_frame()) == len(whole.arrangement.regions) == 2
+    axes = whole.plot()
+    assert axes.get_xlim() == (0.85, 1.0)
+    assert axes.get_ylim() == pytest.approx((12.6, 13.4))
+
+
+@pytest.mark.slow
+def test_the_wheel_has_no_gait_where_friction_is_below_the_tangent_of_the_slope(tmp_path) -> None:
+    over = {"friction": (0.2, 0.5), "walker.slope": ("13 deg", "15 deg")}
+    found = go.atlas("rimless-wheel-slip", over, slices=3, refinements=0, workers=1, output=tmp_path, progress=False)
+    for each in found.slices:
+        assert min(special["value"] for special in each.specials) == pytest.approx(tan(each.value), abs=1e-8)
+
+
+@pytest.mark.slow
+def test_the_atlas_of_the_compass_has_its_resonances_and_regions(tmp_path) -> None:
+    over = {"friction": (0.08, 0.2), "walker.slope": ("0.5 deg", "2.5 deg")}
+    found = go.atlas("compass-passive-a", over, slices=5, workers=1, output=tmp_path, progress=False)
+    located = {
+        point["type"]: (point["values"]["friction"], degrees(point["values"]["walker.slope"]))
+        for point in found.to_record()["points"]
+        if point["status"] == "converged"
+    }
+    assert located["resonance_1_4"] == pytest.approx((0.0930353699, 0.651308567), abs=1e-8)
+    assert located["resonance_1_3"] == pytest.approx((0.1301103020, 1.598828734), abs=1e-8)
+    assert located["resonance_1_2"] == pytest.approx((0.1450186084, 2.248926926), abs=1e-8)
+    assert sum(region.area for region in found.arrangement.regions) == pytest.approx(found.area, rel=1e-3)
+    (torus,) = [curve for curve in found.arrangement.curves if curve.type == "neimark_sacker"]
+    at_1 = np.interp(radians(1), torus.points[:, 1], torus.points[:, 0])
+    assert at_1 == pytest.approx(0.1103495808, abs=1e-4)
+
+
+def test_wrong_atlases_are_refused(tmp_path) -> None:
+    with pytest.raises(ArgumentError, match="two parameters"):
+        go.atlas("compass-passive-a", {"friction": (0.1, 0.2)}, output=tmp_path)
+    with pytest.raises(UnknownNameError, match=r"friktion.*friction"):
+        go.atlas("compass-passive-a", {"friktion": (0.1, 0.2), "walker.slope": (0.01, 0.02)}, output=tmp_path)
+    with pytest.raises(ProblemError, match="-1"):
+        go.atlas("compass-passive-a", {"friction": (-1, 0.2), "walker.slope": (0.01, 0.02)}, output=tmp_path)
+    with pytest.raises(ProblemError, match="free parameters"):
+        go.atlas("compass-minimum-friction", {"friction": (0.1, 0.2), "walker.slope": (0.0, 0.02)}, output=tmp_path)
+    with pytest.raises(ArgumentError, match="whole number"):
+        go.atlas("rimless-wheel-stick", {"walker.spokes": (8, 12), "walker.slope": (0.2, 0.3)}, output=tmp_path)
+    assert named("compass-passive-a").converged
