@@ -612,7 +612,11 @@ class CurveWalk:
         return min(others, default=1.0) > 0 and self._simulated(found.gait)[0]
 
     def _simulated(self, gait: Gait) -> tuple[bool, Any]:
-        """Whether the simulator walks the gait, and the record of that; on a margin it may take either sequence."""
+        """Whether the simulator walks the gait, and the record of that.
+
+        On a margin it may take either sequence. If it takes the other one and returns to the same state, the gait
+        holds, but its modes are not verified: there is no record.
+        """
         check = confirm(gait)
         if check.passed or self.kind != "margin":
             return check.passed, check.to_record()
@@ -620,7 +624,7 @@ class CurveWalk:
         if len(walk.steps) < len(gait.steps) or walk.steps[-1].impact is None:
             return False, check.to_record()
         left = np.abs(walk.steps[-1].final_impact.state - gait.state) / gait.dynamics.state_units
-        return bool(left.max() < AT_MARGIN), check.to_record()
+        return (True, None) if left.max() < AT_MARGIN else (False, check.to_record())
 
     def _move(self, point: CurvePoint, *, moved: bool = True) -> None:
         """Go to a point, on a mesh that is fine enough, with the condition as it is followed from there."""
@@ -639,7 +643,7 @@ class CurveWalk:
         gait, every = self.point.gait, self.request.verify_every
         if every and self.count % every == 0:
             holds, record = self._simulated(gait)
-            gait = gait.verified(record)
+            gait = gait if record is None else gait.verified(record)
             if not holds:
                 end = self._special("end", self.point, "guess", "the simulator disagrees with the gait")
                 yield replace(end, gait=gait)

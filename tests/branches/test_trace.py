@@ -62,10 +62,10 @@ def cut(point, first, kind):
     """The value of the first parameter at which a branch in it has the special point, at the second one's value."""
     value, found = point.values[first], []
     for side in (2e-4, -2e-4):
-        gait = go.solve(point.gait.problem.replace({first: value + side}), progress=False)
-        if gait.converged and not found:
-            branch = continuation(gait, first, value - side, verify_every=0, progress=False)
-            found = [each.value for each in branch.special(kind)]
+        aside = continuation(point.gait, first, value + side, verify_every=0, progress=False)
+        if not found and len(aside) > 1:
+            back = continuation(aside.points[-1].gait, first, value - side, verify_every=0, progress=False)
+            found = [each.value for each in back.special(kind)]
     return min(found, key=lambda other: abs(other - value))
 
 
