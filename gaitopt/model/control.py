@@ -159,7 +159,8 @@ class Control(BaseModel, ABC, metaclass=PluginClass):
         """Key of the systems that can share the law's expressions: the law without the values of its parameters."""
         numbers = {name for name in dict(self) if is_parameter(type(self).model_fields.get(name))}
         references = self.targets
-        fixed = self.model_dump_json(exclude=numbers | {*references})
+        excluded: Any = {**dict.fromkeys(numbers | {*references}, True), "step_feedback": {"at": True}}
+        fixed = self.model_dump_json(exclude=excluded)
         return (type(self), tuple(self.parameters), fixed, *(each.structure for each in references.values()))
 
     @property

@@ -124,6 +124,7 @@ class Problem(ProblemStatement):
             return None
         before, after = self.file.parameters, self.parameters
         changed = changed_values(problem_data(self.file), problem_data(self))
+        changed = [key for key in changed if not key.startswith(f"{OF_FEEDBACK}.at")]
         if self.section is not None:
             following = {f"{GUESSED}{name}" for name in self.walker.state_names() if name not in self.section.names}
             changed = [key for key in changed if key not in following]

@@ -119,6 +119,9 @@ def test_gains_and_state_keep_their_values_along_a_family():
     followed = go.solve(gait.problem.replace({"friction": 0.19}), progress=False)
     np.testing.assert_allclose(followed.state, end.state, atol=1e-9)
     assert followed.problem.nominal.digest == gait.problem.nominal.digest
+    assert followed.system is gait.system
+    from_file = gait.problem.from_guess()  # as if a file stated it
+    assert from_file.replace({"friction": 0.19}).followed_from == from_file
 
 
 def test_a_design_finds_the_least_gain_for_a_spectral_radius():
