@@ -1,5 +1,9 @@
-"""Draws the moving thumbnails docs/gallery/*.gif: ``python docs/thumbnails.py``, from the root of a clone."""
+"""Draws docs/gallery/*.gif and some small animations of docs/zoo.md: ``python docs/thumbnails.py [NAME ...]``.
 
+Run it from the root of a clone.
+"""
+
+import sys
 from io import BytesIO
 from pathlib import Path
 
@@ -14,26 +18,34 @@ GARCIA = {"leg_length": 1.0, "leg_mass": 1e-6, "leg_com": 1e-9, "hip_mass": 1.0,
 LONG = {"theta1": -0.2003, "dtheta1": 0.1998, "dtheta2": -0.0158}
 
 
+ZOO = ("kneed-passive", "round-feet-passive", "slip-run-foot", "hopper")
+"""Walkers of the zoo."""
+
+
 def gaits():
-    """The walker that moves in the thumbnail of each example."""
+    """The walker that moves in the thumbnail of each example, or the name of its problem."""
     garcia = go.load_problem("compass-passive-stick").replace({f"walker.{key}": value for key, value in GARCIA.items()})
     return {
-        "cascade": go.solve("compass-passive-two-step"),
-        "two_families": go.solve(garcia.replace({"friction": 1.0, "gait.guess.state": LONG})),
-        "spring_mass_running": go.solve("slip-run"),
-        "shaped_compass": go.solve("compass-shaped"),
-        "designed_walker": go.solve("compass-pd-designed"),
-        "basin": go.solve("compass-passive-a"),
-        "proof": go.solve("compass-passive-b"),
-        "rabbit_slips": go.solve("rabbit-hzd-slip"),
+        "cascade": "compass-passive-two-step",
+        "two_families": garcia.replace({"friction": 1.0, "gait.guess.state": LONG}),
+        "spring_mass_running": "slip-run",
+        "shaped_compass": "compass-shaped",
+        "designed_walker": "compass-pd-designed",
+        "basin": "compass-passive-a",
+        "proof": "compass-passive-b",
+        "rabbit_slips": "rabbit-hzd-slip",
     }
 
 
 if __name__ == "__main__":
-    for name, gait in gaits().items():
-        content = gait.animate().save(FOLDER / f"{name}.gif").read_bytes()
+    files = {FOLDER / f"{name}.gif": problem for name, problem in gaits().items()}
+    files |= {FOLDER.parent / f"{name}.gif": name for name in ZOO}
+    for path, problem in files.items():
+        if sys.argv[1:] and path.stem not in sys.argv[1:]:
+            continue
+        content = go.solve(problem).animate().save(path).read_bytes()
         with Image.open(BytesIO(content)) as whole:
             frames = [frame.convert("RGB").resize(SIZE) for frame in ImageSequence.Iterator(whole)][::EVERY]
             duration = EVERY * whole.info["duration"]
         first, *rest = (frame.quantize(32, dither=Image.Dither.NONE) for frame in frames)
-        first.save(FOLDER / f"{name}.gif", save_all=True, append_images=rest, duration=duration, loop=0)
+        first.save(path, save_all=True, append_images=rest, duration=duration, loop=0)

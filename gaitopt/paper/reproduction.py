@@ -206,4 +206,8 @@ def _figure(archive: Archive, folder: Path, name: str) -> list[Path]:
 def _table(archive: Archive, folder: Path) -> list[Path]:
     record = table.record(archive)
     texts = {f"{TABLE}.md": table.markdown(record), f"{TABLE}.json": json.dumps(record, indent=2) + "\n"}
-    return [go.Page(name, text).save(folder / name) for name, text in texts.items()]  # a page is written whole
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (partial := folder / f"{name}.part").write_text(text, encoding="utf-8")
+        partial.replace(folder / name)  # which appears whole or not at all
+    return [folder / name for name in texts]

@@ -63,6 +63,8 @@ MARKS = 6
 """Number of marks on the ground per step."""
 FORCE_COLOUR = "#b3246f"
 """Colour of the contact force, as on pages."""
+ON_THE_SPOT = 1e-6
+"""Length of a cycle below which the walker stays where it is, relative to the picture."""
 SHORTEST_ARC = 1e-12
 """A duration [s] that is shorter than any arc with a picture, so that it can take the place of zero in a divisor."""
 POSTURES = 6
@@ -124,7 +126,8 @@ def movie(motion: Motion, extension: str) -> bytes:
                 low = float(heights.min()) - ROOM * size
                 axes.set(xlim=(-width / 2, width / 2), ylim=(low, low + size))
                 _draw(axes, motion, frame, -frame.camera, HEIGHT)
-                spacing = abs(length) / (MARKS * len(motion.steps)) or width / MARKS
+                stride = abs(length) if abs(length) > ON_THE_SPOT * width else width  # rounding of a hop on the spot
+                spacing = stride / (MARKS * len(motion.steps))
                 _draw_ground(axes, motion, frame.camera, spacing, width)
                 axes.text(0.02, 0.03, frame.caption, transform=axes.transAxes, color=NEUTRAL)
                 if slower > 1:
@@ -155,6 +158,8 @@ class _Gif(PillowWriter):
 
     def finish(self) -> None:
         """Write the file."""
+        if not self.pictures:  # what went wrong before the first picture is raised by the writer
+            return
         strips = np.hstack(
             [np.asarray(one) for one in self.pictures[:: max(1, len(self.pictures) // SAMPLED_PICTURES)]]
         )

@@ -45,7 +45,7 @@ def archive(tmp_path_factory):
 def test_every_number_and_sentence_is_in_the_committed_table():
     numbers = [(entry["where"], entry["quantity"], entry["printed"]) for entry in committed()["numbers"]]
     assert numbers == [(number.where, number.quantity, number.printed) for number in NUMBERS]
-    assert [entry["sentence"] for entry in committed()["sentences"]] == [sentence.words for sentence in SENTENCES]
+    assert [entry["sentence"] for entry in committed()["sentences"]] == [sentence.text for sentence in SENTENCES]
 
 
 def test_a_number_that_differs_has_a_reason_and_every_reason_is_explained():
@@ -193,6 +193,16 @@ def test_the_library_writes_what_the_command_writes(tmp_path, monkeypatch):
     assert svg.read_bytes() == Path("command/fig3.svg").read_bytes()
     with pytest.raises(UnknownNameError, match="has no 'fig5'; choose from fig2"):
         gaitopt.reproduce(only=["fig5"])
+
+
+def test_the_table_is_written_as_markdown_and_json(monkeypatch, tmp_path):
+    monkeypatch.setattr(reproduction.table, "record", lambda archive: committed())
+    written = reproduction._table(None, tmp_path / "folder")
+    assert [path.name for path in written] == ["table.md", "table.json"]
+    assert [path.read_text(encoding="utf-8") for path in written] == [
+        (COMMITTED / path.name).read_text(encoding="utf-8") for path in written
+    ]
+    assert not [*(tmp_path / "folder").glob("*.part")]
 
 
 def test_the_page_about_the_reproduction_counts_what_the_table_holds():

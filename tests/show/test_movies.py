@@ -93,6 +93,13 @@ def test_the_magnifier_follows_the_contact_that_slips():
     assert followed == [slips for slips in slipping if slips] == [["heel"], ["toe"]]
 
 
+def test_a_hopper_that_stays_where_it_is_has_a_movie(tmp_path, monkeypatch):
+    monkeypatch.setattr(movie, "RATE", 4)
+    hopper = named("hopper")
+    assert abs(motion_of(hopper).steps[0].impact.step_length) < 1e-20  # rounding, by which marks must not be apart
+    assert len(pictures(hopper.animate().save(tmp_path / "hop.gif"))) == ceil(2 * hopper.period * 4)
+
+
 def test_an_ending_that_is_not_written_is_an_error(tmp_path, monkeypatch):
     gait = named(WHEEL)
     monkeypatch.setattr(movie.FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
