@@ -45,7 +45,9 @@ def test_the_exponent_of_a_cycle_is_the_logarithm_of_its_multiplier():
 
 
 @pytest.mark.parametrize("engine", ["scipy", "heyoka"])
-@pytest.mark.parametrize("name", ["crawler", "heel-toe", "inchworm"])
+@pytest.mark.parametrize(
+    "name", ["heel-toe", *(pytest.param(name, marks=pytest.mark.slow) for name in ("crawler", "inchworm"))]
+)
 def test_the_exponent_of_a_walker_with_several_contacts_is_the_logarithm_of_its_multiplier(name, engine):
     if engine == "heyoka":
         pytest.importorskip("heyoka")

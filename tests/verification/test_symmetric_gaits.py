@@ -1,12 +1,19 @@
 """Symmetric walkers: slips of several contacts end, or begin, at exactly one instant, and rounding parts them."""
 
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from contact_problems import SLED, Sled
+from named import named
 
 import gaitopt as go
 from gaitopt import Cycle, Gait, Mode, Problem, Status
 from gaitopt.model.buffered import buffered
+from gaitopt.model.walkers.crawler import Crawler
+from gaitopt.problem.statement import problem_data
 from gaitopt.simulation.simulator import Simulator
 from gaitopt.systems import problem_dynamics
 
@@ -55,6 +62,31 @@ def test_contacts_that_stop_at_one_instant_are_stated_in_a_file_solved_and_verif
     check = go.verify(gait)
     assert check.passed, [claim.words for claim in check.claims if not claim.passed]
     assert check.figure("perturbation") < 1e-6  # walks that are not symmetric, in which one stops before the other
+
+
+class SplitCrawler(Crawler):
+    """A crawler whose rear touches the ground with two contacts at one point."""
+
+    model = "split_crawler"
+    contacts = ("rear", "twin", "front")
+
+    @classmethod
+    def mechanism(cls, q: SimpleNamespace, p: SimpleNamespace) -> go.Mechanism:
+        stated = super().mechanism(q, p)
+        rear, front = stated.contacts.values()
+        return replace(stated, contacts={"rear": rear, "twin": rear, "front": front})
+
+
+def test_a_contact_that_is_split_in_two_has_the_gait_of_one() -> None:
+    data, whole = problem_data(go.load_problem("crawler")), named("crawler")
+    data["walker"]["model"], data["friction"] = "split_crawler", data["friction"] | {"twin": 0.6}
+    data["gait"]["phases"] = [phase | {"twin": phase["rear"]} for phase in data["gait"]["phases"]]
+    del data["gait"]["impact"]
+    gait = go.solve(go.parse_problem(json.dumps(data), walkers=[SplitCrawler]))
+    assert gait.converged, gait.message
+    assert gait.scalar("step_length") == pytest.approx(whole.scalar("step_length"), abs=1e-13)
+    assert gait.multipliers == pytest.approx(whole.multipliers, abs=1e-10)
+    assert go.verify(gait).passed
 
 
 def test_contacts_that_do_not_stop_together_are_named() -> None:

@@ -1,0 +1,21 @@
+"""The table of docs/abilities.md is true: every verb is run for every kind of walker."""
+
+import pytest
+from abilities import COLUMNS, PAGE, REASONS, ROWS, page
+
+
+def test_the_page_is_that_of_the_table():
+    assert PAGE.read_text(encoding="utf-8") == page()
+
+
+def test_reasons_are_of_cells_of_the_table():
+    assert {*REASONS} <= {(row.name, column.name) for row in ROWS for column in COLUMNS}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
+def test_the_verb_works_for_the_walker_or_a_reason_says_why_it_does_not(row, column, tmp_path):
+    if (row.name, column.name) in REASONS:
+        pytest.skip(REASONS[row.name, column.name])
+    column.check(row, tmp_path)
