@@ -560,7 +560,8 @@ def print_trace(console: Console, records: Sequence[Record], parameters: tuple[s
     for k, special in enumerate(specials):
         place = ", ".join(f"{key} = {value:.12g}" for key, value in special["values"].items())
         guess = "" if special["status"] == "converged" else " (only bracketed)"
-        console.print(f"{k}: curve {special['curve']}, {place}{guess}: {event(special)}")
+        form = "".join(f", {name} = {v:.6g}" for name, v in special["coefficients"].items() if v is not None)
+        console.print(f"{k}: curve {special['curve']}, {place}{form}{guess}: {event(special)}")
         for start in special["next"]:
             console.print(f"   next: {_words(start['type'])}", markup=False)
 
