@@ -8,6 +8,9 @@ With the deviation z_k of the state in which step k begins, and the change d of 
 the norm of an output is the root of the sum of all y_k^2 at d = 1. With independent tiles of small standard deviation s
 the output of a step has the standard deviation s times the norm. A gait of several steps has the root mean square of
 the norms of tiles under each of its steps. Hobbelen & Wisse (2007), IEEE Trans. Robotics 23, 1213-1224.
+
+Feedback from step to step changes parameters u of the control with the state at the start of a cycle, u_k = K z_k, so
+that B u_k is added to the next state and D u_k to the output.
 """
 
 import numpy as np
@@ -45,17 +48,23 @@ def sensitivity_norm(gait: Gait) -> Norms:
     on_tiles = OnTiles(gait.dynamics, drops=False, uneven=known != ["friction"])
     steps = Simulator(gait.dynamics).run(gait.state, steps=len(gait.steps), dense=True).steps
     uses = {quantity: tile_parameters(on_tiles, quantity) for quantity in known}
-    places = sorted({place for use in uses.values() for parts in use.values() for place, _ in parts})
+    correction = on_tiles.system.correction
+    corrected = [] if correction is None else correction.of_u
+    places = sorted({place for use in uses.values() for parts in use.values() for place, _ in parts} | {*corrected})
     try:
         linear = [step_derivatives(step, _dynamics(on_tiles, n, step), places) for n, step in enumerate(steps)]
     except FloatingPointError:
         return none
+    feedback = np.zeros((len(places), system.n_z))  # of the parameters by the state at the start of a cycle
+    if correction is not None:
+        p = _dynamics(on_tiles, 0, steps[0]).p
+        feedback[[places.index(place) for place in corrected]] = correction.slopes(p, steps[0].arcs[0].states[0])[0]
     for quantity, use in uses.items():
         weights = {key: np.zeros(len(places)) for key in use}
         for key, parts in use.items():
             for place, weight in parts:
                 weights[key][places.index(place)] = weight
-        squares = np.mean([_squares(linear, weights, n) for n in range(len(linear))], axis=0)
+        squares = np.mean([_squares(linear, weights, n, feedback) for n in range(len(linear))], axis=0)
         none[quantity] = {
             name: float(np.sqrt(square)) if np.isfinite(square) else None
             for name, square in zip(OUTPUTS, squares, strict=True)
@@ -63,17 +72,23 @@ def sensitivity_norm(gait: Gait) -> Norms:
     return none
 
 
-def _squares(linear: list[StepDerivatives], weights: dict[str, Array], n: int) -> Array:
-    """Sums of the squares of the changes of each output where the tile under step ``n`` of the cycle changes."""
-    landing, standing = linear[(n - 1) % len(linear)], linear[n]
+def _squares(linear: list[StepDerivatives], weights: dict[str, Array], n: int, feedback: Array) -> Array:
+    """Sums of the squares of the changes of each output where the tile under step ``n`` of the cycle changes.
+
+    Parameters
+    ----------
+    weights : changes of the parameters in the step that ends on the tile and in that which begins on it.
+    feedback : derivative of the parameters in a cycle by the state at its start.
+    """
+    landing = linear[(n - 1) % len(linear)]
     total = (landing.outputs_by_tiles @ weights["landed"]) ** 2
-    z = landing.state_by_tiles @ weights["landed"]
-    total = total + (standing.outputs_by_state @ z + standing.outputs_by_tiles @ weights["stands"]) ** 2
-    z = standing.state_by_state @ z + standing.state_by_tiles @ weights["stands"]
-    for k in range(n + 1, n + MOST_STEPS):
+    z, u = landing.state_by_tiles @ weights["landed"], np.zeros(len(feedback))
+    for k in range(n, n + MOST_STEPS):
         step = linear[k % len(linear)]
-        squares = (step.outputs_by_state @ z) ** 2
-        total, z = total + squares, step.state_by_state @ z
+        u = u if k % len(linear) else feedback @ z
+        changed = u + weights["stands"] if k == n else u
+        squares = (step.outputs_by_state @ z + step.outputs_by_tiles @ changed) ** 2
+        total, z = total + squares, step.state_by_state @ z + step.state_by_tiles @ changed
         if k > n + len(linear) and not (squares > NEGLIGIBLE * total).any():
             break
     return np.asarray(total)

@@ -241,3 +241,20 @@ def test_wrong_questions_are_refused(make, words, code, tmp_path, monkeypatch):
     assert words in str(error.value)
     assert error.value.exit_code == code
     assert go.Robustness
+
+
+def test_the_norm_of_a_gait_with_feedback_from_step_to_step_is_that_of_differences():
+    text = "{type: constant_torque, ankle: 0.45, hip: 0.12, step_feedback: {design: {lqr: {}}}}"
+    source = load_problem("compass-torque-impact-slip").text
+    stated = "{type: constant_torque, ankle: 0.45, hip: 0.12}"
+    assert stated in source
+    gait, h = solve(go.parse_problem(source.replace(stated, text))), 1e-6
+    nominal = gait.dynamics.static_friction
+
+    def outputs(change):
+        walk = Simulator(gait.dynamics, floor=Floor(friction=[nominal, nominal + change, nominal]))
+        return np.array([[step.period, step.final_impact.step_length] for step in walk.run(gait.state, steps=60).steps])
+
+    changes = (outputs(h) - outputs(-h)) / (2 * h)
+    norms = sensitivity_norm(gait)["friction"]
+    assert [norms["period"], norms["step_length"]] == pytest.approx(np.sqrt((changes**2).sum(axis=0)), rel=1e-5)
