@@ -33,7 +33,6 @@ SAMPLES = 8
 """Least points of a curve between two branches."""
 PARALLEL = 1e-6
 """Determinant of two scaled tangents below which they do not tell where curves meet."""
-ON_CIRCLE = 1.0
 ON_CURVE = 2e-3
 """Distance from a traced curve, relative to the range, up to which a point is on it: more than that of its chords."""
 NEAR = 0.1
@@ -133,7 +132,7 @@ def type_of(special: Record) -> str:
 
 def unstable_count(points: Sequence[Record]) -> int:
     """Number of multipliers outside the unit circle of most of some gaits."""
-    counts = [sum(abs(complex(m["re"], m["im"])) > ON_CIRCLE for m in point["multipliers"]) for point in points]
+    counts = [sum(abs(complex(m["re"], m["im"])) > 1 for m in point["multipliers"]) for point in points]
     return max(set(counts), key=counts.count)
 
 

@@ -14,5 +14,4 @@ and ``KeyboardInterrupt`` when ``should_stop`` returns True.
 - ``lines``: ``LinesPlan``, the common form of work that grows line by line, to the last bit
 - ``branch``, ``trace``: a continuation in one parameter, a special point in two
 - ``atlas``: plan of branches and traced curves over two parameters, arranged into regions
-- ``branch``: a continuation, record by record
 """

@@ -30,7 +30,9 @@ Record = Mapping[str, Any]
 TINT = 0.42
 """Part of the colour in the tint of a region; the rest is white, so that curves and names stand out."""
 EMPTY = {NO_GAIT: "#ffffff", UNKNOWN: "#d9d9d9"}
+"""Colour where there is no gait, and where nothing is known."""
 HATCH, HATCH_COLOUR = "////", "#00000038"
+"""Hatch of unstable regions."""
 LINES: Mapping[str, tuple[str, str, Any, float]] = {
     "fold": ("fold", "#000000", "-", 2.0),
     "period_doubling": ("period doubling", "#882255", "-", 1.8),
@@ -59,6 +61,7 @@ LETTER = (0.0155, 0.036)
 CONTOURS = 9
 """Number of contours of a scalar."""
 HEIGHT = 5.2
+"""Height of the picture without its legend [inch]."""
 REGIONS = "regions"
 
 
