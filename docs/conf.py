@@ -167,7 +167,11 @@ def run_tutorial(app: Any, doctree: Any) -> None:
 
 
 BRIEF = """<style>header, .scroll, .specials, .overview > .scroll, main > section:last-of-type { display: none; }
-#gait .charts > :not(.portrait, .forceRatio, .multiplierPlane) { display: none; }</style>
+#gait .charts > :not(.portrait, .forceRatio, .multiplierPlane) { display: none; }
+@media (min-width: 40rem) {
+  #gait .charts { display: grid; grid-template-columns: repeat(3, 1fr); overflow: visible; }
+  #gait :is(.swipe, table.multipliers) { display: none; }
+}</style>
 </head>"""
 """Of the page of a branch the start page shows the diagram, the slider, the walker and three figures."""
 PUSHES = {"dtheta1": (-0.1, -0.05, -0.02, 0.02, 0.05), "dtheta2": (-0.2, 0.2)}
