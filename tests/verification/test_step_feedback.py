@@ -204,3 +204,13 @@ def test_the_robot_takes_feedback_on_the_points_of_its_curves():
     assert multiplier_distance(gait.multipliers, by_gains) < 1e-6
     assert gait.spectral_radius < opened.spectral_radius
     assert go.verify(gait).passed
+
+
+def test_the_sensitivity_norm_is_that_of_the_closed_loop():
+    gait, change = closed("lqr"), 1e-5
+    norm = go.robustness(gait, what="sensitivity", progress=False).to_record()["sensitivity"]["friction"]["period"]
+    friction = gait.dynamics.parameter("friction")
+    tiles = [friction] * 3 + [friction + change] + [friction] * 60
+    walk = go.simulate(gait, floor=go.Floor(friction=tiles), steps=60)
+    periods = np.array([step.period for step in walk.trajectory.steps])
+    assert np.sqrt(((periods - gait.period) ** 2).sum()) / change == pytest.approx(norm, rel=1e-3)
