@@ -1186,7 +1186,7 @@ def atlas(
     over: Mapping[str, tuple[float | str, float | str]],
     *,
     slices: int = 9,
-    refinements: int = 5,
+    refinements: int = 1,
     max_points: int = 400,
     workers: int | None = None,
     scheduler: str | None = None,

@@ -304,7 +304,7 @@ def atlas(
         ),
     ],
     slices: Annotated[int, option(AtlasRequest, "slices")] = 9,
-    refinements: Annotated[int, option(AtlasRequest, "refinements")] = 5,
+    refinements: Annotated[int, option(AtlasRequest, "refinements")] = 1,
     max_points: Annotated[int, option(AtlasRequest, "max_points")] = 400,
     what: Annotated[
         str | None, typer.Option("--what", metavar="NAME", help="Scalar to draw as contours.", show_default=False)

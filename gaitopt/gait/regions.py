@@ -299,6 +299,7 @@ def arrange(slices: Sequence[Slice], span: tuple[float, float], traces: Sequence
     sizes = np.array([span[1] - span[0], slices[-1].value - slices[0].value])
     chains = list(_chains(slices, links))
     places = [_meeting_place(slices, chains, meeting, traces, sizes) for meeting in meetings]
+    places = [replace(p, values=(float(np.clip(p.values[0], *span)), p.values[1])) for p in places]
     curves, paths = list[Curve](), dict[tuple[Node, bool], Array]()
     for chain in chains:
         ends = [

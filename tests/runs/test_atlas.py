@@ -52,7 +52,7 @@ def test_the_wheel_has_no_gait_where_friction_is_below_the_tangent_of_the_slope(
 @pytest.mark.slow
 def test_the_atlas_of_the_compass_has_its_resonances_and_regions(tmp_path) -> None:
     over = {"friction": (0.08, 0.2), "walker.slope": ("0.5 deg", "2.5 deg")}
-    found = go.atlas("compass-passive-a", over, slices=5, workers=1, output=tmp_path, progress=False)
+    found = go.atlas("compass-passive-a", over, slices=5, refinements=5, workers=1, output=tmp_path, progress=False)
     located = {
         point["type"]: (point["values"]["friction"], degrees(point["values"]["walker.slope"]))
         for point in found.to_record()["points"]
