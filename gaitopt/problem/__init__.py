@@ -5,9 +5,9 @@
 - ``schema``: the sections of a file as pydantic models, and their JSON Schema
 - ``scalars``: the table of scalars of a gait: label, unit, range, formula
 - ``floor``: tiles of friction, height and slope under the feet of a walk, stated or random
-- ``statement``: what is required of a gait, complete and in SI; the same as data, changed by dotted key
+- ``statement``: the problem statement, complete and in SI units; the same as data, changed by dotted key
 - ``reading``: from data to the fields of a statement
 - ``plausibility``: numbers that are impossible or unusual for the walker
 - ``problem``: ``Problem``, a statement with its source; loading, replacing, restoring
-- ``writing``: a problem as texts, from which it is read again, and the decimals that they give for numbers
+- ``writing``: a problem as texts from which it is read again, and the decimals that these give for its numbers
 """

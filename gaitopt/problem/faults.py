@@ -39,7 +39,7 @@ HINTS: Mapping[str, str] = {
     "electric|joule": "electrical work with R/k^2 of the windings: objective: {work: 1, torque_squared: R/k^2}",
     "delay|observer|sampl|cpg": "a control is a function of the shape, its rates and the time since the impact",
 }
-"""What to use in place of an unknown word, by its pattern; docs/comparison.md says the same."""
+"""Which walker or key has what an unknown key asks for, by a pattern of that key; docs/comparison.md says the same."""
 
 
 SYNONYMS = {"mu": "friction", "mu_s": "static", "mu_k": "kinetic", "g": "gravity", "incline": "slope"}
@@ -48,7 +48,8 @@ Key = tuple[str | int, ...]
 """Path of a value in the data: keys of mappings and indices of lists."""
 
 LOOKS_ALIKE = 0.3
-"""Ratio of difflib above which a dotted key is suggested; it is low, as the first parts of such keys often differ."""
+"""A dotted key is suggested if its similarity by difflib is larger. The ratio is low, because the sections that precede
+the last name often differ."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -70,7 +71,7 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FilePlace:
-    """A file: line and column of the key, or of the innermost known key around it."""
+    """A file; a key that it does not contain is located at the innermost section that it contains."""
 
     name: str
     marks: Mapping[Key, tuple[int, int]]
@@ -90,27 +91,30 @@ class OverridePlace:
     label: str = ""
 
     def related(self, path: Key) -> list[str]:
-        """The overrides that set ``path`` or a section around it, or else a part of it."""
+        """The overrides that set ``path`` or a section around it; if there are none, those that set keys below it."""
         around = [key for key, target in self.keys.items() if path[: len(target)] == target]
         return around or [key for key, target in self.keys.items() if target[: len(path)] == path]
 
     def locate(self, path: Key) -> tuple[tuple[int, int], str]:
         """``walker.leg_mass`` after the label."""
         keys = self.related(path) or list(self.keys)
-        words = f"{self.label}{', '.join(map(plain, keys))}"
-        return (list(self.keys).index(keys[0]), 0), words if keys == [dotted(path)] else f"{words}: {dotted(path)}"
+        where = f"{self.label}{', '.join(map(plain, keys))}"
+        return (list(self.keys).index(keys[0]), 0), where if keys == [dotted(path)] else f"{where}: {dotted(path)}"
 
 
 @dataclass(frozen=True, slots=True)
 class ChangedPlace:
-    """A place some of whose values are overridden, the last overrides first: each value is located where it was set."""
+    """A place with overrides, the latest ones first; each value is located where it was set last."""
 
     source: Place
     overrides: tuple[OverridePlace, ...]
 
     @classmethod
     def of(cls, place: Place, overrides: OverridePlace) -> "ChangedPlace":
-        """A place with further overrides; earlier ones of the same keys are dropped, as branches override one often."""
+        """A place with further overrides.
+
+        Earlier overrides of the same keys are dropped, because a branch overrides its parameter at every point.
+        """
         source, earlier = (place.source, place.overrides) if isinstance(place, ChangedPlace) else (place, ())
         others = (layer for layer in earlier if not layer.keys.keys() <= overrides.keys.keys())
         return cls(source, (overrides, *others))
@@ -121,7 +125,7 @@ class ChangedPlace:
 
 
 def raise_faults(faults: Iterable[Fault], place: Place) -> None:
-    """Raise a ProblemError with one line per fault, in the order of their places; nothing if there are none."""
+    """Raise a ProblemError with one line per fault, in the order of their places, if there are any."""
     lines = fault_lines(faults, place)
     if lines:
         raise ProblemError("\n".join(lines))
@@ -134,11 +138,11 @@ def fault_lines(faults: Iterable[Fault], place: Place) -> list[str]:
 
 
 def read_section(model: type[Model], data: object, path: Key, faults: list[Fault]) -> Model | None:
-    """``data`` as a model whose fields are the keys of one mapping; None where faults were added."""
+    """``data`` as a model whose fields are the keys of one mapping; None if faults were added."""
     if not isinstance(data, Mapping):
         faults.append(Fault(path, f"{shown(data)} is not a mapping; keys: {', '.join(model.model_fields)}"))
         return None
-    converted = [Fault((*path, *keys), words) for keys, words in _converted_numbers(model, data)]
+    converted = [Fault((*path, *keys), message) for keys, message in _converted_numbers(model, data)]
     try:
         section = model.model_validate(dict(data))
     except ValidationError as error:
@@ -151,7 +155,7 @@ def read_section(model: type[Model], data: object, path: Key, faults: list[Fault
 
 
 def _converted_numbers(model: type[BaseModel], data: Mapping[str, Any]) -> Iterator[tuple[Key, str]]:
-    """Texts and truth values that pydantic would convert to the numbers of a field: keys, and a message for each.
+    """Keys of texts and truth values that pydantic would convert to numbers, with a message for each.
 
     Fields of gaitopt's own classes are strict; those of other packages often are not, and Python reads 1_0 as a number.
     """
@@ -166,23 +170,22 @@ def _converted_numbers(model: type[BaseModel], data: Mapping[str, Any]) -> Itera
             entries = [((name, str(key)), entry) for key, entry in value.items()]
         else:
             continue
-        words = {float: _REQUIREMENTS["float_type"], int: _REQUIREMENTS["int_type"]}.get(kind)
-        if words is None or any(hasattr(note, "func") for note in notes):  # a validator reads texts
+        requirement = {float: _REQUIREMENTS["float_type"], int: _REQUIREMENTS["int_type"]}.get(kind)
+        if requirement is None or any(hasattr(note, "func") for note in notes):  # a validator reads texts
             continue
         meaning = field.description or ""
         for keys, entry in entries:
             if isinstance(entry, str | bool):
-                yield keys, f"{shown(entry)} {words}" + (f" ({meaning})" if meaning else "")
+                yield keys, f"{shown(entry)} {requirement}" + (f" ({meaning})" if meaning else "")
 
 
 def dotted(path: Key) -> str:
     """``gait.phases[1]`` for ("gait", "phases", 1)."""
-    words = (f"[{part}]" if isinstance(part, int) else f".{plain(part)}" for part in path)
-    return "".join(words).removeprefix(".")
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{plain(key)}" for key in path).removeprefix(".")
 
 
 def plain(text: str) -> str:
-    """``text`` itself, or quoted if it is empty or holds control characters."""
+    """The text itself; or the text in quotes if it is empty or contains control characters."""
     return text if text and text.isprintable() else repr(text)
 
 
@@ -202,17 +205,17 @@ def near_miss(word: object, allowed: Sequence[str]) -> str:
     if close:
         return f"; did you mean {' or '.join(close)}?"
     hints = [hint for pattern, hint in HINTS.items() if isinstance(word, str) and re.search(pattern, text.lower())]
-    words = list[str]()
+    names = list[str]()
     for stem, group in groupby(
         allowed, lambda name: name.rstrip(digits) if name.rpartition(".")[2].isdigit() else name
     ):
-        first, *others = group  # of the values of one motor, only the first and the last
-        words += [f"{first} to {others[-1].removeprefix(stem)}"] if len(others) > 1 else [first, *others]
-    return "; ".join([f"; allowed: {', '.join(words) or 'none'}", *hints[:1]])
+        first, *others = group  # an open-loop motor has many numbered values: the first and the last suffice
+        names += [f"{first} to {others[-1].removeprefix(stem)}"] if len(others) > 1 else [first, *others]
+    return "; ".join([f"; allowed: {', '.join(names) or 'none'}", *hints[:1]])
 
 
 def nearest_keys(key: str, known: Sequence[str]) -> str:
-    """``; did you mean walker.slope?``: dotted keys with the same last part, else similar ones, else all."""
+    """``; did you mean walker.slope?``: dotted keys with the same last name; else similar ones; else all."""
     tails = [name for name in known if name.rpartition(".")[2] == key.rpartition(".")[2]]
     near = tails or difflib.get_close_matches(key[:LONGEST_SHOWN], known, n=3, cutoff=LOOKS_ALIKE)
     return f"; did you mean {' or '.join(near)}?" if near else f"; use {', '.join(known)}"
@@ -226,7 +229,7 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
     meaning = f" {description}" if description.startswith("[") else description and f" ({description})"
     if kind in ("model_type", "model_attributes_type"):
         inner = nested_models(field) if field else [model]
-        keys = ", ".join(dict.fromkeys(key for part in inner for key in part.model_fields))
+        keys = ", ".join(dict.fromkeys(key for section in inner for key in section.model_fields))
         return f"{shown(value)} is not a mapping; keys: {keys}"
     if kind == "missing":
         return f"is missing{meaning}"
@@ -237,7 +240,7 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{shown(value)} is not one of the choices{near_miss(value, choices)}"
     if kind in ("too_short", "too_long"):
         shortest, longest = _limits(field, "min_length"), _limits(field, "max_length")
-        if shortest == longest:  # or there are none, as of a tuple with an entry for each place
+        if shortest == longest:  # both may be missing: the annotation of a tuple lists its entries
             exact = shortest[0] if shortest else limits.get("max_length", limits.get("min_length"))
             needed = f"{exact:g}"
         else:
@@ -249,12 +252,12 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{value} is not a finite number{meaning}"
     if kind in _LIMITS:
         violated = limits[_LIMITS[kind]]
-        least = max(_limits(field, "ge"), default=-LARGEST)
-        most = min(_limits(field, "le"), default=LARGEST)
-        allowed = f"at least {least:g} and at most {most:g}"
+        lower = max(_limits(field, "ge"), default=-LARGEST)
+        upper = min(_limits(field, "le"), default=LARGEST)
+        allowed = f"at least {lower:g} and at most {upper:g}"
         if violated == SMALLEST:
             allowed = f"greater than 0, and at least {SMALLEST:g}"
-        elif least in (-LARGEST, SMALLEST) or most == LARGEST:  # the other limit is one of size only
+        elif lower in (-LARGEST, SMALLEST) or upper == LARGEST:  # the other limit only keeps products from overflowing
             allowed = f"at {'least' if kind == 'greater_than_equal' else 'most'} {violated:g}"
         without_unit = "[rad]" in description and isinstance(value, int | float) and abs(value) > 1
         remedy = f"; did you mean {value:g} deg?" if without_unit else ""
@@ -263,32 +266,32 @@ def _message(item: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _innermost(model: type[BaseModel], keys: Sequence[str | int]) -> tuple[type[BaseModel], FieldInfo | None]:
-    """The model to which the last key of a path belongs, through models in models, and the field of that key."""
+    """The innermost model to which the last key of a path belongs, and the field of that key."""
     field = None
     for k, key in enumerate(keys):
         field = model.model_fields.get(str(key))
         inner = nested_models(field) if field else []
         if not inner or k + 1 == len(keys):
             break
-        model = next((part for part in inner if str(keys[k + 1]) in part.model_fields), inner[0])
+        model = next((section for section in inner if str(keys[k + 1]) in section.model_fields), inner[0])
     return model, field
 
 
 def nested_models(field: Any) -> list[type[BaseModel]]:
-    """The models one of which is the value of a field, or of a type in it."""
+    """The models among the types that the value of a field may have."""
     annotation: Any = field.annotation if isinstance(field, FieldInfo) else field
-    parts = get_args(annotation)
+    types = get_args(annotation)
     if get_origin(annotation) is Annotated:
-        return nested_models(parts[0])
+        return nested_models(types[0])
     if get_origin(annotation) in (Union, UnionType):
-        return [model for part in parts for model in nested_models(part)]
-    return [annotation] if isinstance(annotation, type) and not parts and issubclass(annotation, BaseModel) else []
+        return [model for each in types for model in nested_models(each)]
+    return [annotation] if isinstance(annotation, type) and not types and issubclass(annotation, BaseModel) else []
 
 
 def _limits(field: FieldInfo | None, name: str) -> list[float]:
-    """Limits of a field by pydantic's name; none for the entries of a list."""
+    """The limits of a field that pydantic stores under ``name``; an entry of a list has no field, and so no limits."""
     metadata = () if field is None else field.metadata
-    return [getattr(part, name) for part in metadata if getattr(part, name, None) is not None]
+    return [getattr(limit, name) for limit in metadata if getattr(limit, name, None) is not None]
 
 
 _LIMITS = {"greater_than_equal": "ge", "less_than_equal": "le"}

@@ -31,11 +31,11 @@ BOUNDS: Mapping[str, tuple[float, float]] = {"friction": (0.0, 100.0), "height":
 """Smallest and largest values of a tile [1, m, rad]."""
 UNITS: Mapping[str, str] = {"friction": "", "height": " m", "slope": " rad"}
 MOST_TILES = 10_000_000
-SIGMAS = 3.0
-"""Normal numbers farther from their mean, in standard deviations, are drawn again."""
+LARGEST_DEVIATION = 3.0
+"""A normal number that is more standard deviations away from its mean is drawn again."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 ENTRY = re.compile(rf"({NUMBER})\s*(deg|rad|m)?\s*(?:/\s*({NUMBER}))?\s*(?:x\s*(\d+))?")
-"""Value, unit, kinetic coefficient, and number of tiles of one entry of a floor as text."""
+"""One entry of a floor as text: value, unit, kinetic coefficient, and number of tiles."""
 SPREAD = re.compile(rf"({NUMBER})\s*:\s*({NUMBER})|normal\(\s*({NUMBER})\s*,\s*({NUMBER})\s*\)")
 
 
@@ -45,9 +45,9 @@ class Tile:
 
     Attributes
     ----------
-    friction : static and kinetic coefficient; None for those of the problem.
-    height : over the nominal ground [m].
-    slope : added to that of the walker [rad].
+    friction : static and kinetic coefficient; None if the tile has those of the problem.
+    height : height over the nominal ground [m].
+    slope : angle that is added to the slope of the walker [rad].
     """
 
     friction: tuple[float, float] | None = None
@@ -61,9 +61,9 @@ class Floor:
 
     Attributes
     ----------
-    friction : coefficient of every tile, or static and kinetic coefficient; empty for that of the problem.
-    height : over the nominal ground, along its normal [m]; empty for none.
-    slope : added to that of the walker [rad]; empty for none.
+    friction : coefficient of every tile, or static and kinetic coefficient; empty if the problem's applies.
+    height : heights over the nominal ground, along its normal [m]; empty if all are zero.
+    slope : angles that are added to the slope of the walker [rad]; empty if all are zero.
 
     Raises
     ------
@@ -104,7 +104,7 @@ class Floor:
         return any(isinstance(value, tuple) and value[0] != value[1] for value in self._values[0])
 
     def to_record(self) -> dict[str, list[Any]]:
-        """The lists as JSON, without those that are not stated."""
+        """The stated quantities as JSON lists."""
         lists = zip(QUANTITIES, self._values, strict=True)
         return {
             name: [list(value) if isinstance(value, tuple) else value for value in values]
@@ -127,7 +127,7 @@ class Floor:
         Raises
         ------
         ProblemError
-            If the text is none.
+            If the text states no floor.
         """
         lists: dict[str, list[Any]] = {}
         for name, entry in _entries(text):
@@ -144,15 +144,15 @@ class Floor:
 
         Parameters
         ----------
-        spreads : smallest and largest value of a uniform distribution, or ``normal(mean, standard deviation)``, drawn
-            again beyond three standard deviations; for friction, height or slope.
-        tiles : their number. A longer floor begins with the same tiles.
-        seed, walk : of the stream; every walk has its own.
+        spreads : text of the distributions of friction, height or slope: smallest and largest value of a uniform one,
+            or ``normal(mean, standard deviation)``, whose numbers beyond three standard deviations are drawn again.
+        tiles : number of tiles. A longer floor begins with the same tiles.
+        seed, walk : numbers that select the random stream; every walk has its own.
 
         Raises
         ------
         ProblemError
-            If the text is no distribution.
+            If the text states no distribution.
         """
         return RandomFloor.parse(spreads, seed).draw(tiles, walk)
 
@@ -179,9 +179,9 @@ class Floor:
         header = [name.strip() for name in rows[0]] if rows else []
         wrong = [name for name in header if name not in known] + [name for name in header if header.count(name) > 1]
         if wrong or not header or ("static" in header) != ("kinetic" in header) or {"friction", "static"} <= {*header}:
-            words = f"{', '.join(header) or 'nothing'}"
+            names = ", ".join(header) or "nothing"
             raise ProblemError(
-                f"{place}: columns are friction (or static, kinetic), height and slope, but it has {words}"
+                f"{place}: columns are friction (or static, kinetic), height and slope, but it has {names}"
             )
         lists: dict[str, list[Any]] = {name: [] for name in header}
         for line, row in enumerate(rows[1:], start=2):
@@ -206,27 +206,29 @@ class Floor:
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Independent random numbers: uniform between two, or normal, drawn again beyond three standard deviations.
+    """A distribution of independent random numbers.
+
+    It is uniform, or normal without the numbers beyond three standard deviations, which are drawn again.
 
     Attributes
     ----------
-    first, second : lower and upper bound, or mean and standard deviation.
-    normal : which of them.
+    first, second : lower and upper bound of a uniform distribution, mean and standard deviation of a normal one.
+    normal : whether it is normal.
     """
 
     first: float
     second: float
     normal: bool = False
 
-    def draw(self, random: np.random.Generator, count: int, least: float) -> Array:
-        """The first ``count`` numbers of a stream, none below ``least``; a longer stream begins with the same ones."""
+    def draw(self, random: np.random.Generator, count: int, lower: float) -> Array:
+        """The first ``count`` numbers of a stream, none below ``lower``; more numbers begin with the same ones."""
         if not self.normal:
             return random.uniform(self.first, self.second, count)
         found, n = [np.zeros(0)], 0
         while n < count:
             normal = random.standard_normal(count)
             values = self.first + self.second * normal
-            found.append(values[(np.abs(normal) <= SIGMAS) & (values >= least)])
+            found.append(values[(np.abs(normal) <= LARGEST_DEVIATION) & (values >= lower)])
             n += found[-1].size
         return np.concatenate(found)[:count]
 
@@ -240,8 +242,8 @@ class RandomFloor:
 
     Attributes
     ----------
-    spreads : of friction, height or slope by name.
-    seed : of the streams; every walk has its own.
+    spreads : distributions of friction, height or slope by name.
+    seed : number that selects the random streams; every walk has its own.
     """
 
     spreads: Mapping[str, Spread] = field(default_factory=dict)
@@ -254,14 +256,14 @@ class RandomFloor:
         Raises
         ------
         ProblemError
-            If the text is none.
+            If the text states no distribution.
         """
         spreads = dict[str, Spread]()
         for name, entry in _entries(text):
             known = SPREAD.fullmatch(entry)
             if known is None or name in spreads:
-                words = f"{name}=0.12:0.2 (uniform) or {name}=normal(0.15, 0.02)"
-                raise ProblemError(f"random floor: {name}={entry} is no distribution; write once {words}")
+                example = f"{name}=0.12:0.2 (uniform) or {name}=normal(0.15, 0.02)"
+                raise ProblemError(f"random floor: {name}={entry} is no distribution; write once {example}")
             low, high, mean, deviation = (None if value is None else float(value) for value in known.groups())
             spreads[name] = _spread(name, low, high, mean, deviation)
         return cls(spreads, seed)
@@ -271,7 +273,7 @@ class RandomFloor:
         return Floor(**{name: values.tolist() for name, values in self.arrays(tiles, walk).items()})
 
     def arrays(self, tiles: int, walk: int = 0) -> dict[str, Array]:
-        """Friction, height and slope of the tiles of one walk, shape (tiles,) each, as far as they are random."""
+        """The random ones among friction, height and slope of the tiles of one walk, each with shape (tiles,)."""
         return {
             name: spread.draw(np.random.default_rng([self.seed, walk, QUANTITIES.index(name)]), tiles, BOUNDS[name][0])
             for name, spread in self.spreads.items()
@@ -287,39 +289,41 @@ class RandomFloor:
 
 
 def _spread(name: str, low: float | None, high: float | None, mean: float | None, deviation: float | None) -> Spread:
-    """A distribution with its bounds checked."""
-    least, most = BOUNDS[name]
+    """The distribution with these numbers, after a check of their bounds."""
+    lower, upper = BOUNDS[name]
     if low is not None and high is not None:
-        if not least <= low <= high <= most:
-            words = f"its limits must ascend within {least:g} to {most:g}{UNITS[name]}"
-            raise ProblemError(f"random floor: {name}={low:g}:{high:g}: {words}")
+        if not lower <= low <= high <= upper:
+            requirement = f"its limits must ascend within {lower:g} to {upper:g}{UNITS[name]}"
+            raise ProblemError(f"random floor: {name}={low:g}:{high:g}: {requirement}")
         return Spread(low, high)
     assert mean is not None
     assert deviation is not None
-    if not least <= mean <= most or not 0 <= deviation <= most:
-        words = f"mean and deviation must be within {least:g} to {most:g}{UNITS[name]}, the deviation not negative"
-        raise ProblemError(f"random floor: {name}=normal({mean:g}, {deviation:g}): {words}")
+    if not lower <= mean <= upper or not 0 <= deviation <= upper:
+        requirement = (
+            f"mean and deviation must be within {lower:g} to {upper:g}{UNITS[name]}, the deviation not negative"
+        )
+        raise ProblemError(f"random floor: {name}=normal({mean:g}, {deviation:g}): {requirement}")
     return Spread(mean, deviation, normal=True)
 
 
 def _entries(text: str) -> Iterator[tuple[str, str]]:
-    """Name of the quantity and one entry after the other of a text; a name holds until the next one."""
+    """The entries of a text, each with the name of its quantity; an entry without a name has that of the one before."""
     name = ""
-    for part in _split(text):
-        before, sign, after = part.partition("=")
-        name, entry = (before.strip(), after.strip()) if sign else (name, part)
+    for piece in _split(text):
+        before, sign, after = piece.partition("=")
+        name, entry = (before.strip(), after.strip()) if sign else (name, piece)
         if name not in QUANTITIES:
-            words = f"{name!r} is no quantity of a tile" if name else f"{part!r} has no name"
-            raise ProblemError(f"floor: {words}; write friction=, height= or slope=, such as friction=0.2, 0.13x2, 0.2")
+            fault = f"{name!r} is no quantity of a tile" if name else f"{piece!r} has no name"
+            raise ProblemError(f"floor: {fault}; write friction=, height= or slope=, such as friction=0.2, 0.13x2, 0.2")
         yield name, entry
 
 
 def _split(text: str) -> Iterable[str]:
-    """The parts between commas and semicolons outside of parentheses."""
-    parts = [part.strip() for part in re.split(r"[,;](?![^(]*\))", text)]
-    if not any(parts):
+    """The pieces of a text between the commas and semicolons that are outside of parentheses."""
+    pieces = [piece.strip() for piece in re.split(r"[,;](?![^(]*\))", text)]
+    if not any(pieces):
         raise ProblemError("floor: is empty; write for instance friction=0.2, 0.13x2, 0.2")
-    return [part for part in parts if part]
+    return [piece for piece in pieces if piece]
 
 
 def _value(name: str, value: str, unit: str | None, kinetic: str | None) -> Coefficients:
@@ -339,7 +343,7 @@ def _count(name: str, count: str | None) -> int:
 
 
 def _checked(name: str, k: int, value: Any) -> Any:
-    """A value of tile ``k`` as a float, or its static and kinetic coefficient."""
+    """A value of tile ``k`` as a float, or as a static and a kinetic coefficient, after a check of its bounds."""
     if name == "friction" and isinstance(value, tuple | list):
         if len(value) != 2:
             raise ProblemError(f"floor.friction, tile {k}: {shown(value)} are not a static and a kinetic coefficient")
@@ -349,7 +353,7 @@ def _checked(name: str, k: int, value: Any) -> Any:
         return static, kinetic
     if isinstance(value, bool) or not isinstance(value, Real):
         raise ProblemError(f"floor.{name}, tile {k}: {shown(value)} is not a number")
-    number, (least, most) = float(value), BOUNDS[name]
-    if not least <= number <= most:
-        raise ProblemError(f"floor.{name}, tile {k}: {number:g}{UNITS[name]} is outside of {least:g} to {most:g}")
+    number, (lower, upper) = float(value), BOUNDS[name]
+    if not lower <= number <= upper:
+        raise ProblemError(f"floor.{name}, tile {k}: {number:g}{UNITS[name]} is outside of {lower:g} to {upper:g}")
     return number

@@ -45,30 +45,34 @@ from gaitopt.problem.schema import (
 )
 from gaitopt.problem.statement import ProblemStatement
 
-JUMP = 1e-9
-"""Largest relative difference of a torque before and after a breakpoint where it is continuous: rounding."""
+LARGEST_TORQUE_JUMP = 1e-9
+"""Relative difference of a continuous torque before and after a breakpoint: rounding, with a reserve."""
 FEET_APART = 1e-6
-"""Least distance of the feet at the start of a step, in leg lengths."""
+"""Smallest distance of the feet at the start of a step, in leg lengths."""
 LARGEST_LENGTH = 50.0
 """Length [m] above which a walker is probably given in millimetres."""
-LIGHT = 1e-6
+SMALLEST_MASS = 1e-6
 """A mass below this part of the total is probably a mistake."""
-LOOSE = 0.1
-"""Distance of a table's end from its joint above which the table is probably not for this gait [rad, or legs]."""
+LARGEST_TABLE_ERROR = 0.1
+"""If the first or last value of a table differs more from its joint, the table is probably not made for this gait [rad,
+or leg lengths]."""
 MANY_PHASES = 32
-"""Phases of a step for which a solution can take more than ten seconds; the time grows with the square of their number.
-An inchworm with 11 phases takes half a second."""
+"""With more phases in a step, a solution can take more than ten seconds. The time grows with the square of their
+number; an inchworm with 11 phases takes half a second."""
 TOO_SLIPPERY = "{} is less than tan(slope) = {}: no steady gait exists on this slope"
 NO_ENERGY = "no source of energy: a passive walker on level or uphill ground cannot have a periodic gait"
 STATE: Key = ("gait", "guess", "state")
 Span = tuple[Key, float, float, Within]
-"""Path of a number or of a range of numbers, its lower and upper end, and its limits."""
-SINGULAR = 1e-9
-"""Ratio of the singular values below which a matrix has no inverse: its rounding, with a reserve."""
+"""The path of a number or of a range of numbers; the lower and upper end of the range; and the limits of both."""
+SMALLEST_SINGULAR_RATIO = 1e-9
+"""If the smallest singular value of a matrix, relative to the largest one, is below its rounding with a reserve, the
+matrix has no inverse."""
+SAME_SHAPE = 1e-9
+"""Difference of a shape from itself after its legs are relabelled twice: rounding [rad, m]."""
 
 
 def impossible(problem: ProblemStatement) -> Iterator[Fault]:
-    """Faults: numbers that the walker cannot have."""
+    """Faults of a problem whose numbers the walker cannot have."""
     scales = natural_units(problem.walker)
     if not all(math.isfinite(size) and size > 0 for size in (scales.length, scales.time, scales.energy)):
         yield Fault(
@@ -92,20 +96,20 @@ def impossible(problem: ProblemStatement) -> Iterator[Fault]:
 
 
 def _control_faults(problem: ProblemStatement) -> Iterator[Fault]:
-    """Faults of the control law with this walker: torques that are not numbers, or jump at a breakpoint."""
+    """The ``torque_faults`` of the problem's own control law, unless it tracks a gait that is not known yet."""
     law = problem.control
-    if isinstance(law, NoControl | ConstantTorque) or law.source[0]:  # a gait that is to be tracked is not known yet
+    if isinstance(law, NoControl | ConstantTorque) or law.source[0]:
         return
     yield from torque_faults(problem, law, lambda: _controlled_system(problem))
 
 
 def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], HybridSystem]) -> Iterator[Fault]:
-    """Torques of a law that are not numbers, or jump at a breakpoint.
+    """Faults of a control law whose torques are not numbers, or jump at a breakpoint or elsewhere.
 
     Parameters
     ----------
-    law : of the problem, complete.
-    build : of the system of the problem under this law.
+    law : the control law of the problem, with its reference.
+    build : returns the system of the problem with this law. It is called after the methods of the law are checked.
     """
     walker = type(problem.walker)
     try:
@@ -113,7 +117,7 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
         system = build()
         mode, function = _torques(problem, system)
         if type(law).quantities is not Control.quantities:
-            system.quantities(mode)  # which reads them
+            system.quantities(mode)  # calls the method of the law, which may raise
     except ProblemError as error:
         yield Fault(("control",), str(error))
         return
@@ -134,7 +138,7 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
     if isinstance(law, VirtualConstraints) and law.law is Law.LINEARISING and problem.start is not None:
         known = system.quantities(mode)(t=0, z=z, p=p, r=law.data(0))
         sizes = np.linalg.svd(np.asarray(known["decoupling"]), compute_uv=False)
-        if not sizes[-1] > SINGULAR * sizes[0]:
+        if not sizes[-1] > SMALLEST_SINGULAR_RATIO * sizes[0]:
             outputs, motors = ", ".join(law.outputs), ", ".join(law.driven_by(walker))
             words = f"the decoupling matrix of {outputs} is singular {where}: the motors {motors} cannot accelerate"
             remedy = "choose other outputs or motors, or law: pd"
@@ -147,7 +151,7 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
             u, words = at_start[k], MOTOR_WORDS[unit]
             if not np.isfinite(u):
                 yield Fault(("control",), f"{name}: the {words} of {actuator} is {u:g} {where}, but must be a number")
-            elif segment and not law.jumps and abs(u - at_end[k]) > JUMP * max(abs(u), abs(at_end[k])):
+            elif segment and not law.jumps and abs(u - at_end[k]) > LARGEST_TORQUE_JUMP * max(abs(u), abs(at_end[k])):
                 jump = f"from {at_end[k]:.6g} to {u:.6g} {unit} at its breakpoint {time:g} s"
                 remedy = "make it continuous there, or set jumps = True"
                 yield Fault(("control",), f"{name}: the {words} of {actuator} jumps {jump}: {remedy}")
@@ -161,13 +165,13 @@ def torque_faults(problem: ProblemStatement, law: Control, build: Callable[[], H
 
 
 def _torques(problem: ProblemStatement, system: HybridSystem) -> tuple[Mode, Function]:
-    """A mode of the gait, and the torques in it: (t, z, p, r)."""
+    """A mode of the gait, and the function (t, z, p, r) of the torques in it."""
     mode = type(problem.walker).released(Mode.STICK) if problem.is_open else problem.cycle.phases[0]
     return mode, system.torques(mode)
 
 
 def _kinks(problem: ProblemStatement) -> Iterator[Fault]:
-    """Remarks: functions in the torques of another package's law whose derivatives jump where no mode ends."""
+    """Remarks on functions in the torques of another package's law whose derivatives jump where no mode ends."""
     law = problem.control
     if type(law).__module__.startswith(OWN_PACKAGE) or law.source[0]:
         return
@@ -180,9 +184,10 @@ def _kinks(problem: ProblemStatement) -> Iterator[Fault]:
 
 
 def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
-    """Remarks: ends of a table far from its joint, just after an impact and just before the next, at the guess.
+    """Remarks on tables whose first or last value is far from its joint just after or just before an impact.
 
-    The shape before the impact is that of the guess with the legs relabelled.
+    The shape just after the impact is that of the guess, and the shape just before it is the same with the legs
+    relabelled.
     """
     law, walker = problem.control, type(problem.walker)
     tables = {name: each for name, each in law.targets.items() if isinstance(each, TableCurves)}
@@ -197,20 +202,20 @@ def _loose_ends(problem: ProblemStatement, length: float) -> Iterator[Fault]:
     before = np.asarray(relabelled(after, p)[0]).ravel()
     again = np.asarray(relabelled(before, p)[0]).ravel()
     ends = [("first", "just after the impact", after, 0.0)]
-    if np.allclose(again[:n], after[:n], atol=SINGULAR):
+    if np.allclose(again[:n], after[:n], atol=SAME_SHAPE):
         durations, last = problem.start.durations, max(law.breakpoints, default=0.0)
         ends.append(("last", "just before the impact", before, min(sum(durations or [last]), last)))
     for row, where, z, time in ends:
         known = system.quantities(mode)(t=time, z=z, p=p, r=law.data(bisect_left(law.breakpoints, time)))
         for name, error in zip(names, np.asarray(known["outputs"]).ravel().tolist(), strict=True):
             unit, size = ("m", length) if name in walker.lengths else ("rad", 1.0)
-            if abs(error) > LOOSE * size:
+            if abs(error) > LARGEST_TABLE_ERROR * size:
                 words = f"the {row} value of {name} is {abs(error):.3g} {unit} from its joint {where}, at the guess"
                 yield Fault(("control", key, "table"), f"{table.table.file}: {words}; the torques jump at the impact")
 
 
 def _controlled_system(problem: ProblemStatement) -> HybridSystem:
-    """The system of a problem whose law needs no other gait, shared by problems that differ in parameters alone."""
+    """The system of a problem whose law needs no other gait. Problems that differ in parameters alone share it."""
     law = problem.control.untimed
     structure = (problem.impact_law, problem.friction_law, problem.cycle_end, *law.structure)
     return _controlled(_Controlled(key=(type(problem.walker), *structure), problem=problem))
@@ -218,7 +223,7 @@ def _controlled_system(problem: ProblemStatement) -> HybridSystem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Controlled:
-    """``key`` determines a system's functions; ``problem`` builds them the first time."""
+    """A problem with the key that determines the functions of its system; only the key is compared."""
 
     key: tuple[object, ...]
     problem: ProblemStatement = field(compare=False)
@@ -232,7 +237,7 @@ def _controlled(stated: _Controlled) -> HybridSystem:
 
 
 def remarks(problem: ProblemStatement) -> Iterator[Fault]:
-    """Remarks: numbers that are possible, but probably a mistake."""
+    """Remarks on numbers that are possible, but probably a mistake."""
     scales, walker = natural_units(problem.walker), problem.walker
     for path, lower, upper, within in _spans(problem):
         why = within.remark(lower, upper, scales)
@@ -244,7 +249,7 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
             yield Fault(
                 ("walker", name), f"{value:g} m is unusual; did you mean {value:g} mm, which is {value / 1000:g}?"
             )
-        if unit == "kg" and 0 < value < LIGHT * scales.mass:
+        if unit == "kg" and 0 < value < SMALLEST_MASS * scales.mass:
             yield Fault(("walker", name), f"{value:g} is unusual: {value / scales.mass:.1g} of the total mass")
     steps = () if problem.is_open else problem.cycle.steps
     for k, step in enumerate(steps):
@@ -263,10 +268,10 @@ def remarks(problem: ProblemStatement) -> Iterator[Fault]:
 
 
 def least_friction(problem: ProblemStatement) -> float:
-    """The friction tan(slope) that every steady gait needs; zero where drag or motors act along the ground too.
+    """The friction tan(slope) that every steady gait needs.
 
-    It is also zero where numbers are free. Over a period the ground balances the weight, and nowhere is its tangential
-    force larger than friction allows.
+    Over a period the contact forces balance the weight, and friction bounds the tangential force everywhere. The bound
+    is zero if drag or motors act along the ground too, and if the problem has free numbers.
     """
     gravity = _geometry_at_guess(problem)[2]
     drag = any(value for key, value in problem.parameters.items() if key.endswith(".viscous"))
@@ -274,7 +279,7 @@ def least_friction(problem: ProblemStatement) -> float:
 
 
 def lacks_energy(problem: ProblemStatement) -> bool:
-    """Whether nothing replaces the energy lost in impacts and friction: no motors, no push-off, no downhill slope."""
+    """Whether no motor, push-off or downhill slope replaces the energy that impacts and friction dissipate."""
     walker = problem.walker
     if (
         walker.may_keep_energy()
@@ -299,7 +304,7 @@ def natural_units(walker: Walker) -> Scales:
 
 
 def _spans(problem: ProblemStatement) -> Iterator[Span]:
-    """All numbers with a range in natural units, or one that depends on the walker."""
+    """All numbers of a problem that have a range in natural units, or a range that depends on the walker."""
     walker, state = problem.walker, state_section(type(problem.walker))
     control = law_section(type(problem.control), type(walker))
     yield from _section_spans((), HeadSection, {"friction": problem.friction})
@@ -341,7 +346,10 @@ def _section_spans(path: Key, section: type[BaseModel], values: Mapping[str, Any
 
 
 def _of_motor(walker: Walker, path: Key, within: Within) -> Within:
-    """The range of a number of a control law in natural units of forces if its motor, or every motor, has a force."""
+    """The range of a number of a control law, in natural units of forces if its motor exerts a force.
+
+    A number that belongs to no motor has units of forces if all motors exert forces.
+    """
     units = actuator_units(type(walker))
     named = {units[str(name)] for name in path if name in units}
     if path[0] != "control" or (named or {*units.values()}) != {"N"}:
@@ -351,7 +359,7 @@ def _of_motor(walker: Walker, path: Key, within: Within) -> Within:
 
 
 def _numbers(value: object) -> list[tuple[Key, float]]:
-    """A number, or the numbers of a mapping or a tuple by key."""
+    """A number without a key, or the numbers of a mapping or tuple with their keys."""
     if isinstance(value, tuple):
         return [((k,), entry) for k, entry in enumerate(value) if isinstance(entry, int | float)]
     if not isinstance(value, Mapping):
@@ -361,16 +369,16 @@ def _numbers(value: object) -> list[tuple[Key, float]]:
 
 @lru_cache(maxsize=64)
 def _ranges(section: type[BaseModel]) -> Mapping[str, tuple[Within, ...]]:
-    """Ranges of the fields of a section; without those that have none."""
+    """The ranges of those fields of a section that have any."""
     ranges = {
-        name: tuple(part for part in info.metadata if isinstance(part, Within))
+        name: tuple(entry for entry in info.metadata if isinstance(entry, Within))
         for name, info in section.model_fields.items()
     }
     return {name: within for name, within in ranges.items() if within}
 
 
 def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
-    """Range of a constrained scalar; a freed parameter has its own bounds."""
+    """The range of a constrained scalar. A freed parameter has its own bounds, and so no range here."""
     walker, modes = problem.walker, set() if problem.is_open else {*problem.cycle.phases, *problem.cycle.impacts}
     if name == "step_length" and modes == {Mode.STICK}:
         return (SLIPLESS_STEP,)
@@ -388,7 +396,7 @@ def _scalar_range(name: str, problem: ProblemStatement) -> tuple[Within, ...]:
 
 
 def _geometry_at_guess(problem: ProblemStatement) -> tuple[Array, float, Array]:
-    """Swing foot from the stance foot [m], margin of being upright, and gravity along x and y [m/s^2].
+    """The swing foot seen from the stance foot [m], the margin of being upright, and gravity along x and y [m/s^2].
 
     Without a guess all angles are zero.
     """
@@ -409,7 +417,10 @@ def _system(walker: type[Walker]) -> HybridSystem:
 
 @built_once(maxsize=32)
 def _geometry(walker: type[Walker]) -> Function:
-    """(posture, p) -> swing foot from the stance foot, upright, gravity; the posture is the shape, and any height y."""
+    """(posture, p) -> swing foot seen from the stance foot, margin of being upright, gravity.
+
+    The posture is the shape, followed by the height y if the walker has one.
+    """
     (q, p, m), names = symbolic_mechanism(walker), walker.coordinates()[:-1]
     known = dict(zip((*walker.shape, *FOOT_COORDINATES), vertsplit(q), strict=True))
     origin = vertcat(*(known[name] for name in FOOT_COORDINATES if name not in names))

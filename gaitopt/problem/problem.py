@@ -35,7 +35,7 @@ from gaitopt.model.registry import (
 from gaitopt.model.section import TOUCHDOWN
 from gaitopt.model.urdf import MAX_BYTES, walker_from_text
 from gaitopt.model.walker import Walker
-from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Key, Place, fault_lines, raise_faults, shown
+from gaitopt.problem.faults import ChangedPlace, Fault, FilePlace, Place, fault_lines, raise_faults, shown
 from gaitopt.problem.plausibility import impossible, remarks
 from gaitopt.problem.reading import Known, read_statement
 from gaitopt.problem.source import SUFFIXES, find_problem, parse_source, read_text
@@ -44,6 +44,7 @@ from gaitopt.problem.statement import (
     changed_values,
     cycle_data,
     digest_of,
+    file_entries,
     guessed_names,
     override,
     problem_data,
@@ -53,16 +54,16 @@ from gaitopt.problem.statement import (
 Walkers: TypeAlias = Sequence[type[Walker]]
 Controls: TypeAlias = Sequence[type[Control]]
 RESOLVED_FILE = "resolved.json"
-"""File of a stored run with the resolved problem."""
+"""Name of the file in a run folder that contains the resolved problem."""
 FOLLOWED_FROM = "followed_from"
-"""Key of a resolved problem: the file's values of the parameters that were changed."""
-GUESSED = "gait.guess.state."
-"""What precedes the name of a coordinate of the guess in a dotted key."""
-OF_FEEDBACK = "control.step_feedback"
-"""What precedes the keys of feedback from step to step."""
+"""Key of a resolved problem, with the file's values of the parameters that were changed."""
+GUESSED_STATE = "gait.guess.state."
+"""Dotted key of a coordinate of the guess, without the name of the coordinate."""
+STEP_FEEDBACK = "control.step_feedback"
+"""Dotted key of the feedback from step to step."""
 _NONE = Known(walkers={}, controls={})
 _PASSED = ContextVar("passed", default=_NONE)
-"""Classes with which records are restored besides the registered ones, see ``passing``."""
+"""Classes that are not registered and may occur in restored records, see ``passing``."""
 
 
 @runtime_checkable
@@ -71,10 +72,10 @@ class Recorded(Protocol):
 
     @property
     def dynamics(self) -> Dynamics:
-        """Its system at its parameters."""
+        """The system of the gait at its parameters."""
 
     def to_record(self) -> Any:
-        """Its record."""
+        """The record of the gait."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -126,7 +127,9 @@ class Problem(ProblemStatement):
         changed = changed_values(problem_data(self.file), problem_data(self))
         changed = [key for key in changed if not key.startswith(f"{OF_FEEDBACK}.at")]
         if self.section is not None:
-            following = {f"{GUESSED}{name}" for name in self.walker.state_names() if name not in self.section.names}
+            following = {
+                f"{GUESSED_STATE}{name}" for name in self.walker.state_names() if name not in self.section.names
+            }
             changed = [key for key in changed if key not in following]
         continuous = [key for key in changed if type(before.get(key)) is type(after.get(key)) is float]
         return self.file if changed and len(continuous) == len(changed) else None
@@ -151,8 +154,8 @@ class Problem(ProblemStatement):
     def replace(self, overrides: Mapping[str, object] | None = None, *, label: str = "", **names: object) -> "Problem":
         """The problem with some values changed, validated as a whole.
 
-        Where only values of continuous parameters change, ``solve`` follows the gait of the unchanged problem to the
-        new values. With another guess, mode sequence or structure it starts from the guess.
+        If only values of continuous parameters change, ``solve`` follows the gait of the unchanged problem to the new
+        values. If the guess, the mode sequence or the structure changes too, it starts from the guess.
 
         Parameters
         ----------
@@ -185,7 +188,7 @@ class Problem(ProblemStatement):
     def _nominal_values(self, data: Mapping[str, Any], overrides: Mapping[str, object]) -> dict[str, object]:
         """The override that keeps the values which others change for the nominal gait of feedback from step to step."""
         feedback = self.control.step_feedback
-        if feedback is None or "control" in overrides or any(key.startswith(OF_FEEDBACK) for key in overrides):
+        if feedback is None or "control" in overrides or any(key.startswith(STEP_FEEDBACK) for key in overrides):
             return {}
         kept = dict(feedback.at or {})
         for key in overrides:
@@ -194,25 +197,25 @@ class Problem(ProblemStatement):
                 kept.setdefault("gait", deepcopy(data["gait"]))
             elif key in self.parameters:
                 kept.setdefault(key, self.parameters[key])
-        return {f"{OF_FEEDBACK}.at": kept} if kept else {}
+        return {f"{STEP_FEEDBACK}.at": kept} if kept else {}
 
     def with_guess(
         self, gait: "Recorded | Mapping[str, Any]", parameters: Mapping[str, float] | None = None
     ) -> "Problem":
         """The problem with a known gait as its first guess; the modes stay those of the problem.
 
-        Durations are taken where the phases are the same, and the slip velocity where the impact is.
+        Its durations are used if the phases are the same, and its slip velocity if the impact is the same.
 
         Parameters
         ----------
         gait : a gait of the same walker model, or its record, see ``Gait.to_record``.
-        parameters : of that gait by dotted key, control points of a curve as ``control.reference.JOINT.K``; they are
-            the guesses of free numbers and curves. Those of the gait or of the record if left out.
+        parameters : parameters of that gait by dotted key, control points of a curve as ``control.reference.JOINT.K``;
+            they become the guesses of free numbers and curves. By default those of the gait or of its record.
 
         Raises
         ------
         ProblemError
-            As ``replace``; or if the gait is a failed solve, or of another walker.
+            If the gait is a failed solve, or belongs to another walker; or for the reasons of ``replace``.
         """
         record, known = self._record_of(gait)
         values = known if parameters is None else parameters
@@ -220,19 +223,21 @@ class Problem(ProblemStatement):
         names = guessed_names(type(self.walker), self.cycle, self.cycle_end)
         state = {name: record["state"][name] for name in names if same_impact or name != "dx"}
         same_phases = [Mode.from_record(phase) for phase in record["phases"]] == list(self.cycle.phases)
-        changes: dict[str, object] = {f"gait.guess.state.{name}": value for name, value in state.items()}
+        changes: dict[str, object] = {f"{GUESSED_STATE}{name}": value for name, value in state.items()}
         if same_phases:
             changes["gait.guess.durations"] = [phase["duration"] for phase in record["phases"]]
         changes |= self.control.guesses(values, type(self.walker))
         return self.replace(changes | self.free_guesses(values))
 
     def with_gait(self, gait: "Recorded | Mapping[str, Any]") -> "Problem":
-        """The problem with the modes of a known gait and its motion as the guess; raises as ``with_guess``.
+        """The problem with the modes of a known gait and its motion as the guess.
+
+        It raises for the same reasons as ``with_guess``.
 
         Parameters
         ----------
-        gait : a gait; or the record of one, or of a candidate: its steps or phases and impact, ``state`` and
-            ``parameters``.
+        gait : a gait or its record, or the record of a candidate, which has the steps, or the phases and the impact,
+            ``state`` and ``parameters``.
         """
         record, values = self._record_of(gait)
         cycle = Cycle.from_record(record)
@@ -246,7 +251,7 @@ class Problem(ProblemStatement):
         Raises
         ------
         ProblemError
-            If it is a failed solve, or lacks a coordinate of the walker.
+            If the gait is a failed solve, or lacks a coordinate of the walker.
         """
         if isinstance(gait, Mapping):
             return gait, gait.get("parameters", {})
@@ -258,8 +263,8 @@ class Problem(ProblemStatement):
             raise ProblemError(f"{name} is {record['status']}: it has no motion from which {self.name} could start")
         missing = [entry for entry in self.walker.state_names() if entry not in state]
         if missing:
-            words = f"it is a gait of another walker than the {self.walker.model} of {self.name}"
-            raise ProblemError(f"{name} has no {missing[0]}: {words}")
+            reason = f"it is a gait of another walker than the {self.walker.model} of {self.name}"
+            raise ProblemError(f"{name} has no {missing[0]}: {reason}")
         return record, gait.dynamics.parameters
 
     def with_modes(
@@ -269,12 +274,14 @@ class Problem(ProblemStatement):
         durations: Sequence[float] | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> "Problem":
-        """The problem with another mode sequence; raises as ``replace``.
+        """The problem with another mode sequence. It raises for the same reasons as ``replace``.
 
         Parameters
         ----------
+        cycle : the mode sequences of the steps.
         state : guess of the state just after the last impact by name; only section coordinates are used.
-        durations : guess of the phases [s]; those of the problem if left out, where the numbers of phases are the same.
+        durations : guess of the durations of the phases [s]. By default those of the problem, if its steps have the
+            same numbers of phases.
         parameters : guesses of free numbers by dotted key.
         """
         if durations is None and not self.is_open and _phase_numbers(cycle) == _phase_numbers(self.cycle):
@@ -307,20 +314,21 @@ class Problem(ProblemStatement):
         durations: Sequence[float],
         duration: float | None = None,
     ) -> "Problem":
-        """The problem with open-loop torques that are found, fixed in time, without objective and constraints.
+        """The problem whose open-loop torques are fixed at values that were found, without objective and constraints.
 
         Parameters
         ----------
-        values : of the torques, and of free numbers, by dotted key.
-        state, durations : of the gait just after the impact, and of its phases [s]: the guess.
-        duration : of the law [s]; that of all phases if left out, from which the gait's period differs by rounding.
+        values : values of the torques and of the free numbers by dotted key.
+        state, durations : state just after the impact and durations of the phases [s], which become the guess.
+        duration : duration of the control law [s]. By default the sum of ``durations``; the period of a gait differs
+            from it by rounding.
         """
         law = self.control
         assert isinstance(law, OpenLoop)
         control = law.fixed(values, float(sum(durations)) if duration is None else duration)
         plain = replace(self, control=control, free={}, objective={}, constraints={}, file=None)
         names = guessed_names(type(self.walker), self.cycle, self.cycle_end)
-        changes: dict[str, object] = {f"gait.guess.state.{name}": float(state[name]) for name in names}
+        changes: dict[str, object] = {f"{GUESSED_STATE}{name}": float(state[name]) for name in names}
         changes["gait.guess.durations"] = [float(duration) for duration in durations]
         return replace(plain.replace(changes | {key: float(values[key]) for key in self.free}), origin=self, file=None)
 
@@ -334,7 +342,7 @@ class Problem(ProblemStatement):
 
     @property
     def _classes(self) -> Known:
-        """The classes of its walker and its control law."""
+        """The classes of the problem's own walker and control law, which need not be registered."""
         walker, control = type(self.walker), type(self.control)
         return Known(walkers={walker.model: walker}, controls={control.type: control})
 
@@ -402,7 +410,7 @@ def parse_problem(
     Raises
     ------
     ProblemError
-        As ``load_problem``; or if the text is missing, or is a path.
+        If the text is missing, is a path, or is wrong: one line ``file:line:column key: ...`` per fault.
     """
     if not isinstance(text, str) or (text.endswith(SUFFIXES) and "\n" not in text):
         given = text or path
@@ -433,7 +441,7 @@ def walker_from_urdf(path: str | Path, *, feet: Sequence[str]) -> type[Walker]:
 
 
 def restore_problem(record: Mapping[str, Any], *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
-    """The problem of a record that ``Problem.resolved`` wrote, references included.
+    """The problem of a record that ``Problem.resolved`` wrote, with its references.
 
     Raises
     ------
@@ -472,9 +480,9 @@ def check_installed(record: Mapping[str, Any]) -> None:
         if isinstance(name, str) and name not in known:
             if name in refused:
                 raise ProblemError(f"the run needs the {kind} {shown(name)}: {refused[name]}")
-            words = f"no {kind} is called {shown(name)} here; the run needs the package that registers it"
+            fault = f"no {kind} is called {shown(name)} here; the run needs the package that registers it"
             remedy = f"load_run(..., {'walkers' if section == 'walker' else 'controls'}=[...]) takes its class"
-            raise ProblemError(f"{words}, because classes that are passed to a function are not stored; {remedy}")
+            raise ProblemError(f"{fault}, because classes that are passed to a function are not stored; {remedy}")
 
 
 def _load(name_or_path: str | Path, classes: Known, files: Sequence[Path]) -> Problem:
@@ -489,7 +497,7 @@ def _load(name_or_path: str | Path, classes: Known, files: Sequence[Path]) -> Pr
 
 
 def _stored(run: Path, classes: Known) -> Problem:
-    """The problem of a stored run, to which another one refers by its folder."""
+    """The problem of a stored run. Another problem refers to it by the run folder."""
     file = run / RESOLVED_FILE
     try:
         record = json.loads(read_text(file, MAX_BYTES))
@@ -521,20 +529,23 @@ def build_problem(
     text: str = "",
     known: Mapping[str, Problem] | None = None,
 ) -> Problem:
-    """A problem from data.
+    """The problem that some data state.
 
     Parameters
     ----------
-    faults : of the text of the file.
-    classes : those that the data may name in addition to the registered ones.
-    files : the file of the problem at the end, after the files that refer to it; empty if there is none. With None
-        nothing is loaded: the data contain robots and tables, ``known`` contains references.
+    data : data in the layout of a problem file.
+    place : where the data were stated, for messages.
+    faults : faults that were found while the text of the file was read.
+    classes : classes that the data may name in addition to the registered ones.
+    files : the files that refer to this problem, followed by its own file; empty if it comes from no file. If None,
+        nothing is loaded: the data then contain robots and tables, and ``known`` contains references.
+    text : text of the file.
     known : references by name, which are not loaded.
 
     Raises
     ------
     ProblemError
-        With all faults, one line each.
+        If there are faults; the message has one line for each.
     """
     data = _with_files(data, files[-1].parent if files else Path(), faults, place)
     every = Known(
@@ -559,12 +570,12 @@ def build_problem(
         unknown = ", ".join(angle for angle in needed if angle not in _angles(reference.walker))
         theirs = reference.walker
         if unknown:
-            words = f"is a {theirs.model}, which has no {unknown} to track"
-            faults.append(Fault(key, f"{subject} {words}; its angles are {', '.join(_angles(theirs))}"))
+            reason = f"is a {theirs.model}, which has no {unknown} to track"
+            faults.append(Fault(key, f"{subject} {reason}; its angles are {', '.join(_angles(theirs))}"))
         elif theirs.shape != walker.shape and getattr(followed_by, "joints", None) is None:
-            words = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
+            reason = f"is a {theirs.model}, whose shape is {', '.join(theirs.shape)}"
             remedy = f"joints: {{{', '.join(f'{mine}: {angle}' for mine, angle in followed.items())}}}"
-            faults.append(Fault(key, f"{subject} {words}: say which of them each joint follows, {remedy}"))
+            faults.append(Fault(key, f"{subject} {reason}: say which of them each joint follows, {remedy}"))
         if len(reference.cycle.steps) > 1:
             why = "the curves are those of one" if control.phase_variable else "its clock restarts at every impact"
             faults.append(Fault(key, f"{subject} has several steps, but {why}: name a gait of one step"))
@@ -576,26 +587,19 @@ def build_problem(
 
 
 def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], place: Place) -> Mapping[str, Any]:
-    """The data with the content of a robot's file and of tables in place of their paths, relative to the folder.
+    """The data in which the content of a robot's file and of tables replaces their paths, relative to the folder.
 
     Raises
     ------
     ProblemError
         If one cannot be read.
     """
-    control, walker = data.get("control"), data.get("walker")
-    places: list[tuple[Key, object]] = [(("walker", "urdf"), walker)]
-    places += (
-        [(("control", name, "table"), entry) for name, entry in control.items()] if isinstance(control, dict) else []
-    )
-    for path, stated in places:
-        key = path[-1]
-        if not isinstance(stated, Mapping) or key not in stated or isinstance(stated[key], Mapping):
+    for path, file in file_entries(data):
+        if isinstance(file, Mapping):
             continue
-        file = stated[key]
         try:
             if not isinstance(file, str) or not file or "\0" in file:
-                kind = "URDF" if key == "urdf" else "CSV"
+                kind = "URDF" if path[-1] == "urdf" else "CSV"
                 raise ProblemError(f"{shown(file)} is not a path of a {kind} file")
             content = {"file": Path(file).name, "text": read_text(folder / file, MAX_BYTES)}
         except ProblemError as error:
@@ -603,9 +607,9 @@ def _with_files(data: Mapping[str, Any], folder: Path, faults: list[Fault], plac
             raise
         data = deepcopy(dict(data))
         section: Any = data
-        for part in path[:-1]:
-            section = section[part]
-        section[key] = content
+        for key in path[:-1]:
+            section = section[key]
+        section[path[-1]] = content
     return data
 
 
@@ -616,7 +620,7 @@ def passing(walkers: Walkers, controls: Controls) -> Iterator[None]:
     Raises
     ------
     ProblemError
-        As ``passed_classes``.
+        For the reasons of ``passed_classes``.
     """
     token = _PASSED.set(passed_classes(walkers, controls))
     try:
@@ -648,8 +652,8 @@ def _named(kind: Kind, argument: str, classes: Sequence[Any]) -> dict[str, Any]:
             raise ProblemError(f"{argument}: {error}") from error
         name = getattr(passed, kind.attribute)
         if not passed.__module__.startswith(OWN_PACKAGE) and built_in(kind, name) is not None:
-            words = f"{kind.attribute} is {name!r}, the name of a {kind.title} of gaitopt: choose another one"
-            raise ProblemError(f"{argument}: {passed.__name__}: {words}")
+            conflict = f"{kind.attribute} is {name!r}, the name of a {kind.title} of gaitopt: choose another one"
+            raise ProblemError(f"{argument}: {passed.__name__}: {conflict}")
         if named.setdefault(name, passed) is not passed:
             both = f"{named[name].__name__} and {passed.__name__}"
             raise ProblemError(

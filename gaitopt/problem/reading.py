@@ -1,9 +1,9 @@
-"""Reading: from the data of a problem file to the fields of a problem statement; all faults are collected.
+"""Reading the data of a problem file into the fields of a problem statement; all faults are collected.
 
-A free number, ``{free: [lo, hi], guess: x}``, is validated three times by the model of its section: guess, lower and
-upper bound in the place of the number. The guess of a gait is a state on the section just after the impact. The section
-determines the values that the file leaves out (both feet on the ground, x = 0, and dx = 0 unless the impact slips), and
-values in the file must agree with it.
+The model of a section validates a free number, ``{free: [lo, hi], guess: x}``, three times: with its guess, its lower
+and its upper bound. The guess of a gait is a state on the section just after the impact. The section determines the
+values that the file leaves out (both feet on the ground, x = 0, and dx = 0 unless the impact slips), and values in the
+file must agree with it.
 """
 
 import math
@@ -57,19 +57,19 @@ from gaitopt.problem.statement import FirstGuess, Free, Guess, OpenSequence, Ran
 Model = TypeVar("Model", bound=BaseModel)
 
 UNREAD = Free(lower=math.nan, upper=math.nan, guess=math.nan)
-"""Placeholder for an unknown whose mapping has faults; objectives and constraints may still use its name."""
+"""Stands for an unknown whose mapping has faults, so that objectives and constraints may still use its name."""
 UNEVEN = "{} steps do not return to the first stance leg: where the legs differ, a cycle has 2, 4, ... steps"
-FIRST_KEYS = ("step_length", "duration", "postures")
-"""Keys of a guess without a known motion."""
-SLIDING = 0.1
+GUESSED_SLIP = 0.1
 """Guessed velocity of a foot that slips just after the impact, relative to the speed of the walker."""
-SAME_STATE = 1e-5
-"""Relative; a state written with six digits may be off by half of this."""
-SOLVED_STATE = 1e-12
-"""Relative, or in rad and SI units: rounding of the solved coordinates."""
-CLOSE_STATE = 0.5
-"""In rad and SI units, or relative: with several contacts, values of solved coordinates only select a solution. One leg
-in place of the other, or a knee bent to the other side, is farther away."""
+STATED_TOLERANCE = 1e-5
+"""Relative tolerance within which values in a file must agree with the section; a state that is written with six digits
+may be off by half of this."""
+SOLVED_TOLERANCE = 1e-12
+"""Rounding of coordinates that are solved from the section, relative, or in rad and SI units."""
+SELECTING_TOLERANCE = 0.5
+"""With several contacts, the values of solved coordinates in a file only select one of the solutions, and may differ
+from it by this much, relative, or in rad and SI units. A solution with exchanged legs, or with a knee bent to the other
+side, is farther away."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +88,7 @@ def read_statement(data: Mapping[str, Any], known: Known, faults: list[Fault]) -
 class _StatementReader:
     """Reads the sections of one problem, and collects its unknowns and all faults.
 
-    What has faults or is not read yet is None.
+    An attribute is None before its section is read, and if the section has faults.
     """
 
     def __init__(self, data: Mapping[str, Any], known: Known, faults: list[Fault]) -> None:
@@ -125,7 +125,7 @@ class _StatementReader:
 
     @property
     def _name(self) -> str:
-        """The walker's model in messages."""
+        """The name of the walker in messages."""
         return "walker" if self._model is None else self._model.model
 
     def _fault(self, path: Key, message: str) -> None:
@@ -145,19 +145,19 @@ class _StatementReader:
             if key in self._data:
                 self._fault((key,), "is for simulations without a gait: leave it out, or leave gait out")
         head = {key: value for key, value in self._data.items() if key in HeadSection.model_fields}
-        several = head.get("friction")
+        friction = head.get("friction")
         coefficients: Any = None
-        if isinstance(several, Mapping) and not _is_free(several):
-            head["friction"] = 0.0  # in place of the coefficients
+        if isinstance(friction, Mapping) and not _is_free(friction):
+            head["friction"] = 0.0  # the section of the head needs a number
             section = self._numbers(HeadSection, head, ())
             if (
                 self._model is not None
                 and self._model.contacts
-                and not {*several} & {*FrictionCoefficients.model_fields}
+                and not {*friction} & {*FrictionCoefficients.model_fields}
             ):
-                coefficients = self._read_friction(self._model, several)
+                coefficients = self._read_friction(self._model, friction)
             else:
-                coefficients = self._numbers(FrictionCoefficients, several, ("friction",))
+                coefficients = self._numbers(FrictionCoefficients, friction, ("friction",))
         else:
             section = self._numbers(HeadSection, head, ())
         fields = {} if section is None else {key: getattr(section, key) for key in HeadSection.model_fields}
@@ -186,26 +186,26 @@ class _StatementReader:
         return self._laws
 
     def _check_swapped_friction(self, steps: int) -> None:
-        """Check that contacts that swap places where a step ends have the same friction, unless they swap back.
+        """Check that contacts that swap roles at the end of a step have the same friction, unless they swap back.
 
         Parameters
         ----------
-        steps : of the cycle; odd where they are not known.
+        steps : number of steps of the cycle; an odd number if it is not known.
         """
         ends = self._model.partners().items() if self._model is not None and self._cycle_end == TOUCHDOWN else ()
         for name, other in ends if self._laws else ():
             ours, theirs = self._laws[name], self._laws[other]
             if isinstance(ours, float) != isinstance(theirs, float):
-                words = "give both one number, or both static and kinetic friction"
+                remedy = "give both one number, or both static and kinetic friction"
             elif ours != theirs and steps % 2:
-                words = "give both the same, or state the phases of 2, 4, ... steps"
+                remedy = "give both the same, or state the phases of 2, 4, ... steps"
             else:
                 continue
-            where = f"differs from that of {other}, with which it swaps places after every step"
-            self._fault(("friction", name), f"{where}: {words}")
+            difference = f"differs from that of {other}, with which it swaps places after every step"
+            self._fault(("friction", name), f"{difference}: {remedy}")
 
     def _read_walker(self) -> tuple[type[Walker] | None, Walker | None]:
-        """The model, and the walker with its parameters."""
+        """The class of the walker, and the walker with its parameters."""
         if "walker" not in self._data:
             return None, None
         section, path = self._data["walker"], ("walker", "model")
@@ -226,7 +226,7 @@ class _StatementReader:
         return self._read_parameters(model, {key: value for key, value in section.items() if key != "model"})
 
     def _read_robot(self, section: Mapping[str, Any]) -> type[Walker] | None:
-        """The class of a robot in a URDF file, whose text is in the data."""
+        """The class of a robot from the text of its URDF file, which is in the data."""
         if "model" in section:
             self._fault(("walker", "model"), "excludes urdf: keep one of them")
             return None
@@ -245,7 +245,7 @@ class _StatementReader:
     def _read_parameters(
         self, model: type[Walker], parameters: Mapping[str, Any]
     ) -> tuple[type[Walker], Walker | None]:
-        """A walker with its parameters."""
+        """The class, and a walker of this class with its parameters."""
         try:
             with calling(model, "reading its parameters"):
                 walker = self._numbers(model, parameters, ("walker",))
@@ -292,7 +292,7 @@ class _StatementReader:
         return control
 
     def _numbers(self, model: type[Model], data: Mapping[str, Any], path: Key) -> Model | None:
-        """A section in which numbers may be free; a freed number has its guess."""
+        """A section in which numbers may be free; a free number has the value of its guess."""
         freed: dict[tuple[str, ...], Any] = {}
         for key, entry in ((key, data.get(key)) for key in model.model_fields):
             if _is_free(entry):
@@ -300,12 +300,12 @@ class _StatementReader:
             elif isinstance(entry, Mapping) and is_parameter(model.model_fields[key]):
                 freed |= {(key, str(name)): value for name, value in entry.items() if _is_free(value)}
         self._free |= {".".join(map(str, (*path, *keys))): UNREAD for keys in freed}
-        parts = {keys: self._section(FreeSection, value, (*path, *keys)) for keys, value in freed.items()}
-        unknowns = {keys: part for keys, part in parts.items() if part is not None}
+        sections = {keys: self._section(FreeSection, value, (*path, *keys)) for keys, value in freed.items()}
+        unknowns = {keys: unknown for keys, unknown in sections.items() if unknown is not None}
         section_faults: list[Fault] = []
         plain: Mapping[str, Any] = data
-        for keys, part in unknowns.items():
-            plain = _with(plain, keys, part.guess)
+        for keys, unknown in unknowns.items():
+            plain = _with(plain, keys, unknown.guess)
         section = read_section(model, plain, path, section_faults)
         for fault in section_faults:
             place = fault.path[len(path) :]
@@ -316,21 +316,21 @@ class _StatementReader:
                 self._faults.append(fault)
         if section is None:
             return None
-        for keys, part in unknowns.items():
-            span = self._read_bounds(section, plain, part, path, keys)
+        for keys, unknown in unknowns.items():
+            span = self._read_bounds(section, plain, unknown, path, keys)
             if span is not None:
                 self._free[".".join(map(str, (*path, *keys)))] = span
         return section
 
     def _read_bounds(
-        self, section: BaseModel, plain: Mapping[str, Any], part: FreeSection, above: Key, keys: tuple[str, ...]
+        self, section: BaseModel, plain: Mapping[str, Any], unknown: FreeSection, above: Key, keys: tuple[str, ...]
     ) -> Free | None:
         path, guess = (*above, *keys), _at(section, keys)
         if not isinstance(guess, float) or not is_parameter(type(section).model_fields[keys[0]]):
             self._fault(path, "cannot be free: only a real number can be an unknown; give a value")
             return None
         bounds = []
-        for index, bound in enumerate(part.free):
+        for index, bound in enumerate(unknown.free):
             bound_faults: list[Fault] = []
             other = read_section(type(section), _with(plain, keys, bound), (), bound_faults)
             self._faults += [Fault((*path, "free", index), fault.message) for fault in bound_faults]
@@ -339,8 +339,8 @@ class _StatementReader:
             return None
         lower, upper = bounds
         if lower >= upper:
-            words = f"[{lower:g}, {upper:g}] needs lo < hi; for a fixed value, give a number"
-            self._fault((*path, "free"), f"is empty: {words}")
+            remedy = "for a fixed value, give a number"
+            self._fault((*path, "free"), f"is empty: [{lower:g}, {upper:g}] needs lo < hi; {remedy}")
         elif not lower <= guess <= upper:
             self._fault((*path, "guess"), f"{guess:g} is outside of its bounds [{lower:g}, {upper:g}]")
         return Free(lower=lower, upper=upper, guess=guess)
@@ -366,7 +366,7 @@ class _StatementReader:
         cycle = self._read_cycle(steps, ("gait", "steps" if several else "phases"), landings)
         self._check_swapped_friction(len(steps))
         phases = [mode for step in steps for mode in step.phases]
-        if {*FIRST_KEYS} & {*gait.guess}:
+        if {*FirstGuessSection.model_fields} & {*gait.guess}:
             return cycle, self._read_first_guess(gait.guess, phases, steps[-1].impact)
         guess = self._section(GuessSection, gait.guess, path)
         if guess is None:
@@ -382,7 +382,10 @@ class _StatementReader:
         return cycle, None if state is None else Guess(state=state, durations=guess.durations)
 
     def _read_start(self) -> Guess | None:
-        """The state from which a simulation starts; a cycle ends with the clock of the control, if that has one."""
+        """The state from which a simulation starts.
+
+        If the control law has a clock of its own, the clock ends a cycle.
+        """
         if self._control is not None and not self._control.restarts and self._control.period:
             self._cycle_end = CLOCK
         model, path = self._model, ("state",)
@@ -405,13 +408,13 @@ class _StatementReader:
         if section and {*state.model_fields_set} == {*section}:
             lifted = self._read_state(data, impact, path)
             return None if lifted is None else Guess(state=lifted, durations=None)
-        words = f" just after an impact give {', '.join(section)} alone; else" if section else ""
+        choice = f" just after an impact give {', '.join(section)} alone; else" if section else ""
         names = ", ".join(name for name in model.state_names() if name != "x")
-        self._fault((*path, missing[0]), f"is missing;{words} a state needs {names}")
+        self._fault((*path, missing[0]), f"is missing;{choice} a state needs {names}")
         return None
 
     def _read_until(self) -> Until | None:
-        """Where a simulation ends."""
+        """The end of a simulation."""
         data = self._data.get("until")
         if data is None:
             return None
@@ -427,7 +430,7 @@ class _StatementReader:
         return Until(time=section.time, steps=section.steps, events=section.events)
 
     def _read_first_guess(self, data: Mapping[str, Any], phases: Sequence[Mode], impact: Mode) -> Guess | None:
-        """The guess of a motion that is not known: straight between postures."""
+        """A guess that follows from postures, between which the shape changes linearly, or from the step length."""
         path, model, walker = ("gait", "guess"), self._model, self._walker
         section = self._section(FirstGuessSection, data, path)
         if section is None or model is None or walker is None or not phases:
@@ -437,8 +440,8 @@ class _StatementReader:
             self._fault((*path, "step_length"), "and postures " + both if section.postures else both)
             return None
         if {"several contacts", "flight", "massless feet"} & {*model.features()} or "steps" in self._data["gait"]:
-            words = "is for one step of walkers that always stand on a foot and have no massless feet: give a state"
-            self._fault(path, words)
+            limit = "is for one step of walkers that always stand on a foot and have no massless feet"
+            self._fault(path, f"{limit}: give a state")
             return None
         p = np.array([float(getattr(walker, name)) for name in model.model_fields])
         try:
@@ -454,13 +457,13 @@ class _StatementReader:
             return None
         lead = swing_foot(model, postures[0], p)[0]
         if lead >= 0:
-            words = f"have crossed feet: the foot that swings first is {lead:.3g} m in front of the other one"
-            self._fault((*path, "postures"), f"{words} just after the impact; it must be behind")
+            crossed = f"have crossed feet: the foot that swings first is {lead:.3g} m in front of the other one"
+            self._fault((*path, "postures"), f"{crossed} just after the impact; it must be behind")
             return None
         rates = (postures[1] - postures[0]) * (len(postures) - 1) / section.duration
         values = dict(zip(model.shape, postures[0].tolist(), strict=True))
         values |= {f"d{name}": float(rate) for name, rate in zip(model.shape, rates, strict=True)}
-        values["dx"] = SLIDING * impact.direction * -lead / section.duration
+        values["dx"] = GUESSED_SLIP * impact.direction * -lead / section.duration
         names = model.section_names(slipping=impact.slips)
         state = self._read_state({name: values[name] for name in names}, impact)
         stated = tuple(dict(posture) for posture in section.postures or ())
@@ -469,7 +472,7 @@ class _StatementReader:
         return None if state is None else Guess(state=state, durations=durations, first=known)
 
     def _posture(self, model: type[Walker], posture: Mapping[str, float], number: int) -> Array:
-        """A posture as an array; nan where a coordinate is missing."""
+        """A posture as an array, in which a missing coordinate is nan."""
         path: Key = ("gait", "guess", "postures", number)
         for name in posture:
             if name not in model.shape:
@@ -482,11 +485,11 @@ class _StatementReader:
     def _with_modes(
         self, model: type[Walker], data: Mapping[str, Any]
     ) -> tuple[dict[str, Any], list[tuple[tuple[int, Mode], ...]]]:
-        """The data of a gait with its modes read, and the impacts within every step.
+        """The data of a gait with modes in place of their words, and the impacts within every step.
 
         A phase that begins with the landing of a contact, or the lock of a stop, may state the mode just after that
-        impact: ``{mode: stick, impact: stick}``. A foot that stands alone lands at the end of each step; where a cycle
-        ends elsewhere, its landings are stated unless it flies before.
+        impact: ``{mode: stick, impact: stick}``. A walker that stands on one foot lands at the end of each step. If
+        something else ends its cycle, landings within the cycle are stated, except those after a flight.
         """
         is_step, alone = "steps" not in data, bool(model.base_contact())
         stated = [data] if is_step else data["steps"]
@@ -497,7 +500,7 @@ class _StatementReader:
         for number, step in enumerate(stated if isinstance(stated, list | tuple) else ()):
             place: Key = ("gait",) if is_step else ("gait", "steps", number)
             if not isinstance(step, Mapping):
-                return dict(data), []  # the schema says so
+                return dict(data), []  # the section of the gait reports it
             final = step.get("impact")
             if final is not None:
                 final = self._mode(model, final, (*place, "impact"), after_impact=ends_in_landing)
@@ -506,9 +509,9 @@ class _StatementReader:
                 return {**data, **step} if is_step else dict(data), []
             modes, struck = list[Mode](), list[tuple[int, Mode]]()
             for k, phase in enumerate(step["phases"]):
-                words, path = dict(phase) if isinstance(phase, Mapping) else phase, (*place, "phases", k)
-                impact = words.pop(IMPACT, None) if isinstance(words, dict) else None
-                modes.append(self._mode(model, words, path))
+                entry, path = dict(phase) if isinstance(phase, Mapping) else phase, (*place, "phases", k)
+                impact = entry.pop(IMPACT, None) if isinstance(entry, dict) else None
+                modes.append(self._mode(model, entry, path))
                 before, after = modes[k - 1] if k else modes[k], modes[k]
                 locks = after.locked != before.locked
                 if impact is not None:
@@ -516,8 +519,8 @@ class _StatementReader:
                 landed = {*(model.swapped(after) if alone and impact is not None else after).touching}
                 lands = bool(k) and bool(landed - {*before.touching})
                 if impact is not None and not (k and (lands or locks)):
-                    words = "no contact lands and no stop locks" if k else "the step begins there"
-                    self._fault((*path, IMPACT), f"{words}: leave it out")
+                    reason = "no contact lands and no stop locks" if k else "the step begins there"
+                    self._fault((*path, IMPACT), f"{reason}: leave it out")
                 if lands and alone and ends_in_landing and impact is not None:
                     self._fault((*path, IMPACT), f"the landing of the {self._name} ends its step: leave it out")
                 if (lands and not (alone and ends_in_landing)) or (locks and not alone):
@@ -531,10 +534,12 @@ class _StatementReader:
         return ({**data, **steps[0]} if is_step and steps else {**data, "steps": steps}), landings
 
     def _mode(self, model: type[Walker], entry: Any, path: Key, *, after_impact: bool = False) -> Mode:
-        """A mode: a word or a mapping of contacts, or one of these under ``mode`` beside the stops and switches.
+        """The mode that an entry states.
 
         Parameters
         ----------
+        entry : a word or a mapping of contacts; with stops or switches, a mapping that has one of these under ``mode``.
+        path : path of the entry.
         after_impact : whether it is the mode just after an impact, in which contacts may leave the ground.
         """
         devices, nothing, contacts = dict[str, str](), model.foot_modes()[-1], model.landing_points()
@@ -552,20 +557,20 @@ class _StatementReader:
                     return nothing
             entry, path = entry["mode"], (*path, "mode")
         if not isinstance(entry, Mapping):
-            words = model.mode_words(after_impact=after_impact)
-            if entry in words:
+            modes = model.mode_words(after_impact=after_impact)
+            if entry in modes:
                 return Mode.of(entry, devices)
-            remedy = near_miss(entry, words) if words else f" a mapping of contacts: {', '.join(contacts)}"
-            self._fault(path, f"{shown(entry)} is not{' one of the choices' * bool(words)}{remedy}")
+            remedy = near_miss(entry, modes) if modes else f" a mapping of contacts: {', '.join(contacts)}"
+            self._fault(path, f"{shown(entry)} is not{' one of the choices' * bool(modes)}{remedy}")
             return nothing
-        words = (*NAMED, LEAVES) if after_impact else (*NAMED,)
-        for name, word in entry.items():
+        states = (*NAMED, LEAVES) if after_impact else (*NAMED,)
+        for name, state in entry.items():
             if name not in contacts:
                 self._fault((*path, name), f"is not a contact of the {self._name}{near_miss(name, contacts)}")
-            elif word not in words:
-                self._fault((*path, name), f"{shown(word)} is not what a contact does: {', '.join(words)}")
+            elif state not in states:
+                self._fault((*path, name), f"{shown(state)} is not what a contact does: {', '.join(states)}")
         known = {name: entry.get(name, OFF) for name in contacts}
-        contact = model.contact_mode({n: w if isinstance(w, str) and w in NAMED else OFF for n, w in known.items()})
+        contact = model.contact_mode({n: s if isinstance(s, str) and s in NAMED else OFF for n, s in known.items()})
         return Mode.of(contact, devices)
 
     def _read_cycle_end(self, section: Any) -> str:
@@ -574,18 +579,18 @@ class _StatementReader:
         end: str = section if isinstance(section, str) else section.margin
         if model is None or end == TOUCHDOWN:
             if model is not None and not model.step_ends():
-                words = "write section: clock, or section: {margin: NAME}; to simulate it alone, leave gait out"
-                self._fault(path, f"the {model.model} has no landing contacts: {words}")
+                remedy = "write section: clock, or section: {margin: NAME}; to simulate it alone, leave gait out"
+                self._fault(path, f"the {model.model} has no landing contacts: {remedy}")
             return TOUCHDOWN
         if model.exchanged:
-            words = "differ, and would swap their roles within a cycle; leave it out"
-            self._fault(path, f"{shown(end)} is not possible: the legs of the {model.model} {words}")
+            reason = f"the legs of the {model.model} differ, and would swap their roles within a cycle"
+            self._fault(path, f"{shown(end)} is not possible: {reason}; leave it out")
             return TOUCHDOWN
         labelled = [name for name in model.step_ends() if model.label(name)]
-        if labelled:  # a label would be of another contact from there on
+        if labelled:  # after the landing, a label would belong to the other contact
             landing = " and ".join(labelled)
-            words = f"ends with the landing of {landing}, where the feet swap their roles; leave it out"
-            self._fault(path, f"{shown(end)} is not possible: a cycle of the {model.model} {words}")
+            reason = f"a cycle of the {model.model} ends with the landing of {landing}, where the feet swap their roles"
+            self._fault(path, f"{shown(end)} is not possible: {reason}; leave it out")
             return TOUCHDOWN
         if end == CLOCK and (self._control is None or not self._control.period):
             self._fault(path, "clock needs a control law with a period of its own, such as oscillating")
@@ -596,7 +601,7 @@ class _StatementReader:
         return end
 
     def _read_nearby_state(self, data: Mapping[str, Any], cycle: Cycle | None) -> dict[str, float] | None:
-        """The state of a section that no class states, next to the values that the file gives."""
+        """The state near the values that the file gives, on a section that the class does not state."""
         model, walker, path = self._model, self._walker, ("gait", "guess", "state")
         stated = None if model is None else self._section(state_section(model), data, path)
         if model is None or walker is None or stated is None or cycle is None:
@@ -622,25 +627,27 @@ class _StatementReader:
         z = section.lift(near[section.indices], p, near)
         if not np.isfinite(z).all():
             values = {name: given[name] for name in section.names} | walker.model_dump(include={"energy"})
-            words = ", ".join(f"{name} = {value:g}" for name, value in values.items())
+            stated_values = ", ".join(f"{name} = {value:g}" for name, value in values.items())
             others = ", ".join(name for name in names if name not in section.names)
             remedy = f"change these values, or give guesses of the others, {others}"
-            self._fault(path, f"no state of the section has {words}; {remedy}")
+            self._fault(path, f"no state of the section has {stated_values}; {remedy}")
             return None
         state = dict(zip(names, z.tolist(), strict=True))
         for name, value in given.items():
-            if math.isclose(value, state[name], rel_tol=SOLVED_STATE, abs_tol=SOLVED_STATE):
+            if math.isclose(value, state[name], rel_tol=SOLVED_TOLERANCE, abs_tol=SOLVED_TOLERANCE):
                 state[name] = value  # so that a problem and its record are the same to the last bit
-            is_place = name in model.coordinates()
-            if is_place and not math.isclose(value, state[name], rel_tol=CLOSE_STATE, abs_tol=CLOSE_STATE):
-                words = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"
+            is_coordinate = name in model.coordinates()
+            if is_coordinate and not math.isclose(
+                value, state[name], rel_tol=SELECTING_TOLERANCE, abs_tol=SELECTING_TOLERANCE
+            ):
+                conflict = f"{value:g} contradicts the section, where it is {state[name]:.9g} next to the given values"
                 where = f"a cycle ends with {section.words}, with these contacts on the ground"
                 remedy = "to simulate from any state leave gait out, and give state and until"
-                self._fault((*path, name), f"{words}: {where}; {remedy}")
+                self._fault((*path, name), f"{conflict}: {where}; {remedy}")
         return state
 
     def _read_open_gait(self, data: Mapping[str, Any]) -> tuple[OpenSequence | None, Guess | None]:
-        """A gait with an open mode sequence; a slip velocity that is left out of the guess is 0."""
+        """The open mode sequence of a gait, and its guess, in which a slip velocity that is left out is zero."""
         path: Key = ("gait", "guess")
         n_faults = len(self._faults)
         if data.get("impact") is not None:
@@ -650,24 +657,24 @@ class _StatementReader:
         if gait is None or len(self._faults) > n_faults:
             return None, None
         self._cycle_end = self._read_cycle_end(gait.section)
-        has_box = self._model is None or has_stated_sections(self._model, self._cycle_end)
+        has_section = self._model is None or has_stated_sections(self._model, self._cycle_end)
         if gait.impact is not None and self._cycle_end != TOUCHDOWN:
             self._fault(("gait", "impact"), "the cycle ends without an impact: leave it out")
             return None, None
-        least = 1 if self._model is None else self._model.steps_per_cycle()
-        sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, least))
+        fewest_steps = 1 if self._model is None else self._model.steps_per_cycle()
+        sequence = OpenSequence(impact=gait.impact, steps=max(gait.steps, fewest_steps))
         self._check_swapped_friction(1)
-        if "steps" in gait.model_fields_set and gait.steps < least:
+        if "steps" in gait.model_fields_set and gait.steps < fewest_steps:
             self._fault(("gait", "steps"), UNEVEN.format(gait.steps))
-        if gait.guess is not None and {*FIRST_KEYS} & {*gait.guess}:
+        if gait.guess is not None and {*FirstGuessSection.model_fields} & {*gait.guess}:
             self._fault(path, "with phases: auto the guess is a state; state the phases, or leave the guess out")
             return sequence, None
         guess = None if gait.guess is None else self._section(GuessSection, gait.guess, path)
-        if not has_box and gait.guess is None:
+        if not has_section and gait.guess is None:
             self._fault(path, "is missing: the search starts around it, since the section differs with the contacts")
         if guess is None or self._model is None:
             return sequence, None
-        if not has_box:
+        if not has_section:
             return sequence, self._read_whole_state(self._model, guess, path)
         if guess.durations is not None:
             self._fault((*path, "durations"), "the phases are open: leave the durations out")
@@ -677,15 +684,18 @@ class _StatementReader:
         return sequence, None if state is None else Guess(state=state, durations=None)
 
     def _read_whole_state(self, model: type[Walker], guess: GuessSection, path: Key) -> Guess | None:
-        """The guess of an open sequence whose section follows from the modes: all coordinates and rates but x."""
+        """The guess of an open sequence whose section follows from the modes.
+
+        It has all coordinates and rates; x may be left out.
+        """
         state = self._section(state_section(model), guess.state, (*path, "state"))
         if state is None:
             return None
         given = {"x": 0.0, **state.model_dump(exclude_none=True)}
         missing = [name for name in model.state_names() if name not in given]
         if missing:
-            words = f"is missing; where the modes are open, the state needs {', '.join(model.state_names())}"
-            self._fault((*path, "state", missing[0]), words)
+            needed = ", ".join(model.state_names())
+            self._fault((*path, "state", missing[0]), f"is missing; where the modes are open, the state needs {needed}")
             return None
         return Guess(state={name: float(given[name]) for name in model.state_names()}, durations=None)
 
@@ -703,7 +713,7 @@ class _StatementReader:
             if self._model is not None:
                 if self._cycle_end == TOUCHDOWN and len(steps) % self._model.steps_per_cycle():
                     raise ValueError(UNEVEN.format(len(steps)))
-                if not any(fault.path[0] == "gait" for fault in self._faults):  # else no cycle may end as it is stated
+                if not any(fault.path[0] == "gait" for fault in self._faults):  # the end of the cycle may be at fault
                     transitions(self._model, cycle_end=self._cycle_end).check(cycle)
             return cycle
         except ValueError as error:
@@ -736,23 +746,23 @@ class _StatementReader:
         state |= {name: given[name] for name in needed}
         undefined = [name for name, value in state.items() if not math.isfinite(value)]
         if undefined:
-            words = ", ".join(f"{name} = {value:g}" for name, value in given.items())
+            values = ", ".join(f"{name} = {value:g}" for name, value in given.items())
             solved = [name for name in undefined if is_default(model, "after_impact") and name in model.shape]
             if solved:
                 others = ", ".join(name for name in model.shape if name not in model.section)
-                self._fault(path, f"with {words} the legs do not close: no {others} puts both feet on the ground")
+                self._fault(path, f"with {values} the legs do not close: no {others} puts both feet on the ground")
                 return None
-            self._fault(path, f"with {words} the walker would start with {undefined[0]} = {state[undefined[0]]}")
+            self._fault(path, f"with {values} the walker would start with {undefined[0]} = {state[undefined[0]]}")
             return None
         for name, value in given.items():
-            if name not in (*needed, "x", "dx") and not math.isclose(value, state[name], rel_tol=SAME_STATE):
+            if name not in (*needed, "x", "dx") and not math.isclose(value, state[name], rel_tol=STATED_TOLERANCE):
                 section_value = f"just after the impact it is {state[name]:.9g}; leave it out"
                 self._fault((*path, name), f"{value:g} contradicts the section: {section_value}")
         state |= {name: given[name] for name in ("x", "dx") if name in given}
         return {name: float(state[name]) for name in walker.state_names()}
 
     def _objection(self, model: type[Walker], name: str, *, constrains: bool = False) -> str | None:
-        """Why an objective or a constraint cannot use a name; None if it can."""
+        """The reason why an objective or a constraint cannot use a name; None if it can."""
         cycle = self._modes if isinstance(self._modes, Cycle) else None
         durations = () if cycle is None else tuple(f"phases.{k}.duration" for k in range(len(cycle.phases)))
         names = (*DESIGN_SCALARS, *(f"state.{state}" for state in model.state_names()), *durations, *self._free)
@@ -766,8 +776,8 @@ class _StatementReader:
                 return "is no objective of open-loop torques: bound it, constraints: {spectral_radius: {max: 0.9}}"
             names += tuple(f"control.{key}" for key in self._control.unknowns(model))
             angles = dict.fromkeys((*model.shape, *model.actuators, *joint_limits(model)))
-            names += (CLEARANCE, *(f"{ANGLE}{word}" for word in angles)) if constrains else ()
-        elif along and self._control is None:  # whose faults are reported already
+            names += (CLEARANCE, *(f"{ANGLE}{angle}" for angle in angles)) if constrains else ()
+        elif along and self._control is None:  # the faults of the control law are reported already
             return None
         elif along:
             return "is a constraint along the whole step, which only open-loop torques can have: use type: open_loop"
@@ -789,7 +799,7 @@ class _StatementReader:
         return None
 
     def _read_objective(self) -> dict[str, float]:
-        """Weights by name, of a single name or a mapping; empty if there is no objective."""
+        """The weights of the objective by name of the scalar; empty if there is none."""
         data, path, model = self._data.get("objective"), ("objective",), self._model
         if data is None or model is None:
             return {}
@@ -813,7 +823,7 @@ class _StatementReader:
         return weights
 
     def _read_constraints(self) -> dict[str, Range]:
-        """Ranges by name; a single value is an equality."""
+        """The ranges of the constraints by name; a single value is an equality."""
         data, path, model = self._data.get("constraints"), ("constraints",), self._model
         if data is None or model is None:
             return {}
@@ -840,12 +850,15 @@ class _StatementReader:
                     self._fault((*path, name), "is a range along the whole step: give {min: a, max: b}")
                 bounds = self._free.get(name)
                 if bounds is not None and (span.minimum > bounds.upper or span.maximum < bounds.lower):
-                    words = f"[{bounds.lower:g}, {bounds.upper:g}] of {name}: no value satisfies both"
-                    self._fault((*path, name), f"contradicts the bounds {words}")
+                    both = f"[{bounds.lower:g}, {bounds.upper:g}] of {name}: no value satisfies both"
+                    self._fault((*path, name), f"contradicts the bounds {both}")
         return ranges
 
     def _joint_ranges(self, constraints: Mapping[str, Range]) -> dict[str, Range]:
-        """Ranges of the joints of the links, which bound a step under open-loop torques unless the problem does."""
+        """The ranges of the joints of a robot that the problem does not constrain itself.
+
+        They bound a step with open-loop torques.
+        """
         model, law = self._model, self._control
         if model is None or not isinstance(law, OpenLoop) or law.duration is not None:
             return {}
@@ -875,16 +888,18 @@ class _StatementReader:
         return Range(minimum=minimum, maximum=maximum)
 
     def _check_unknowns(self, objective: Mapping[str, float], constraints: Mapping[str, Range]) -> None:
-        """Check that the number of unknowns, coefficients of a free curve included, suits objective and constraints."""
+        """Check that the number of unknowns suits the objective and the constraints.
+
+        The coefficients of a free curve are unknowns too.
+        """
         unknowns = len(self._free)
         if self._control and self._model:
             unknowns += len(self._control.unknowns(self._model))
         equalities = [name for name, span in constraints.items() if span.minimum == span.maximum]
         if not unknowns and (objective or constraints):
             path: Key = ("objective",) if objective else ("constraints",)
-            words = "too few unknowns: the gait has no free parameter to choose"
             remedy = "free a parameter of walker, friction or control: {free: [lo, hi], guess: x}"
-            self._fault(path, f"{words}; {remedy}")
+            self._fault(path, f"too few unknowns: the gait has no free parameter to choose; {remedy}")
         elif len(equalities) > unknowns:
             given = f"{len(equalities)} equalities ({', '.join(equalities)}) for {unknowns} free parameters"
             self._fault(("constraints",), f"too few unknowns: {given}; free more, or turn a value into a range")
@@ -895,13 +910,13 @@ class _StatementReader:
 
 
 def _with(data: Mapping[str, Any], keys: tuple[str, ...], value: object) -> dict[str, Any]:
-    """The data with another value below some keys."""
+    """A copy of the data in which the entry under these keys has another value."""
     key, *rest = keys
     return {**data, key: _with(data[key], (*rest,), value) if rest else value}
 
 
 def _at(section: BaseModel, keys: tuple[str, ...]) -> Any:
-    """A field of a section, or an entry of a mapping in it."""
+    """The field of a section with this key, or with two keys, an entry of the mapping in it."""
     value = getattr(section, keys[0])
     return value[keys[1]] if len(keys) > 1 else value
 

@@ -1,4 +1,4 @@
-"""The table of scalars: for each its label, unit, meaning, range and formula.
+"""The table of scalars, which gives the label, unit, meaning, range and formula of each.
 
     work = W_push + int P dt        cost of transport = work / (m g L)        speed = L / T
 
@@ -28,23 +28,23 @@ from gaitopt.model.units import MOTOR_WORDS, OF_FORCES, Interval, Within, symmet
 
 POSITIVE: Interval = (0, inf)
 MOTORS, PUSH, DAMPERS, FLIGHT = "motors", "push", "dampers", "flight"
-"""Sources of energy, joint torques and the push-off of the stance foot; the sink of energy besides friction; and phases
+"""What a gait may have that some scalars need: motors, the push-off of the stance foot, dampers in joints, and phases
 in which no foot touches the ground."""
 
 
 class Quantities(Protocol):
-    """The quantities of a cycle that formulas are made of, summed over its steps.
+    """The quantities of a cycle in terms of which formulas are written, summed over its steps.
 
-    They are numbers, numbers with derivatives or symbolic expressions, with the operators + / and abs.
+    They are numbers, numbers with derivatives or symbolic expressions; formulas use +, / and abs.
     """
 
     @property
     def duration(self) -> Any:
-        """T, from the first impact to the last [s]."""
+        """The time T from the first impact to the last [s]."""
 
     @property
     def distance(self) -> Any:
-        """L, from the first footprint to the last [m]."""
+        """The distance L from the first footprint to the last [m]."""
 
     @property
     def slip(self) -> Any:
@@ -52,15 +52,15 @@ class Quantities(Protocol):
 
     @property
     def weight(self) -> Any:
-        """m g [N]."""
+        """The weight m g [N]."""
 
     @property
     def transport(self) -> Any:
-        """Weight times distance, m g L [J]; not a number where the walker stays on the spot."""
+        """Weight times distance, m g L [J]; nan if the walker stays on the spot."""
 
     @property
     def incline(self) -> Any:
-        """sin(slope), gravity along the ground divided by gravity."""
+        """The component of gravity along the ground divided by gravity, sin(slope)."""
 
     @property
     def push_work(self) -> Any:
@@ -71,9 +71,9 @@ class Quantities(Protocol):
 
 
 class Instant(NamedTuple):
-    """Quantities at one or more instants, or as curves: contact force, torques, and height of the swing foot.
+    """Contact force, torques, and height of the swing foot at one instant, or as arrays or curves at several ones.
 
-    At an impact the impulse is in the place of the force.
+    At an impact the impulse takes the place of the force.
     """
 
     force_t: Any
@@ -88,16 +88,16 @@ class Scalar:
 
     Attributes
     ----------
-    label, unit : as in tables and on axes.
-    meaning : a longer text, where the label does not say everything.
-    within : its range, in its natural unit.
+    label, unit : label and unit in tables and on axes.
+    meaning : a longer text; empty if the label says everything.
+    within : range of the scalar in its natural unit.
     needs : the gait must have one of these (motors, push-off, dampers, flight); empty if every gait has the scalar.
     of_designs : whether objectives and constraints may name it.
     formula : the scalar from the quantities of a cycle; None for an extremum.
     extremum : 1 for the largest of some values, -1 for the smallest, 0 for a formula.
-    quotient : numerator and denominator of these values at an instant; the denominator is None where it is one.
-    both_signs : whether the values with the opposite sign count too.
-    sticking : whether only instants count at which the foot sticks.
+    quotient : numerator and denominator of these values at an instant; the denominator is None if it is one.
+    both_signs : whether the extremum is taken over the values with both signs.
+    sticking : whether the extremum is taken only over instants at which the foot sticks.
     """
 
     label: str
@@ -114,11 +114,14 @@ class Scalar:
 
     @property
     def signs(self) -> tuple[int, ...]:
-        """Signs with which the values count."""
+        """The signs with which the values enter the extremum."""
         return (1, -1) if self.both_signs else (1,)
 
     def bounded(self, level: Any, at: Instant) -> list[Any]:
-        """Expressions that are not negative if ``level`` bounds the values at an instant; denominators are positive."""
+        """Expressions that are not negative if and only if ``level`` bounds the values at an instant.
+
+        Denominators are positive.
+        """
         assert self.quotient is not None
         above, below = self.quotient(at)
         end = level if below is None else level * below
@@ -126,7 +129,7 @@ class Scalar:
 
     @property
     def description(self) -> str:
-        """Meaning with its unit, of torques and of motor forces."""
+        """The meaning with its unit; a unit that depends on the motors is given for torques and for forces."""
         unit = ", or ".join(filter(None, (self.unit, OF_FORCES.get(self.unit))))
         return f"{self.meaning or self.label}{f' [{unit}]' if unit else ''}"
 
@@ -280,13 +283,14 @@ SCALARS: Mapping[str, Scalar] = {
 }
 """All scalars by their keys in a result, in the order of tables."""
 MEASURES = tuple(name for name in SCALARS if name != "spectral_radius")
-"""The scalars that follow from a motion alone."""
+"""The scalars that follow from a motion without its derivatives."""
 DESIGN_SCALARS = tuple(name for name, scalar in SCALARS.items() if scalar.of_designs)
 SLIPLESS_STEP = Within(unit="length", possible=symmetric(2))
 """Range of the step length of a gait without slip."""
 
 CLEARANCE, ANGLE = "clearance", "angle."
-"""Constraints along the whole step, of open-loop torques: height of the swing foot, and ranges of links and joints."""
+"""Names of the constraints along the whole step, which open-loop torques may have: the height of the swing foot, and
+what precedes the name of a link or joint whose angle is bounded."""
 
 FRICTION_LABELS = {
     "friction": "coefficient of friction",
@@ -295,13 +299,13 @@ FRICTION_LABELS = {
     "friction.viscous": "drag of a slipping foot",
 }
 NUMBER_UNITS = {"viscous": "N s/m"}
-"""Units of friction by the last part of the dotted key; walkers and control laws state theirs in descriptions."""
+"""Units of friction by the last name of the dotted key. Walkers and control laws state units in descriptions."""
 COLUMN_UNITS = {"t": "s", "f_t": "N", "f_n": "N"}
-"""Units of columns of a motion besides states and motors."""
+"""Units of those columns of a motion that are neither states nor motors."""
 
 
 def scalar_values(record: Mapping[str, Any]) -> dict[str, float | None]:
-    """Friction and scalars of a record by their keys; a friction law with several numbers has dotted keys."""
+    """The friction and the scalars of a record by their keys; the numbers of a friction law have dotted keys."""
     friction = record.get("friction")
     if isinstance(friction, Mapping):
         numbers = dict[str, float | None]()
@@ -322,11 +326,11 @@ def relevant_scalars(records: Iterable[Mapping[str, Any]]) -> list[str]:
 
 
 class Driven(Protocol):
-    """A problem or a hybrid system, whose motors determine units."""
+    """A problem or a hybrid system; whether its motors exert torques or forces determines units."""
 
     @property
     def walker(self) -> Any:
-        """The walker or its class."""
+        """The walker of a problem, or the class of the walker of a system."""
 
     @property
     def control(self) -> Control:
@@ -334,11 +338,12 @@ class Driven(Protocol):
 
 
 def label_of(key: str, of: Driven | None = None) -> str:
-    """Label of a scalar or of a number of the friction law by its key; that of a contact has the contact's name.
+    """The label of a scalar or of a number of the friction law; the friction of a contact has the contact's name.
 
     Parameters
     ----------
-    of : problem or system, which tells whether its motors have torques or forces.
+    key : key of the scalar, or dotted key of the number.
+    of : problem or system whose motors determine whether the label says torque or force.
     """
     if key in FRICTION_LABELS or not key.startswith("friction."):
         label = FRICTION_LABELS[key] if key in FRICTION_LABELS else SCALARS[key].label
@@ -349,7 +354,7 @@ def label_of(key: str, of: Driven | None = None) -> str:
 
 
 def state_unit(name: str) -> str:
-    """Unit of a state: coordinates of the foot and declared lengths in metres, all others are angles."""
+    """The unit of a state: coordinates of the foot and declared lengths are in metres, all others are angles."""
     rate = name.startswith("d")
     lengths = {"x", "y"}.union(*(walker.lengths for walker in registered_walkers().values()))
     return ("m" if name[rate:] in lengths else "rad") + ("/s" if rate else "")
@@ -363,30 +368,31 @@ def phase_of(key: str) -> int | None:
 
 
 def unit_of(key: str, of: Driven | None = None) -> str:
-    """Unit of a column of results: a scalar, ``state.NAME``, a time, a force, a motor or a parameter; else none.
+    """The unit of a column of results; empty for pure numbers and unknown keys.
 
     Parameters
     ----------
+    key : a scalar, ``state.NAME``, a time, a force, a motor or a parameter.
     of : problem or system to whose motors and control law the key refers.
     """
-    motors, parts = _motor_units(of), key.split(".")
+    motors, names = _motor_units(of), key.split(".")
     if key.startswith("state."):
-        return state_unit(parts[-1])
+        return state_unit(names[-1])
     if phase_of(key) is not None:
         return "s"
     if key in SCALARS:
         unit, acting = SCALARS[key].unit, {*motors.values()}
-    elif key in motors or parts[0] in COLUMN_UNITS:
-        return motors.get(key) or COLUMN_UNITS[parts[0]]
-    elif parts[0] == "control" and len(parts) > 1:
-        motor = next((name for name in parts if name in motors), "")
-        unit = "" if of is None else "N m" if parts[1] == motor else of.control.unit(key.partition(".")[2])
+    elif key in motors or names[0] in COLUMN_UNITS:
+        return motors.get(key) or COLUMN_UNITS[names[0]]
+    elif names[0] == "control" and len(names) > 1:
+        motor = next((name for name in names if name in motors), "")
+        unit = "" if of is None else "N m" if names[1] == motor else of.control.unit(key.partition(".")[2])
         acting = {motors[motor]} if motor else {*motors.values()} if unit != "rad" else set()
     else:
-        unit, acting = NUMBER_UNITS.get(parts[-1], ""), set[str]()
+        unit, acting = NUMBER_UNITS.get(names[-1], ""), set[str]()
         for walker in registered_walkers().values():
-            if parts[-1] in walker.model_fields:
-                unit = words_and_unit(walker.model_fields[parts[-1]].description or "")[1]
+            if names[-1] in walker.model_fields:
+                unit = words_and_unit(walker.model_fields[names[-1]].description or "")[1]
     units = dict.fromkeys(OF_FORCES.get(unit, unit) if motor == "N" else unit for motor in sorted(acting))
     return " or ".join(units) or unit
 

@@ -43,7 +43,7 @@ class Section(BaseModel):
 
 def is_angle(field: FieldInfo) -> bool:
     """Whether a field takes angles with a unit."""
-    return any(isinstance(part, BeforeValidator) and part.func is parse_angle for part in field.metadata)
+    return any(isinstance(entry, BeforeValidator) and entry.func is parse_angle for entry in field.metadata)
 
 
 def section_model(name: str, keys: Mapping[str, Any], *, required: bool = True) -> type[Section]:
@@ -54,13 +54,13 @@ def section_model(name: str, keys: Mapping[str, Any], *, required: bool = True) 
 
 
 MAX_STEPS = 64
-"""Steps of a cycle; longer motions count as irregular."""
+"""Largest number of steps of a cycle; a motion with a longer period counts as irregular."""
 MAX_PHASES = 64
-"""Phases of one step; known gaits have up to eleven, and the equations grow with their number."""
+"""Largest number of phases of one step. Known gaits have up to eleven, and the equations grow with their number."""
 FRICTION = Within(usual=(0, 3))
 DRAG = Within(unit="drag", possible=(0, 1e4), usual=(0, 100))
 RATE = Within(unit="rate", possible=symmetric(100), usual=symmetric(8))
-"""A foot turns faster than a leg swings."""
+"""The usual range is wide, because a foot turns faster than a leg swings."""
 SLIP = Within(unit="speed", possible=symmetric(100), usual=symmetric(5))
 POSITION = Within(unit="length", possible=symmetric(1000))
 LENGTH = Within(unit="length", possible=symmetric(1000), usual=symmetric(2))
@@ -239,16 +239,16 @@ class AngleRangeSection(RangeSection):
 
 
 SIMULATION_KEYS = ("state", "until")
-"""Keys of a file without a gait, which can only be simulated."""
+"""Keys of a file that states no gait and can only be simulated."""
 SECTION_KEYS = ("walker", "control", "gait", *SIMULATION_KEYS, "objective", "constraints")
-"""Keys of a file besides those of its head."""
+"""Keys of a file besides those of ``HeadSection``."""
 OPEN = "auto"
-"""Value of ``gait.phases`` where the mode sequence is open."""
+"""Value of ``gait.phases`` that leaves the mode sequence open."""
 
 
 @lru_cache
 def state_section(walker: type[Walker]) -> type[Section]:
-    """State of a walker: one optional key per name."""
+    """The section of a state of this walker, with one optional key for each coordinate and rate."""
 
     def entry(name: str) -> Any:
         if name in {*walker.shape} - {*walker.lengths}:
@@ -262,15 +262,15 @@ def state_section(walker: type[Walker]) -> type[Section]:
         known |= dict.fromkeys(
             (*(f"d{length}" for length in walker.lengths), "dy"), ("rate of a length or height [m/s]", SLIP)
         )
-        words, within = known.get(name, ("rate of a shape coordinate [rad/s]", RATE))
-        return Annotated[Finite, Field(description=words), within]
+        description, within = known.get(name, ("rate of a shape coordinate [rad/s]", RATE))
+        return Annotated[Finite, Field(description=description), within]
 
     return section_model("StateSection", {name: entry(name) for name in walker.state_names()}, required=False)
 
 
 @lru_cache
 def friction_section(contacts: tuple[str, ...]) -> type[Section]:
-    """Coefficients of friction of some contacts, one number each."""
+    """The section of friction of these contacts, with one coefficient for each."""
     number = Annotated[NonNegative, Field(le=1000, description="coefficient of friction mu"), FRICTION]
     return section_model("FrictionSection", dict.fromkeys(contacts, number))
 
@@ -281,7 +281,7 @@ ANGLE_TEXT = {
     "pattern": rf"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*({'|'.join(ANGLE_UNITS)})\s*$",
 }
 LIMIT_NAMES = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-"""JSON Schema's names of limits; pydantic writes its own where a validator is between type and limits."""
+"""JSON Schema's names of limits. If a validator is between type and limits, pydantic writes its own names."""
 NUMBER_OR_ANGLE = {"anyOf": [{"type": "number"}, ANGLE_TEXT]}
 STATE_OF_ROBOT = {
     "type": "object",
@@ -310,8 +310,8 @@ def problem_schema() -> dict[str, Any]:
     for name in DESIGN_SCALARS:  # without the walker only the sign of a scalar can be checked
         scalar = SCALARS[name]
         bound: dict[str, Any] = {**number, "minimum": 0} if scalar.within.possible[0] >= 0 else number
-        words = "; ".join(filter(None, (scalar.description, str(scalar.within))))
-        constraints[name] = {"description": words, "anyOf": [bound, _range(number, bound)]}
+        description = "; ".join(filter(None, (scalar.description, str(scalar.within))))
+        constraints[name] = {"description": description, "anyOf": [bound, _range(number, bound)]}
     controls, states = _controls(walkers.values()), [_section(state_section(walker)) for walker in walkers.values()]
     of_robot = {law["properties"]["type"]["const"]: _with_any_motor(law) for law in controls if _has_motors(law)}
     head["properties"] |= {
@@ -386,13 +386,13 @@ def _controls(walkers: Any) -> list[dict[str, Any]]:
         for section in sections:
             numbers = tuple(key for key, entry in section.model_fields.items() if is_parameter(entry))
             stated = _section(section, may_be_free=numbers)
-            words = (law.__doc__ or "").strip().partition("\n")[0].rstrip(".")
-            stated["properties"] = {"type": {"const": name, "description": words}, **stated["properties"]}
+            description = (law.__doc__ or "").strip().partition("\n")[0].rstrip(".")
+            stated["properties"] = {"type": {"const": name, "description": description}, **stated["properties"]}
             stated["required"] = sorted({*stated.get("required", []), "type"})
             alike = next((one for one in laws if _same_law(one, stated)), None)
             if alike is None:
                 laws.append(stated)
-            else:  # keys of other motors; one law must match one entry
+            else:  # the same law with the keys of another walker's motors: a file must match exactly one entry
                 alike["properties"] |= stated["properties"]
     return laws
 
@@ -403,12 +403,12 @@ def _same_law(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
 
 
 def _has_motors(law: Mapping[str, Any]) -> bool:
-    """Whether an entry of a law has keys that are motors."""
+    """Whether the entry of a law has one key for each motor."""
     return law["properties"]["type"]["const"] in (ConstantTorque.type, OpenLoop.type)
 
 
 def _with_any_motor(law: Mapping[str, Any]) -> dict[str, Any]:
-    """The entry of such a law for motors of any names."""
+    """The entry of a law that ``_has_motors``, changed so that the motors may have any names."""
     section = ConstantTorque if law["properties"]["type"]["const"] == ConstantTorque.type else OpenLoop
     own = {key: value for key, value in law["properties"].items() if key in ("type", *section.model_fields)}
     motors = [value for key, value in law["properties"].items() if key not in own]
@@ -426,7 +426,7 @@ def _gait(states: list[dict[str, Any]]) -> dict[str, Any]:
     for gait in gaits:
         steps = gait["properties"].get("steps", {}).get("items", gait)
         if "impact" in steps.get("required", ()) and "section" in gait["properties"]:
-            steps["required"] = [key for key in steps["required"] if key != "impact"]  # of a landing alone
+            steps["required"] = [key for key in steps["required"] if key != "impact"]  # only a landing needs it
             needed: dict[str, Any] = {"required": ["impact"]}
             if steps is not gait:
                 needed = {"properties": {"steps": {"items": needed}}}
@@ -440,22 +440,24 @@ def _gait(states: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[str, Any]:
-    """The schema of one section, without references to others; angles take units, numbers may be unknowns."""
+    """The schema of one section, in which nested sections are written out, and angles may have a unit.
+
+    The numbers whose keys are in ``may_be_free`` may be unknowns.
+    """
     schema = _inlined(model.model_json_schema())
     schema.pop("title", None)
     for key, entry_field in model.model_fields.items():
         entry = schema["properties"][key]
         entry.pop("title", None)
-        ranges = dict.fromkeys(str(part) for part in entry_field.metadata if isinstance(part, Within))
+        ranges = dict.fromkeys(str(within) for within in entry_field.metadata if isinstance(within, Within))
         if ranges:
             entry["description"] = "; ".join([entry.get("description", ""), *ranges])
-        stated = any(isinstance(part, WithJsonSchema) for part in entry_field.metadata)
-        literals = [part for part in get_args(entry_field.annotation) if get_origin(part) is Literal]
-        stated = stated or bool(literals)  # words, or a section
+        stated = any(isinstance(note, WithJsonSchema) for note in entry_field.metadata)
+        stated = stated or any(get_origin(choice) is Literal for choice in get_args(entry_field.annotation))
         if (nested := nested_models(entry_field)) and not stated:
-            sections = [_section(part) for part in nested]
-            words = {"description": entry["description"]} if "description" in entry else {}
-            schema["properties"][key] = sections[0] if len(sections) == 1 else {**words, "oneOf": sections}
+            sections = [_section(choice) for choice in nested]
+            described = {"description": entry["description"]} if "description" in entry else {}
+            schema["properties"][key] = sections[0] if len(sections) == 1 else {**described, "oneOf": sections}
             continue
         value_types = get_args(entry_field.annotation)
         if "additionalProperties" in entry and is_angle(FieldInfo.from_annotation(value_types[-1])):
@@ -476,10 +478,10 @@ def _section(model: type[BaseModel], may_be_free: tuple[str, ...] = ()) -> dict[
     return schema
 
 
-def _range(least: dict[str, Any], most: dict[str, Any]) -> dict[str, Any]:
+def _range(minimum: dict[str, Any], maximum: dict[str, Any]) -> dict[str, Any]:
     return {
         "type": "object",
-        "properties": {"min": least, "max": most},
+        "properties": {"min": minimum, "max": maximum},
         "minProperties": 1,
         "additionalProperties": False,
     }
@@ -497,7 +499,7 @@ def _free(value: dict[str, Any]) -> dict[str, Any]:
 
 
 def _inlined(schema: dict[str, Any]) -> dict[str, Any]:
-    """The schema with its definitions in the place of references to them."""
+    """The schema after every reference is replaced by the definition to which it refers."""
     definitions = schema.pop("$defs", {})
 
     def inline(node: Any) -> Any:

@@ -37,9 +37,9 @@ SUFFIXES = (".yaml", ".yml")
 MAX_BYTES = 256 * 1024
 MAX_DEPTH = 20
 MAX_VALUES = 2000
-"""Ten times the largest sensible file; it bounds the time of a pure Python parser."""
+"""The bounds are ten times those of the largest sensible file; they bound the time of a parser in pure Python."""
 MAX_SCALAR = 4000
-"""Characters; below the limit of digits of int()."""
+"""Length of the longest value [characters]; it is below the number of digits that int() accepts."""
 
 _STRING = "tag:yaml.org,2002:str"
 _FLOAT = "tag:yaml.org,2002:float"
@@ -86,8 +86,8 @@ def find_problem(name_or_path: str | Path, folder: Path | None = None) -> Path:
     names = problem_names()
     if text not in names:
         near = difflib.get_close_matches(text, names, n=2)
-        words = f"did you mean {' or '.join(near)}?" if near else "`gaitopt list` shows all names"
-        raise UnknownNameError(f"no problem is called {shown(text)}; {words} (or give the path of a .yaml file)")
+        remedy = f"did you mean {' or '.join(near)}?" if near else "`gaitopt list` shows all names"
+        raise UnknownNameError(f"no problem is called {shown(text)}; {remedy} (or give the path of a .yaml file)")
     return _folder() / f"{text}.yaml"
 
 
@@ -101,7 +101,7 @@ def read_text(path: Path, limit: int = MAX_BYTES) -> str:
 
     Parameters
     ----------
-    limit : largest size [bytes]; another one than that of problem files is for a file that a problem names.
+    limit : largest size [bytes]. Messages give the advice for problem files only if it is theirs.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def read_text(path: Path, limit: int = MAX_BYTES) -> str:
 
 
 def parse_source(text: str, name: str) -> Source:
-    """Data and marks of a YAML text; ``name`` is the file in messages.
+    """The data of a YAML text with their positions; ``name`` is the name of the file in messages.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def parse_source(text: str, name: str) -> Source:
 
 @lru_cache(maxsize=64)
 def _parse(text: str, name: str) -> Source:
-    """Cached, as parsing a file takes ten milliseconds; the data must not be changed."""
+    """The result of ``parse_source``, cached because parsing takes ten milliseconds; its data must not be changed."""
     yaml = YAML(typ="safe", pure=True)
     reader = _DocumentReader(yaml, name)
     try:
@@ -174,7 +174,7 @@ def parse_value(text: str) -> object:
     Raises
     ------
     ProblemError
-        As ``parse_source``.
+        For the reasons of ``parse_source``, or if a key is given twice.
     """
     source = parse_source(text, "value")
     if source.faults:

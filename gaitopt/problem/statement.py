@@ -1,7 +1,7 @@
-"""A problem statement: what is required of a gait, complete and in SI, and the same as plain data.
+"""The problem statement, which says completely and in SI units which gait is required, and the same as plain data.
 
-``problem_data`` writes data in the layout of a file, which are read as the same problem; ``override`` changes them by
-dotted key, and their SHA-256 identifies the problem.
+``problem_data`` writes data in the layout of a file, from which the same problem is read again; ``override`` changes
+them by dotted key, and their SHA-256 identifies the problem.
 """
 
 import hashlib
@@ -23,12 +23,12 @@ from gaitopt.model.section import CLOCK, TOUCHDOWN, Section, has_stated_sections
 from gaitopt.model.units import parse_count
 from gaitopt.model.walker import Walker
 from gaitopt.problem.faults import Fault, Key, OverridePlace, dotted, shown
-from gaitopt.problem.schema import OPEN, SIMULATION_KEYS, FrictionCoefficients
+from gaitopt.problem.schema import OPEN, SIMULATION_KEYS, FirstGuessSection, FrictionCoefficients
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Free:
-    """A parameter that is an unknown, in SI: its bounds and its first guess."""
+    """The bounds and the first guess of a parameter that is an unknown, in SI units."""
 
     lower: float
     upper: float
@@ -37,7 +37,10 @@ class Free:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """A constraint on a scalar, in SI: -inf or inf where it is open, both equal for an equality."""
+    """A constraint on a scalar, in SI units.
+
+    A missing bound is -inf or inf; the bounds of an equality are equal.
+    """
 
     minimum: float
     maximum: float
@@ -45,9 +48,13 @@ class Range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenSequence:
-    """An open mode sequence: its impact if that is known, and the largest number of steps of a cycle.
+    """A mode sequence that is to be found.
 
-    ``stated`` is False for a problem without a gait, which can only be simulated.
+    Attributes
+    ----------
+    impact : mode just after the impact, if it is known.
+    steps : largest number of steps of a cycle.
+    stated : whether the problem states a gait; without one it can only be simulated.
     """
 
     impact: Mode | None = None
@@ -60,7 +67,7 @@ class OpenSequence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Until:
-    """Where a simulation ends: at a time, or after a number of steps or events, whichever comes first.
+    """The end of a simulation: a time, or a number of steps or events, whichever comes first.
 
     Attributes
     ----------
@@ -100,11 +107,12 @@ class Until:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirstGuess:
-    """What a file says about a motion that is not known.
+    """A guess that states the duration of a step and its postures or its length, because no state is known.
 
     Attributes
     ----------
-    step_length, duration : distance of the feet [m], None if there are postures; time of the step [s].
+    step_length : distance of the feet [m]; None if there are postures.
+    duration : duration of the step [s].
     postures : shape coordinates by name at equal times, from just after one impact to just before the next.
     """
 
@@ -127,8 +135,9 @@ class Guess:
     ----------
     state : the whole state just after the impact by name [rad, m, rad/s, m/s].
     durations : durations of the phases [s]; None if the solver has to estimate them.
-    first : what the file says, if the state follows from that; the motion is then straight between the postures.
-    whole : whether the state is any state, from which a simulation starts, rather than one of the section.
+    first : the guess without a state in the file from which the state follows, if there is one; the guessed motion is
+        then straight between the postures.
+    whole : whether the state is where a simulation starts, so that it need not be on the section.
     """
 
     state: Mapping[str, float]
@@ -139,17 +148,18 @@ class Guess:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProblemStatement(Tabulated):
-    """What is required of one gait; ``Problem`` adds the source, loading and changes.
+    """The requirements on one gait. ``Problem`` adds the source, loading and changes.
 
     Attributes
     ----------
     name, about : name of the problem, and a description in a sentence.
-    walker : the walker with its parameters; a freed parameter has its guess, also in friction and control.
+    walker : the walker with its parameters. In walker, friction and control, a free parameter has the value of its
+        guess.
     friction : coefficient of friction mu, or static and kinetic coefficient and drag; or either for every contact by
         name.
     impact_law : tangential law of a slipping impact.
     control : control law of the motors.
-    modes : phases and impacts of the steps after which the gait repeats itself; or an open sequence.
+    modes : phases and impacts of the steps after which the gait repeats itself, or an open sequence.
     start : first guess of the gait with a complete state; None only if the sequence is open.
     free : the unknown parameters by dotted key.
     objective : weights of the scalars whose sum is minimised; empty if there is none.
@@ -182,12 +192,12 @@ class ProblemStatement(Tabulated):
 
     @property
     def has_gait(self) -> bool:
-        """Whether it states a gait; without one it can only be simulated."""
+        """Whether the problem states a gait; without one it can only be simulated."""
         return not isinstance(self.modes, OpenSequence) or self.modes.stated
 
     @property
     def is_design(self) -> bool:
-        """Whether some of its numbers, or the control points of a reference, are unknowns."""
+        """Whether numbers of the problem, or control points of its reference, are unknowns."""
         return bool(self.free) or bool(self.control.unknowns(type(self.walker)))
 
     @property
@@ -232,7 +242,7 @@ class ProblemStatement(Tabulated):
 
     @property
     def friction_law(self) -> Friction | ContactFriction:
-        """One coefficient, or static, kinetic and viscous friction; of every contact where they have names."""
+        """The friction law of all contacts, or that of every named contact, with the keys of its coefficients."""
         if not isinstance(self.friction, Mapping):
             return shared_friction(
                 self.walker.labels(), COULOMB if isinstance(self.friction, float) else STATIC_KINETIC
@@ -249,7 +259,7 @@ class ProblemStatement(Tabulated):
 
     @property
     def friction_data(self) -> float | dict[str, Any]:
-        """The coefficient of friction, or the coefficients by name, as in a file."""
+        """The coefficient or the coefficients of friction, as in a file."""
         if isinstance(self.friction, Mapping):
             laws = self.friction.items()
             return {name: law if isinstance(law, float) else law.model_dump() for name, law in laws}
@@ -257,7 +267,7 @@ class ProblemStatement(Tabulated):
 
     @property
     def section(self) -> Section | None:
-        """The section of its gait; of an open sequence that of a sticking impact, None if it follows from the modes."""
+        """The section of the gait; with open modes that of a sticking impact, or None if it follows from the modes."""
         if self.is_open and not has_stated_sections(type(self.walker), self.cycle_end):
             return None
         before, after = (Mode.STICK, Mode.STICK) if self.is_open else (self.cycle.phases[-1], self.cycle.impact)
@@ -265,12 +275,12 @@ class ProblemStatement(Tabulated):
 
     @property
     def map_section(self) -> Section:
-        """The section from which any step starts: that of its gait, with the slip velocity if its class states it.
+        """The section from which any step starts. It has the slip velocity as a coordinate if the class states one.
 
         Raises
         ------
         ProblemError
-            If it follows from modes that are open.
+            If the section follows from modes that are open.
         """
         if self.section is None:
             raise self._open_error()
@@ -278,7 +288,7 @@ class ProblemStatement(Tabulated):
 
     @property
     def section_names(self) -> tuple[str, ...]:
-        """Names of the section coordinates of its gait; none if they follow from modes that are open."""
+        """Names of the section coordinates of the gait; empty if they follow from modes that are open."""
         return () if self.section is None else self.section.names
 
     def check_gait(self) -> None:
@@ -290,8 +300,8 @@ class ProblemStatement(Tabulated):
             If it does not.
         """
         if not self.has_gait:
-            words = "only simulate works without one; give its phases, or phases: auto"
-            raise ProblemError(f"{self.name}: gait: is missing; {words}")
+            remedy = "give its phases, or phases: auto"
+            raise ProblemError(f"{self.name}: gait: is missing; only simulate works without one; {remedy}")
 
     def _open_error(self) -> ProblemError:
         self.check_gait()
@@ -302,9 +312,9 @@ class ProblemStatement(Tabulated):
 
 
 def problem_data(problem: ProblemStatement) -> dict[str, Any]:
-    """JSON data that are read as the same problem; a reference is given by its name.
+    """JSON data from which the same problem is read; they name a reference.
 
-    The guessed state has only its section coordinates, so that the others follow when these change.
+    The guess contains section coordinates only, so that the other coordinates follow when these change.
     """
     modes, start = problem.modes, problem.start
     if isinstance(modes, OpenSequence):
@@ -332,8 +342,8 @@ def problem_data(problem: ProblemStatement) -> dict[str, Any]:
     for key, free in problem.free.items():
         *above, name = key.split(".")
         section = data
-        for part in above:
-            section = section[part]
+        for group in above:
+            section = section[group]
         section[name] = {"free": [free.lower, free.upper], "guess": free.guess}
     if problem.objective:
         data["objective"] = dict(problem.objective)
@@ -366,14 +376,17 @@ def guessed_names(
 
 
 def _section_data(cycle_end: str) -> dict[str, Any]:
-    """What ends a cycle, if it is not a touchdown, as in a file."""
+    """The key ``section`` of a gait as in a file; it is left out if a touchdown ends the cycle."""
     if cycle_end == TOUCHDOWN:
         return {}
     return {"section": CLOCK if cycle_end == CLOCK else {"margin": cycle_end}}
 
 
 def cycle_data(cycle: Cycle) -> dict[str, Any]:
-    """Phases and impact of one step, or those of several under ``steps``; only results mark timed phases."""
+    """Phases and impact of one step, or those of several steps under ``steps``.
+
+    Timed phases are marked; they occur in results only.
+    """
     steps = [
         {
             "phases": [
@@ -395,7 +408,7 @@ def _flat(key: str, data: Any) -> dict[str, float]:
 
 
 def reference_keys(data: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Sections and keys in the data of a problem, valid or not, that name another problem or contain its data."""
+    """Where the data of a problem, valid or not, name another problem or contain its data: section and key."""
     control = data.get("control")
     reference = control.get("reference") if isinstance(control, Mapping) else None
     curve = reference.get("curve") if isinstance(reference, Mapping) else None
@@ -403,8 +416,19 @@ def reference_keys(data: Mapping[str, Any]) -> list[tuple[Any, str]]:
     return [(section, key) for section, key in places if isinstance(section, Mapping) and key in section]
 
 
+def file_entries(data: Mapping[str, Any]) -> list[tuple[Key, Any]]:
+    """Where the data of a problem, valid or not, name a robot's file or a table, or contain it: path and entry."""
+    walker, control = data.get("walker"), data.get("control")
+    sections: list[tuple[Key, Any]] = [(("walker", "urdf"), walker)]
+    if isinstance(control, dict):
+        sections += [(("control", key, "table"), entry) for key, entry in control.items()]
+    return [
+        (path, section[path[-1]]) for path, section in sections if isinstance(section, Mapping) and path[-1] in section
+    ]
+
+
 def digest_of(resolved: Mapping[str, Any]) -> str:
-    """SHA-256 of resolved data, without the texts ``about``."""
+    """The SHA-256 of resolved data without their texts ``about``."""
     canonical = json.dumps(_without_about(resolved), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()
 
@@ -418,16 +442,17 @@ def _without_about(data: Any) -> Any:
 def override(
     data: dict[str, Any], overrides: Mapping[str, object], faults: list[Fault], label: str = ""
 ) -> OverridePlace:
-    """Set values in the data of a problem by dotted key; returns the place by which faults name them.
+    """Set values in the data of a problem by dotted key, and return the place by which faults name them.
 
-    Dotted keys are friction, walker.slope, gait.guess.state.theta1, constraints.speed.min, and so on. Changes of the
-    mode sequence remove the parts of the first guess that no longer apply, unless they are set too: durations when the
-    number of phases changes, the slip velocity when the impact sticks, impact and durations when the sequence opens.
+    Dotted keys are friction, walker.slope, gait.guess.state.theta1, constraints.speed.min, and so on. A change of the
+    mode sequence removes what no longer applies in the gait and its first guess, unless it is set too: durations if the
+    number of phases changes, the slip velocity if the impact sticks, impact and durations if the sequence opens.
 
     Parameters
     ----------
-    data : as ``problem_data`` returns them; changed in place.
-    faults : overrides that cannot be set are added.
+    data : the result of ``problem_data``; changed in place.
+    overrides : values by dotted key.
+    faults : faults of overrides that cannot be set are added to this list.
     label : text before the keys in messages.
     """
     before = data.get("gait", {})
@@ -446,7 +471,7 @@ def override(
 
     guess, is_open = gait["guess"], gait.get("phases") == OPEN
     if any(key[:3] == ("gait", "guess", "state") for key in place.keys.values()):
-        for key in ("step_length", "duration", "postures"):
+        for key in FirstGuessSection.model_fields:
             if not is_set(("gait", "guess", key)):
                 guess.pop(key, None)
     replaced = {"steps": ("phases", "impact"), "phases": ("steps",)}  # one step and several exclude each other
@@ -468,36 +493,41 @@ def override(
 
 
 POINTS = ("control.reference.bezier.", "control.reference.")
-"""The key of a control point in a file, and that of its parameter, before the name of the joint."""
+"""What precedes the name of the joint in the key of a control point in a file, and in the key of its parameter."""
 
 
 def _path(key: str, data: Mapping[str, Any]) -> Key:
-    """Keys of mappings and indices of lists; a name after ``constraints`` or ``objective`` may hold dots (state.dx).
+    """The path that a dotted key means in some data.
 
-    A control point has the key of its parameter, control.reference.JOINT.K, besides control.reference.bezier.JOINT.K.
+    A name after ``constraints`` or ``objective`` may contain dots, such as state.dx. A control point has two keys, that
+    of its parameter, control.reference.JOINT.K, and control.reference.bezier.JOINT.K.
     """
     first, *rest = key.split(".")
     if first not in ("constraints", "objective") or not rest:
         path, section = list[str | int](), cast(Any, data)
-        for part in (first, *rest):
-            if path == ["control", "reference"] and isinstance(section, dict) and part not in section:
+        for name in (first, *rest):
+            if path == ["control", "reference"] and isinstance(section, dict) and name not in section:
                 points = section.get("bezier")
-                if isinstance(points, dict) and part in points:
+                if isinstance(points, dict) and name in points:
                     path, section = [*path, "bezier"], points
-            index = parse_count(part)
+            index = parse_count(name)
             if isinstance(section, list) and index is not None and index < len(section):
                 path.append(index)
                 section = section[index]
             else:
-                path.append(part)
-                section = section.get(part) if isinstance(section, dict) else None
+                path.append(name)
+                section = section.get(name) if isinstance(section, dict) else None
         return tuple(path)
     end = rest[-1:] if first == "constraints" and rest[-1] in ("min", "max") and len(rest) > 1 else []
     return (first, ".".join(rest[: len(rest) - len(end)]), *end)
 
 
 def _set(data: dict[str, Any], path: Key, value: object, faults: list[Fault]) -> None:
-    """Set one value; a single coefficient of friction sets two equal ones, and one of two splits a single one."""
+    """Set one value.
+
+    If friction has a static and a kinetic coefficient that are equal, a single number sets both. If it is a single
+    number, setting one of the two coefficients keeps the number as the other one.
+    """
     friction = data["friction"] if path[0] == "friction" else None
     if isinstance(friction, int | float) and len(path) > 1 and path[1] not in FrictionCoefficients.model_fields:
         faults.append(Fault(path, "all contacts have one friction: set friction as a whole, {CONTACT: number, ...}"))

@@ -1,7 +1,7 @@
-"""Writing: a problem as texts, from which it is read again on any machine, and the decimals that they give for numbers.
+"""Writing a problem as texts from which any machine reads it again, and the decimals that these give for its numbers.
 
-A problem that comes from a file is its text with the values that were changed since, and with the files that the text
-names. Any other problem gets a text of its own: the data of the problem as JSON, which is YAML.
+The texts of a problem that comes from a file are the text of the file, the values that were changed since, and the
+files that the text names. Any other problem is written as JSON data, which are YAML too.
 """
 
 import json
@@ -19,11 +19,11 @@ from gaitopt.model.units import ANGLE_UNITS
 from gaitopt.problem.faults import Fault, FilePlace, Key, raise_faults, shown
 from gaitopt.problem.problem import Controls, Problem, Walkers, build_problem, passed_classes
 from gaitopt.problem.source import parse_source
-from gaitopt.problem.statement import POINTS, changed_values, override, problem_data, reference_keys
+from gaitopt.problem.statement import POINTS, changed_values, file_entries, override, problem_data, reference_keys
 
 DECIMAL = r"[+-]?([0-9]{1,4000}\.?[0-9]{0,4000}|\.[0-9]{1,4000})([eE][+-]?[0-9]{1,3})?"
 YAML_WIDTH = 110
-"""Longest line of a problem file that is written [characters]."""
+"""Length of the longest line of a problem file that is written [characters]."""
 EXACT_VALUE = rf"{DECIMAL}( (deg|rad))?"
 """A decimal number, or one with ``deg`` or ``rad``."""
 
@@ -34,9 +34,9 @@ class ProblemText:
 
     Attributes
     ----------
-    text : of its file, or the one that ``write_problem`` makes.
+    text : text of its file, or the text that ``write_problem`` makes.
     changes : values that replace those of the text, by dotted key.
-    files : contents of the robots and tables that the text names, by the name in it.
+    files : contents of the files of robots and tables, by the name in the text.
     problems : the problem whose gait the control law needs, by the name in the text.
     """
 
@@ -47,12 +47,12 @@ class ProblemText:
 
 
 def read_problem(source: ProblemText, *, walkers: Walkers = (), controls: Controls = ()) -> Problem:
-    """The problem of some texts; nothing else is read.
+    """The problem that some texts state. No file is read.
 
     Raises
     ------
     ProblemError
-        If the texts are no problem, one that it names is missing, or one is not named.
+        If the texts state no problem, a file or problem that they name is missing, or one that is given is not named.
     """
     yaml = parse_source(source.text, "problem")
     data, faults, place = yaml.data, list(yaml.faults), FilePlace("problem", yaml.marks)
@@ -93,16 +93,8 @@ def _section(data: Any, path: Key) -> Any:
 
 
 def _named_files(data: Mapping[str, Any]) -> Iterator[tuple[Key, str]]:
-    """Places in the data of a problem that name a robot's file or a table, with the name."""
-    walker, control = data.get("walker"), data.get("control")
-    places: list[tuple[Key, object]] = [(("walker", "urdf"), walker)]
-    places += (
-        [(("control", key, "table"), entry) for key, entry in control.items()] if isinstance(control, dict) else []
-    )
-    for path, section in places:
-        name = section.get(path[-1]) if isinstance(section, Mapping) else None
-        if isinstance(name, str):
-            yield path, name
+    """Paths in the data of a problem under which a robot's file or a table is named, each with the name."""
+    return ((path, entry) for path, entry in file_entries(data) if isinstance(entry, str))
 
 
 def write_problem(problem: Problem) -> ProblemText:
@@ -121,7 +113,7 @@ def write_problem(problem: Problem) -> ProblemText:
             source = write(problem)
             if source is not None and _equal(read_problem(source, walkers=walkers, controls=controls), problem):
                 return source
-        except ProblemError:  # of a text that no longer belongs to the problem
+        except ProblemError:  # a text that no longer belongs to the problem
             continue
     raise ProblemError(f"{problem.name}: no text gives this problem")
 
@@ -157,7 +149,7 @@ def passed_types(problem: Problem) -> tuple[list[Any], list[Any]]:
 
 
 def _equal(one: Problem, other: Problem) -> bool:
-    """Whether two problems are equal but for their guesses and descriptions."""
+    """Whether two problems are equal, apart from their guesses and descriptions."""
     if one.reference is not None and other.reference is not None and not _equal(one.reference, other.reference):
         return False
     same = type(one.walker) is type(other.walker) and type(one.control) is type(other.control)
@@ -197,11 +189,11 @@ def _at(data: Any, key: str) -> Any:
     file_key, parameter_key = POINTS
     for form in (key, key.replace(parameter_key, file_key)):
         value = data
-        for part in form.split("."):
-            if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
-                value = value[int(part)]
+        for name in form.split("."):
+            if isinstance(value, list) and name.isdecimal() and int(name) < len(value):
+                value = value[int(name)]
             else:
-                value = value.get(part) if isinstance(value, Mapping) else None
+                value = value.get(name) if isinstance(value, Mapping) else None
         if value is not None:
             return value
     return None
@@ -225,7 +217,7 @@ def _as_data(problem: Problem) -> ProblemText:
 
 
 class ExactValues:
-    """The decimals that the texts of a problem give for its numbers, by dotted key; of lists by index, from 0."""
+    """The decimals that the texts of a problem give for its numbers, by dotted key; entries of lists count from 0."""
 
     def __init__(self, source: ProblemText) -> None:
         written = {
@@ -240,7 +232,7 @@ class ExactValues:
     def __call__(self, key: str, value: float) -> str:
         """The text of the number with this key, ``0.14`` or ``1 deg``, if it stands for the double ``value``.
 
-        Otherwise the shortest decimal of the double: the text does not state the number, or not as a decimal.
+        If the text does not state the number, or not as a decimal, the result is the shortest decimal of the double.
         """
         text = self._written.get(key, "")
         if re.fullmatch(EXACT_VALUE, text):
